@@ -102,7 +102,7 @@ class Peer:
     def __init__(self, scene: pk.Scene) -> None:
         checker = pk.collision.CollisionChecker(PEPPER, scene, MARGIN, 0.0)
         self.model, self.checker = PEPPER.inner_model, checker
-        self.data, self.geometry = checker._data
+        self.data, self.geometry = checker._data[0], checker._data[1]._kept
         self.robot = robot_of(PEPPER)
         self.retime = Direct(True, GRIDPOINTS)
         self.low, self.high = PEPPER.lower_limits, PEPPER.upper_limits
@@ -204,14 +204,14 @@ def main() -> None:
     parser.add_argument("--peer", type=int, default=20, help="of these, tasks that the peer does too")
     options = parser.parse_args()
     util.setLogLevel(util.LOG_NONE)
-    given = jobs(options.count)
-    peers = {kind: Peer(scene) for kind, scene in {job.kind: job.scene for job in given}.items()}
+    cases = jobs(options.count)
+    peers = {kind: Peer(scene) for kind, scene in {job.kind: job.scene for job in cases}.items()}
     for seed, job in enumerate(jobs(40, seed=1)):  # load code, make tables of the scenes
         ours(Job(job.kind, peers[job.kind].checker.scene, job.hand, job.point), seed)
     times: dict[str, list[float]] = {"ours": [], "peer": []}
     by_kind: dict[str, list[tuple[float, bool]]] = {kind: [] for kind in peers}
     passed = solved = peer_solved = 0
-    for seed, job in enumerate(given):
+    for seed, job in enumerate(cases):
         begin = time.perf_counter()
         trajectory = ours(job, seed)
         times["ours"].append(time.perf_counter() - begin)
@@ -232,7 +232,7 @@ def main() -> None:
         row("placo + OMPL + toppra", times["peer"], peer_solved)
     print(f"\nOf {solved} trajectories {passed} pass the certificate: limits, torque, clearance by coal.")
     fresh = []
-    for seed, job in enumerate(given[1 : options.count : 4][:10]):
+    for seed, job in enumerate(cases[1 : options.count : 4][:10]):
         begin = time.perf_counter()
         ours(Job(job.kind, scenes()[job.kind], job.hand, job.point), seed)
         fresh.append(time.perf_counter() - begin)

@@ -40,14 +40,14 @@ def main() -> None:
         problem_data = path_problem(
             Checks(case.pepper, case.scene), case.start, case.goal[None], free, 0.01, RESOLUTION
         )
-        long = planners.aorrtc(problem_data.problem, timeout=arguments.seconds, seed=1)
+        long = planners.aorrtc(problem_data.search_problem, timeout=arguments.seconds, seed=1)
         begin = time.thread_time()
         plan = pk.plan(case.pepper, case.start, case.goal, case.scene, joints=case.joints)
         times.append(time.thread_time() - begin)
         if not plan.success or not long.success:
             lengths.append(np.inf)
             continue
-        path = planners.Path(plan.path[:, free], problem_data.problem.metric.weights)
+        path = planners.Path(plan.path[:, free], problem_data.search_problem.metric.weights)
         lengths.append(path.length / long.cost)
         drives.append(driven(path.points) / driven(long.path.points))
         difference.append(driven(path.points) - driven(long.path.points))

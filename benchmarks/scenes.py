@@ -46,7 +46,7 @@ def office(count):
 def row(name, pepper, scene, states):
     """Median times per configuration, the two ways in turn."""
     checker = CollisionChecker(pepper, scene)
-    data, geometry = checker._data
+    data, geometry = checker._data[0], checker._data[1]._kept
     times = {"broad": [], "all": [], "clearance": []}
     for q in states:
         begin = time.perf_counter()

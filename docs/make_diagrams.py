@@ -1,4 +1,4 @@
-"""The two pictures of the design page: the rooms, and a call of `plan` from end to end.
+"""The two pictures of the design page: the packages, and a call of `plan` from end to end.
 
 python docs/make_diagrams.py
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 STYLE = (
     "text{font-family:sans-serif;fill:#1c2b33}rect{rx:6;stroke:#546e7a;stroke-width:1.2}"
-    ".room{fill:#eceff1}.core{fill:#ffe0b2}.reference{fill:#e0f2f1}.step{fill:#e3f2fd}"
+    ".package{fill:#eceff1}.core{fill:#ffe0b2}.reference{fill:#e0f2f1}.step{fill:#e3f2fd}"
     "path{stroke:#37474f;stroke-width:1.4;fill:none;marker-end:url(#head)}"
 )
 HEAD = (
@@ -56,59 +56,70 @@ class Drawing:
         )
 
 
+ROWS = (
+    (("model/", "PepperModel, limits, URDF, exports"),),
+    (("symbolic/", "quantities as CasADi expressions"),),
+    (("batch/", "kernels of a robot, batches"),),
+    (("kinematics/", "poses, Jacobians, reach maps"), ("dynamics/", "Pinocchio, Newton-Euler")),
+    (("collision/", "scenes, distances, the compiled check"),),
+    (
+        ("ik/  servo/  base_placement/", "tasks, solvers, results"),
+        ("trajectory/  files/", "timing, certificate"),
+    ),
+    (("motion/", "planning, gestures, optimization"),),
+    (("twin/", "simulation, contacts, sensors"),),
+    (("jobs/  viewer/  cli", "commands and page"),),
+)
+"""Packages from the top down, side by side where neither imports the other: name and contents."""
+FROM_CORE = (2, 3, 4, 5, 6, 7)
+"""Rows that import `core`."""
+
+
 def packages() -> None:
-    """Draw the rooms: what stands higher is known to what stands lower."""
-    d = Drawing(960, 690)
-    d.box(40, 20, 250, 60, "model/", "room", "PepperModel, limits, URDF, digest")
-    d.box(355, 20, 250, 60, "symbolic/", "room", "CasADi expressions of the model")
-    d.box(670, 20, 250, 60, "kernels/", "core", "machine code: made, kept, shipped")
+    """Draw the packages: lower ones import higher ones."""
+    d = Drawing(960, 750)
+    left, right, height, step = 40, 620, 52, 74
+    for k, row in enumerate(ROWS):
+        y, width = 20 + step * k, (right - left - 20 * (len(row) - 1)) // len(row)
+        for j, (name, words) in enumerate(row):
+            d.box(left + j * (width + 20), y, width, height, name, "package", words)
+        if k:
+            for x in (185, 475) if len(row) + len(ROWS[k - 1]) > 2 else (330,):
+                d.arrow((x, y - step + height), (x, y))
+    d.box(700, 20, 220, 66, "kernels/", "core", "machine code: compiled,", "cached, shipped")
     d.box(
-        670,
-        130,
-        250,
-        75,
+        700,
+        168,
+        220,
+        66,
         "core/",
         "core",
-        "each algorithm once, on arrays",
-        "collision, IK, timing, simulation",
+        "each algorithm once, on arrays:",
+        "IK, collision, timing, simulation",
     )
     d.box(
-        670,
-        255,
-        250,
-        75,
+        700,
+        464,
+        220,
+        66,
         "planners/",
         "core",
-        "search, graph, short-cut, constraint",
-        "vectors and a validity checker",
+        "searches, roadmaps, short-cuts",
+        "on vectors and a validity checker",
     )
-    d.box(40, 130, 170, 60, "kinematics/", "room", "poses, Jacobians")
-    d.box(230, 130, 170, 60, "dynamics/", "room", "Newton-Euler, Pinocchio")
-    d.box(420, 130, 190, 60, "batch/", "room", "kernels of a robot")
-    d.box(230, 235, 250, 60, "collision/", "room", "Scene, verdicts, coal")
-    d.box(230, 340, 250, 60, "ik/  servo/  base_placement/", "room", "tasks, results, solvers")
-    d.box(230, 445, 250, 60, "trajectory/  files/", "room", "timing, certificate, formats")
-    d.box(230, 550, 250, 60, "motion/", "room", "plan, gestures, optimization")
-    d.box(520, 550, 180, 60, "twin/", "room", "run, world, sensors")
-    d.box(730, 550, 190, 60, "jobs/  viewer/  cli", "room", "commands and page")
-    for y in (190, 295, 400, 505):
-        d.arrow((355, y), (355, y + 45))
-    d.arrow((165, 80), (165, 130))
-    d.arrow((480, 80), (480, 130))
-    d.arrow((795, 80), (795, 130))
-    d.arrow((795, 205), (795, 255))
-    d.arrow((670, 190), (480, 250))
-    d.arrow((670, 200), (480, 355))
-    d.arrow((690, 205), (480, 460))
-    d.arrow((670, 315), (480, 560))
-    d.arrow((760, 205), (640, 240), (620, 550))
-    d.arrow((480, 580), (520, 580))
-    d.arrow((700, 580), (730, 580))
+    d.arrow((810, 86), (810, 168))
+    d.arrow((810, 234), (810, 464))
+    for k in FROM_CORE:
+        y = 20 + step * k + 20
+        d.arrow((700, 201), (660, 201), (660, y), (right, y))
+    d.arrow((700, 502), (right, 502))
     d.text(
-        480, 650, "An arrow leads from what is known to who knows it. Orange: knows nothing of robots.", 13
+        480, 706, "An arrow points to a package that imports; packages import only what is above them.", 13
     )
-    d.text(480, 672, "The certificate uses dynamics/ and coal, never core/.", 13)
-    d.save("rooms.svg", "The rooms of pepper_kin and which way imports point")
+    d.text(
+        480, 728, "Orange: independent of robots. The certificate uses dynamics/ and coal, never core/.", 13
+    )
+    d.save("packages.svg", "The packages of pepper_kin and the direction of imports")
 
 
 def plan_call() -> None:
@@ -116,11 +127,11 @@ def plan_call() -> None:
     d = Drawing(960, 560)
     left, width = 40, 270
     steps = [
-        ("plan(pepper, start, tasks, scene)", "motion/planning.py", "checks what was asked for"),
-        ("goals", "motion/task_goals.py", "IK from many starts, clear ones first"),
+        ("plan(pepper, start, tasks, scene)", "motion/planning.py", "checks its arguments"),
+        ("goals", "motion/task_goals.py", "IK from many starts, collision-free"),
         ("search", "planners/rrt_connect.py", "two trees until they meet"),
         ("short-cut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
-        ("examine", "motion/examination.py", "clear all along, by motion bounds"),
+        ("examine", "motion/examination.py", "collision-free, by motion bounds"),
         ("Plan", "motion/plan_result.py", "curve, path, status, sentence"),
     ]
     for k, (title, *lines) in enumerate(steps):
@@ -137,7 +148,7 @@ def plan_call() -> None:
         ),
         (196, "core/collision", "verdicts of states and edges", "spheres, then exact cores"),
         (284, "core/splines", "cubic splines, Schoenberg", "way-points to C2 curve"),
-        (372, "core/motion_bounds", "how far a joint moves a point", "proven, by the tree"),
+        (372, "core/motion_bounds", "how far a joint moves a point", "proven, by the kinematic tree"),
     ]
     for y, title, *lines in core:
         d.box(390, y, 250, 66, title, "core", *lines)
@@ -151,7 +162,7 @@ def plan_call() -> None:
         66,
         "kernels/",
         "core",
-        "finds the code of each part:",
+        "looks up the code of each part:",
         "package, cache folder, builder",
     )
     for y in (141, 229, 317, 405):
@@ -163,8 +174,8 @@ def plan_call() -> None:
         66,
         "coal, Pinocchio",
         "reference",
-        "ties, meshes, and the truth",
-        "that tests compare with",
+        "ties, meshes, and reference",
+        "values of the tests",
     )
     d.box(390, 470, 250, 66, "retime(pepper, plan)", "step", "core/timing", "times exactly plan.curve")
     d.box(

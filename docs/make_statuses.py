@@ -12,7 +12,7 @@ from pathlib import Path
 from pepper_kin.status import ResultStatus
 
 PAGE = Path(__file__).parent / "concepts" / "results.md"
-ROOMS = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin", "twin.base")
+PACKAGES = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin", "twin.base")
 SECTION = re.compile(r"(?<=<!-- statuses -->\n).*(?=<!-- end of statuses -->)", re.DOTALL)
 
 
@@ -35,9 +35,9 @@ def tables() -> str:
 
 
 def statuses() -> list[tuple[str, type[ResultStatus]]]:
-    """Return the public enumerations whose members give advice, with their rooms."""
+    """Return the public enumerations whose members give advice, with their packages."""
     found: dict[type[ResultStatus], str] = {}
-    for package in ROOMS:
+    for package in PACKAGES:
         module = importlib.import_module(f"pepper_kin.{package}")
         for name in module.__all__:
             value = getattr(module, name)

@@ -1,4 +1,4 @@
-"""Reach over a table with the left hand while looking at the spot: the main job in fifteen lines."""
+"""Reach over a table with the left hand while looking at the target: the main job in fifteen lines."""
 
 import pepper_kin as pk
 

@@ -1,4 +1,4 @@
-"""A target that is too far: how a failure looks, and what it tells."""
+"""A target that is out of reach: the status and report of a failure."""
 
 import numpy as np
 

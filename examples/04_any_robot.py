@@ -1,4 +1,4 @@
-"""The same functions on a robot of your own: a two-link arm from a URDF text."""
+"""The same functions on any robot: a two-link arm from a URDF text."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""100,000 solutions of the inverse kinematics as a data set, in one compressed file: whole or not there."""
+"""100,000 solutions of the inverse kinematics as a data set, in one compressed file."""
 
 import argparse
 import io
@@ -24,7 +24,7 @@ postures = rng.uniform(pepper.lower_limits, pepper.upper_limits, (options.count,
 targets = pk.kinematics.frame_pose(pepper, postures, frame)[:, :3, 3]
 
 
-def tell(done: int, count: int) -> None:
+def report(done: int, count: int) -> None:
     if done * 10 // count > max(0, done - 512) * 10 // count:
         print(f"{done} of {count} targets")
 
@@ -35,7 +35,7 @@ found = pk.ik.solve_batch(
     seed=options.seed,
     threads=os.cpu_count() or 1,
     collisions=False,  # kinematics alone: some of the targets were drawn where the robot touches itself
-    progress=tell,
+    progress=report,
 )
 print(found.report())
 
@@ -54,7 +54,7 @@ np.savez_compressed(
 path = write_bytes(options.output, content.getvalue())
 print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
-# What was written, checked by forward kinematics, one posture at a time through Pinocchio.
+# Check the written file by forward kinematics, one posture at a time through Pinocchio.
 with np.load(path, allow_pickle=False) as data:
     rows = rng.choice(np.flatnonzero(data["solved"]), min(500, int(data["solved"].sum())), replace=False)
     hands = np.array([pk.kinematics.frame_pose(pepper, q, frame)[:3, 3] for q in data["q"][rows]])

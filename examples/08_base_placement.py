@@ -1,4 +1,4 @@
-"""Where to stand: the place from which a cup and a shelf are both within the left hand's reach."""
+"""Base placement: a place from which the left hand reaches both a cup and a shelf."""
 
 import numpy as np
 

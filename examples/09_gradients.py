@@ -1,4 +1,4 @@
-"""Exact gradients: hold the hand where it is, and let an optimizer relax the arm that holds it."""
+"""Exact gradients: minimize the holding torques of the arm while the hand stays in place."""
 
 import casadi
 import numpy as np

@@ -1,4 +1,4 @@
-"""Gestures for talking to people: made, examined, bent to another size and pace, and put together."""
+"""Gestures for talking to people: created, checked, changed in size and tempo, and joined."""
 
 import argparse
 from pathlib import Path
@@ -26,7 +26,7 @@ for name in ("nod", "beat") if options.quick else gesture_names():
     save(motion, folder / f"{name}.py")  # run on the robot: python nod.py --ip ROBOT
     print(f"{name:14} {motion.duration:5.2f} s  {gesture_meaning(name)}")
 
-# A big, hasty one is slowed down just where a joint could not follow.
+# A large, fast one is slowed down only where a joint could not follow.
 calm = gesture(pepper, "shake-head")
 hasty = gesture(pepper, "shake-head", amplitude=1.25, tempo=4.0)
 use = hasty.check(pepper).acceleration

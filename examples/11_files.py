@@ -41,7 +41,7 @@ except FileFormatError as error:
     refused = error
     print(f"refused: {error}")
 
-# An animation as Choregraphe exports it: a head that snaps round in a tenth of a second.
+# An animation as exported by Choregraphe: the head turns abruptly in a tenth of a second.
 names, times = ["HeadYaw"], [[0.5, 0.6, 1.5]]
 keys = [[0.9, [-0.9, [1, 0, 0], [1, 0, 0]], [0.0, [3, -0.3, 0.0], [3, 0, 0]]]]
 imported = import_timeline(pepper, naoqi_timeline(names, times, keys, name="snap"))

@@ -1,4 +1,4 @@
-"""Carry a tray round a post: the palm stays level, within five degrees, all the way."""
+"""Carry a tray around a post: the palm stays level within five degrees along the whole path."""
 
 import numpy as np
 
@@ -40,7 +40,7 @@ assert tilts.max() <= tilt
 assert clearance > 0
 assert np.linalg.norm(poses[-1, :3, 3] - target) < 1e-3
 
-# Without the constraint the tray would have been tipped.
+# Without the constraint the tray would tip over.
 free = pk.plan(pepper, start.q, plan.goal, scene, joints="left_arm")
 tipped = pk.kinematics.frame_pose(pepper, free.path, "LArm_effector")[:, :3, 2] @ up
 print(f"without the constraint: {np.degrees(np.arccos(tipped.min())):.0f} deg")

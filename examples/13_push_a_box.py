@@ -1,4 +1,4 @@
-"""Push a parcel along a table, and measure the friction that the hand works against."""
+"""Push a parcel along a table, and measure the friction force on the hand."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ target = pk.ik.HandPosition("left", (0.28, 0.18, TOP + 0.05))
 solution = pk.ik.solve(pepper, [target], joints="left_arm")
 assert solution.success
 
-# What stands is a frozen scene; what can move belongs to the world.
+# Static objects belong to the frozen scene; objects that can move belong to the world.
 scene = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.65, 0.0, TOP - 0.02))
 world = World(pepper, scene, friction=FRICTION)
 world.add_box("parcel", size=(0.12, 0.16, 0.14), mass=MASS, position=(0.46, 0.18, TOP + 0.07))
@@ -42,7 +42,7 @@ parcel = world.bodies["parcel"]
 print(f"the parcel moved by {parcel.position[0] - start[0]:.3f} m, {len(world.contacts)} points in contact")
 print(f"hand: {np.median(pushes):.2f} N; friction on a table with the parcel's weight alone:", end=" ")
 print(f"{FRICTION * MASS * GRAVITY:.2f} N")
-print(f"friction over normal force below the parcel: {np.median(ratios):.4f}; told: {FRICTION}")
+print(f"friction over normal force below the parcel: {np.median(ratios):.4f}; expected: {FRICTION}")
 print(f"at most {sweeps} convex problems in one step")
 servos = np.abs(twin.state.torque / pepper.effort_limits)
 print(f"the hardest working servo: {pepper.joint_names[int(np.argmax(servos))]}, {servos.max():.0%}")

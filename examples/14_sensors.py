@@ -1,4 +1,4 @@
-"""What the robot senses: depth, sonar, lasers, inertia and wheels, each beside the truth."""
+"""Sensor readings: depth, sonar, lasers, inertia and wheels, each beside the true value."""
 
 import numpy as np
 
@@ -32,13 +32,13 @@ for step in range(4000):
         readings.setdefault(name, []).append(reading)
     before = v
 
-print(f"{'sensor':<26}{'samples':>8}  last reading, and the truth")
+print(f"{'sensor':<26}{'samples':>8}  last reading, and the true value")
 for name in ("imu_torso_accelerometer", "sonar_front", "wheel_odometry"):
     last = readings[name][-1]
     print(f"{name:<26}{len(readings[name]):>8}  {np.round(last.value, 3)}  {np.round(last.truth, 3)}")
 print(f"the base came to rest at x = {controller.pose[0]:.3f} m, y = {controller.pose[1]:.3f} m")
 
-# The camera in the head sees the ball where a pinhole would.
+# The camera in the head shows the ball where a pinhole model predicts it.
 camera = Camera(pepper, "camera_depth")
 depth = camera.depth(posture, scene)
 column, row, _ = camera.project(posture, [[1.5, 0.0, 1.1]])[0]

@@ -1,4 +1,4 @@
-"""500 Peppers that differ in mass, payload, gains and friction follow one motion: how far off are they?"""
+"""500 Peppers that differ in mass, payload, gains and friction follow one motion: their tracking errors."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""The live page from Python: move a target, and the body follows it by the servo in every browser."""
+"""The live page from Python: move a target, and the body follows it in every browser."""
 
 import time
 import urllib.request
@@ -10,7 +10,7 @@ import pepper_kin as pk
 pepper = pk.load_pepper()
 start = pepper.joint_vector({"LShoulderPitch": 0.9, "LElbowRoll": -1.0, "LShoulderRoll": 0.2})
 scene = pk.Scene().add_box("table", size=(0.4, 0.9, 0.03), position=(0.55, 0.0, 0.68))
-heard = []
+received = []
 
 
 def hand():
@@ -23,8 +23,8 @@ with pk.Viewer(pepper, port=0).add_scene(scene) as viewer:  # leaving the block 
     with urllib.request.urlopen(address) as page:
         title = page.read().decode()
 
-    # Others may drag targets too; whoever moves one, this hears of it.
-    viewer.on_target(lambda name, place: heard.append((name, place)))
+    # The callback is also called when a target is dragged in a browser.
+    viewer.on_target(lambda name, place: received.append((name, place)))
     path, misses = [hand()], []
     for point in ([0.36, 0.24, 0.86], [0.36, 0.04, 0.86], [0.34, 0.14, 1.02]):
         viewer.move_target("gaze", point).move_target("left hand", point)
@@ -39,5 +39,5 @@ with pk.Viewer(pepper, port=0).add_scene(scene) as viewer:  # leaving the block 
 assert viewer.url is None
 assert pepper.name in title or "Pepper" in title
 assert max(misses) < 1e-3
-assert {name for name, _ in heard} == {"gaze", "left hand"}
+assert {name for name, _ in received} == {"gaze", "left hand"}
 assert not pk.collision.in_collision(pepper, reached, scene)

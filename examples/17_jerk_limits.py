@@ -1,4 +1,4 @@
-"""One path, four timings: what gentleness costs in time, and what it spares the motors."""
+"""One path, four jerk limits: their durations, and the jumps of acceleration that they avoid."""
 
 import numpy as np
 

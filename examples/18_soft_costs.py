@@ -1,4 +1,4 @@
-"""Formulas of your own: a price that keeps the hand from a hot plate, bounds on a part of the way."""
+"""Your own formulas: a cost that keeps the hand away from a hot plate, bounds on a part of the path."""
 
 import casadi
 import numpy as np

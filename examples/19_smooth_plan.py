@@ -1,4 +1,4 @@
-"""A plan with the motion to execute: path and timing optimized together, and what that gains."""
+"""A plan with the motion to execute: path and timing optimized together, and the improvement."""
 
 import pepper_kin as pk
 

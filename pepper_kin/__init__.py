@@ -6,27 +6,27 @@
     q = pepper.posture("Stand")
     pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 
-Packages, imported when they are first used; `help(pk.ik)` lists what is in one:
+Packages, imported at their first use; `help(pk.ik)` lists the contents of one:
 
     model            the robot: loading, groups, postures, limits, shapes, exports
-    kinematics       poses, velocities and Jacobians of frames, maps of reach
+    kinematics       poses, velocities and Jacobians of frames, reach maps
     dynamics         torques, accelerations, mass, energy, balance
     symbolic         the same quantities as CasADi expressions
     collision        scenes, contacts, distances
-    ik               tasks in, the best configuration and the reason out
+    ik               inverse kinematics: the best configuration, and the reason where none fits
     servo            inverse kinematics tick by tick, for moving targets
-    base_placement   where to stand
+    base_placement   search for the pose of the base
     motion           paths, Cartesian motions, optimization, gestures
     trajectory       timing within limits, an independent check
     files            trajectories in six formats
     twin             simulation; within it `twin.world`, `twin.sensors`, `twin.base`
     viewer           pages, pictures and films; within it `viewer.server`
-    planners         motion planners that know no robot
-    jobs             what the commands run
+    planners         motion planners for any space
+    jobs             the work of the commands
     kernels, batch   machine code and batches
-    exceptions, status   errors on misuse; how calls end
+    exceptions, status   errors on misuse; outcomes of calls
 
-The names that most programs need can be had from here too: load_pepper, load_robot, PepperModel, pose, Scene,
+Common names are available here, too: load_pepper, load_robot, PepperModel, pose, Scene,
 plan, plan_batch, PlanProblem, retime, Trajectory, Twin, TwinBatch, Viewer, PepperKinError.
 """
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin import cli_check, cli_show
+from pepper_kin import cli_check, cli_naoqi, cli_show
 from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli_terminal import (
     FAILED,
@@ -49,6 +49,7 @@ app = typer.Typer(
 )
 
 app.add_typer(cli_check.app, name="check")
+app.add_typer(cli_naoqi.app, name="naoqi")
 app.add_typer(cli_show.app)
 
 Point = tuple[float, float, float]
@@ -107,7 +108,7 @@ def reach(
     timeout: Annotated[float, typer.Option(help="Time budget of IK and planning, in seconds.")] = 10.0,
     as_json: Json = False,
 ) -> None:
-    """Reach with a hand, look at a point, and do it safely.
+    """Reach with a hand and look at a point, without collisions and within all limits.
 
     Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 -o out
     """
@@ -248,7 +249,7 @@ def view(
         bool, typer.Option("--allow-remote", help="Let --host be one that other machines reach.")
     ] = False,
     token: Annotated[
-        str | None, typer.Option(help="Token in the address; drawn anew for a remote host if left out.")
+        str | None, typer.Option(help="Token in the address; a new random one for a remote host if omitted.")
     ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
@@ -289,7 +290,7 @@ def _refuse_options(gesture: str, **options: object) -> None:
     for option, value in options.items():
         if value is not None:
             raise InvalidValueError(
-                f"--{option}", value, f"to be left out: {gesture!r} is replayed as the paper has it"
+                f"--{option}", value, f"to be omitted: {gesture!r} is replayed as published"
             )
 
 

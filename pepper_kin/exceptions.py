@@ -34,8 +34,23 @@ LONGEST_VALUE = 80
 
 def shortened(value: object) -> str:
     """Return a value as text on one line, cut at `LONGEST_VALUE` characters with "..." at the end."""
-    text = " ".join(str(value).split())
+    try:
+        text = " ".join(str(value).split())
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists without end
+        text = f"a value of type {type(value).__name__} that is too long to be shown"
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+LONGEST_REASON = 600
+"""Characters of a reason that a message gives at most; the middle of a longer one is left out."""
+
+
+def _within_reason(reason: str) -> str:
+    """Return a reason whose middle is left out where it is longer than LONGEST_REASON."""
+    if len(reason) <= LONGEST_REASON:
+        return reason
+    half = LONGEST_REASON // 2
+    return f"{reason[:half]} ... {reason[-half:]}"
 
 
 def did_you_mean(name: object, available: Iterable[object]) -> str:
@@ -47,6 +62,8 @@ def did_you_mean(name: object, available: Iterable[object]) -> str:
     """
     from difflib import get_close_matches
 
+    if len(str(name)) > LONGEST_VALUE:
+        return ""  # comparing takes time in proportion to both lengths
     known = {str(other).lower(): str(other) for other in reversed(tuple(available))}
     match = get_close_matches(str(name).lower(), known, n=1, cutoff=0.7)
     return f" (did you mean {known[match[0]]!r}?)" if match else ""
@@ -79,7 +96,7 @@ class InvalidValueError(PepperKinError, ValueError):
 
     def __init__(self, quantity: str, value: object, allowed: str) -> None:
         self.quantity, self.value, self.allowed = quantity, value, allowed
-        super().__init__(f"{quantity}: got {shortened(value)}, expected {allowed}")
+        super().__init__(f"{_within_reason(quantity)}: got {shortened(value)}, expected {allowed}")
 
 
 class UnknownNameError(PepperKinError, KeyError):
@@ -127,6 +144,9 @@ class LimitError(PepperKinError, ValueError):
 class ModelError(PepperKinError):
     """A robot description cannot be used; the message says which element and why."""
 
+    def __init__(self, reason: str) -> None:
+        super().__init__(_within_reason(reason))
+
 
 class ModelWarning(UserWarning):
     """A part of a robot description was left out; the message says which, and the robot can be used."""
@@ -148,7 +168,7 @@ class FileFormatError(PepperKinError):
     def __init__(self, path: object, reason: str, line: int | None = None) -> None:
         self.path, self.reason, self.line = str(path), reason, line
         where = f"{path}:{line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: {reason}")
+        super().__init__(f"{where}: {_within_reason(reason)}")
 
 
 class InfeasibleError(PepperKinError):

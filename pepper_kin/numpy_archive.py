@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from collections.abc import Collection
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.file_reading import read_bytes
 
 MOST_BYTES = 500_000_000
 """Most that the arrays of a file may take [bytes]."""
@@ -31,25 +33,28 @@ def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict
         FileFormatError: naming the file, where it cannot be read, is damaged, holds other arrays, or more
             than MOST_BYTES.
     """
+    content = read_bytes(path)
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = np.load(io.BytesIO(content), allow_pickle=False)
         if not isinstance(loaded, np.lib.npyio.NpzFile):
             raise FileFormatError(path, "is one array, expected a NumPy archive of several")
         with loaded as archive:
             names = sorted(archive.files)
+            if len(set(names)) != len(names):
+                raise FileFormatError(path, "holds two arrays of one name")
             if expected is not None and names != sorted(expected):
-                listed = ", ".join(names)[:200]
+                listed = shortened(", ".join(names))
                 raise FileFormatError(path, f"holds {listed}, expected {', '.join(sorted(expected))}")
             size = sum(member.file_size for member in archive.zip.infolist())
             if size > MOST_BYTES:
                 raise FileFormatError(path, f"holds {size} bytes of arrays, at most {MOST_BYTES} are read")
             return {name: archive[name] for name in names}
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
     except FileFormatError:
         raise
     except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:
         raise FileFormatError(path, f"is not a complete NumPy archive: {error}") from error
+    except MemoryError as error:  # a damaged member may announce any number of bytes
+        raise FileFormatError(path, f"announces too much: {error}") from error
     except Exception as error:  # zlib.error of a damaged member has no common base with the others
         raise FileFormatError(path, f"is damaged: {error}") from error
 

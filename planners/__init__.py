@@ -1,4 +1,4 @@
-"""Robot-agnostic motion planners: vectors, bounds, a metric and the validity of states, never a robot.
+"""Robot-agnostic motion planners: vectors, bounds, a metric and the validity of states.
 
     problem = Problem(lower, upper, start, goals, validity)
     result = rrt_connect(problem, seed=0, timeout=5.0)
@@ -16,7 +16,7 @@
     car_connect, CarResult, car_curve, CarCurve   paths of a car
     first_invalid_states, first_blocked_states    what is in the way where no path is found
 
-A state is a vector of n numbers; a checker says whether it is valid.
+A state is a vector of n numbers; a checker decides whether it is valid.
 """
 
 from .aorrtc import aorrtc

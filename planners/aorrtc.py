@@ -92,7 +92,7 @@ def aorrtc(
 
     Returns:
         The result, with the history of costs, the lower bound and why it stopped; without a path its status
-        tells why.  With a path given it is never longer than that.
+        says why.  With a path given it is never longer than that.
 
     Raises:
         InvalidValueError: The path has another number of coordinates, an option is not allowed, or the
@@ -113,14 +113,14 @@ def aorrtc(
             if status is not Status.SOLVED:
                 return search.result(status, deadline, seed)
             run.begin(*search.path())
-            run.improve(most)
+            run.shorten(most)
         else:
             rooted = search.begin(deadline)
             run.begin(Path.trusted(path.points, task.metric), len(task.goals) - 1)
             if search.found_straight:
                 run.offer(*search.path())
             if rooted:
-                run.improve(most)
+                run.shorten(most)
     reached = run.goal if run.goal < len(problem.goals) or problem.goal_sampler is not None else None
     return search.result(
         Status.SOLVED, deadline, seed, run.best, reached,
@@ -225,7 +225,7 @@ class _Run:
     def _over(self) -> bool:
         return self._deadline.expired or self._short_enough
 
-    def improve(self, most: int) -> None:
+    def shorten(self, most: int) -> None:
         """Shorten the best path until it is short enough, or samples or time run out."""
         search, rounds = self._search, 0
         usual = min(max(_LEAST_ROUND, _OF_FIRST * search.samples), _MOST_ROUND)

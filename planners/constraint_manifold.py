@@ -104,6 +104,7 @@ class CompiledManifold:
         width: Number of columns of the Jacobian.
         work_size: Room that `work` has, in numbers.
         keep_alive: What must live as long as the address is used.
+        size: Numbers that the function writes, where that is known: callers make sure that they have room.
     """
 
     address: int
@@ -113,6 +114,7 @@ class CompiledManifold:
     width: int
     work_size: int = 1
     keep_alive: object = field(default=None, repr=False)
+    size: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +272,9 @@ def _surface_of(
     """Return a manifold as machine code takes it, with fresh room."""
     n, r, tolerances = manifold.n, manifold.rows, np.array(manifold.tolerances)
     g = tolerances.size
+    if code.size > r * (1 + code.width):
+        size = f"{r} rows of 1 + {code.width} numbers"
+        raise InvalidValueError("output buffer of a manifold", size, f"room for {code.size} numbers")
     return Surface(
         int(code.address),
         np.array(code.kernel_input, dtype=np.float64),

@@ -151,8 +151,8 @@ def descend_cost(
     ICRA 2009), and is that of Newton for the length.  mu grows where a step does not lower the integral.
     On a manifold the gradient is taken along it, and each step is followed by a projection.
     Points whose edges would not be valid stay, and the others move without them; in between, random parts of
-    the path are moved in random coordinates, which leads along obstacles.  It is a local method: which
-    way round an obstacle the path goes is settled by the path that is given.
+    the path are moved in random coordinates, which leads along obstacles.  It is a local method:
+    the side on which the path passes an obstacle is that of the initial path.
 
     Args:
         problem: Supplies box, validity, metric and resolution; its start and goals are not used.

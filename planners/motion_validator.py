@@ -238,8 +238,8 @@ class MotionValidator:
 class Callback:
     """A `MotionValidator` behind the address of a C function; used in a `with` block around the planner.
 
-    An exception cannot pass through machine code: from then on every state is invalid, the planner is told to
-    stop, and the exception is raised when the block ends.  It is told to stop as well when time has run out.
+    An exception cannot pass through machine code: from then on every state is invalid, the planner has to
+    stop, and the exception is raised when the block ends.  It has to stop as well when time has run out.
 
     Attributes:
         code: The validity function that asks the validator.

@@ -28,6 +28,13 @@ OMPL_PLANNERS = (
 IMPROVING = ("RRTstar", "PRMstar", "PRM")
 """Use all of their time."""
 
+TWO_THREADS = ("PRM", "PRMstar", "SPARS", "SPARStwo")
+"""Look for solutions in a second thread.  It asks for the validity of further goals, and would wait for ever
+for Python, which the first thread holds: these get one goal at a time."""
+
+MANY_THREADS = ("AnytimePathShortening",)
+"""Ask for validity in several threads, which would wait for ever for Python."""
+
 
 class _Library(NamedTuple):
     base: ModuleType
@@ -41,7 +48,9 @@ def available_ompl_planners() -> tuple[str, ...]:
         library = _library()
     except MissingDependencyError:
         return ()
-    return tuple(name for name in OMPL_PLANNERS if _class_of(library, name) is not None)
+    return tuple(
+        name for name in OMPL_PLANNERS if name not in MANY_THREADS and _class_of(library, name) is not None
+    )
 
 
 def ompl_plan(
@@ -51,7 +60,8 @@ def ompl_plan(
 
     Coordinates are scaled by the metric's weights, so that OMPL's distances are the problem's.  OMPL asks for
     one state at a time; a Python checker is called as often.  The path is as OMPL leaves it: pass it to
-    `shortcut`.
+    `shortcut`.  Planners that look for solutions in a second thread (`TWO_THREADS`) try one goal after
+    another, the nearest first, each with an equal share of the time that is left.
 
     I. A. Sucan, M. Moll and L. E. Kavraki, The Open Motion Planning Library, IEEE Robotics & Automation
     Magazine 19 (2012).
@@ -71,6 +81,12 @@ def ompl_plan(
         InvalidValueError: for a planner that there is not, or a problem with a sampler of goals.
     """
     library = _library()
+    if planner in MANY_THREADS:
+        raise InvalidValueError(
+            "planner",
+            f"{planner!r} (asks for validity in several threads, which wait for Python for ever)",
+            f"one of {', '.join(available_ompl_planners())}",
+        )
     make = _class_of(library, planner) if planner in OMPL_PLANNERS else None
     if make is None:
         known = "" if planner not in OMPL_PLANNERS else " (the installed ompl lacks it)"
@@ -81,8 +97,9 @@ def ompl_plan(
         raise InvalidValueError("goals", "a sampler", "goal states: OMPL's planners take these only")
     deadline = Deadline(timeout)
     validator = problem.validator(deadline)
+    alone = planner in TWO_THREADS
     status, points, goal = _Search(library, problem, validator).run(
-        make, whole_number("seed", seed), deadline
+        make, whole_number("seed", seed), deadline, alone
     )
     path = None if points is None else Path(points, problem.weights)
     return Result(
@@ -102,11 +119,17 @@ class _Search:
         self._state = np.array(problem.start)
 
     def run(
-        self, make: Callable[[Any], Any], seed: int, deadline: Deadline
+        self, make: Callable[[Any], Any], seed: int, deadline: Deadline, alone: bool
     ) -> tuple[Status, FloatArray | None, int | None]:
-        """Search; returns the status, and the way-points and the goal's number if there is a path."""
-        base, geometric, util = self._library
-        problem = self._problem
+        """Search; returns the status, and the way-points and the goal's number if there is a path.
+
+        Args:
+            make: Class of the planner.
+            seed: Of OMPL's generator.
+            deadline: Time budget.
+            alone: Whether goals are tried one after another.
+        """
+        problem, util = self._problem, self._library.util
         if not self._validator.states_valid(problem.start[None])[0]:
             return Status.START_INVALID, None, None
         valid = [k for k, goal in enumerate(problem.goals) if self._validator.states_valid(goal[None])[0]]
@@ -115,6 +138,23 @@ class _Search:
         util.setLogLevel(util.LOG_NONE)
         if seed:
             util.RNG.setSeed(seed)
+        groups = [valid]
+        if alone:
+            apart = problem.metric.distance(problem.start, problem.goals[valid])
+            groups = [[valid[k]] for k in np.argsort(apart, kind="stable").tolist()]
+        for number, goals in enumerate(groups):
+            points = self._path_to(goals, make, deadline.left / (len(groups) - number))
+            if points is not None:
+                ends = problem.metric.distance(points[-1], problem.goals[goals])
+                goal = goals[int(np.argmin(ends))]
+                points[0], points[-1] = problem.start, problem.goals[goal]
+                return Status.SOLVED, points, goal
+        return Status.NO_PATH_IN_TIME, None, None
+
+    def _path_to(self, goals: list[int], make: Callable[[Any], Any], seconds: float) -> FloatArray | None:
+        """Return way-points to one of some goals, shape (m, n), found within a time [s]; None without any."""
+        base, geometric, _ = self._library
+        problem = self._problem
         space = base.RealVectorStateSpace(self._free.size)
         bounds = base.RealVectorBounds(self._free.size)
         for i, (low, high) in enumerate(zip(*self._scaled(problem.lower, problem.upper), strict=True)):
@@ -126,21 +166,15 @@ class _Search:
         information = setup.getSpaceInformation()
         information.setStateValidityCheckingResolution(min(problem.spacing / space.getMaximumExtent(), 1.0))
         setup.setStartState(self._to_ompl(space, problem.start))
-        goals = base.GoalStates(information)
-        for k in valid:
-            goals.addState(self._to_ompl(space, problem.goals[k]))
-        setup.setGoal(goals)
+        ends = base.GoalStates(information)
+        for k in goals:
+            ends.addState(self._to_ompl(space, problem.goals[k]))
+        setup.setGoal(ends)
         setup.setPlanner(make(information))
-        setup.solve(max(deadline.timeout - deadline.elapsed, 1e-3))
+        setup.solve(max(seconds, 1e-3))
         if not setup.haveExactSolutionPath():
-            return Status.NO_PATH_IN_TIME, None, None
-        states = setup.getSolutionPath().getStates()
-        points = np.array([self._from_ompl(state) for state in states])
-        points[0] = problem.start
-        ends = problem.metric.distance(points[-1], problem.goals[valid])
-        goal = valid[int(np.argmin(ends))]
-        points[-1] = problem.goals[goal]
-        return Status.SOLVED, points, goal
+            return None
+        return np.array([self._from_ompl(state) for state in setup.getSolutionPath().getStates()])
 
     def _scaled(self, *states: FloatArray) -> list[list[float]]:
         return [(state[self._free] * self._weights).tolist() for state in states]

@@ -1,4 +1,4 @@
-"""What is to be planned: a box of states, a start, goals and their validity."""
+"""Planning problems: a box of states, a start, goals and their validity."""
 
 from __future__ import annotations
 

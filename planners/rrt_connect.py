@@ -47,7 +47,7 @@ from .tree_growth import (
     take_trees,
     trace,
     way_point_count,
-    with_room,
+    with_capacity,
 )
 from .vectors import FloatArray, positive_number, whole_number
 
@@ -56,7 +56,7 @@ _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, be
 _MOST_SAMPLES = 100_000_000
 _NEAR_ROUND = 1024  # samples of a round in the region that is `WIDTH` straight lines wide; both double
 _FIRST = np.zeros(1, dtype=np.int64)  # the order of a single goal
-_FIRST_POINTS = 256  # way-points for which there is room in machine code
+_FIRST_POINTS = 256  # way-points of the workspace of a first round
 
 
 def rrt_connect(
@@ -108,7 +108,7 @@ def rrt_connect(
             omitted.
 
     Returns:
-        The result; without a path its status tells why.
+        The result; without a path its status says why.
 
     Raises:
         InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
@@ -164,8 +164,8 @@ class Search:
     def _first_round(self, deadline: Deadline, max_iterations: int) -> int:
         """Plant both trees and let them grow as far as machine code goes by itself."""
         problem, left = self._problem, deadline.left
-        order = self._make_room(problem.goals)
-        path = FirstPath(problem.start, problem.goals, order, *_first_room(problem.n))
+        order = self._make_space(problem.goals)
+        path = FirstPath(problem.start, problem.goals, order, *_workspace(problem.n))
         ended: int = first_path.native(self._space, self._trees, left, path, self._key, max_iterations)
         return ended
 
@@ -187,15 +187,15 @@ class Search:
 
     def plant(self, goals: FloatArray, first: int, deadline: Deadline) -> int:
         """Make valid ends the roots and try the straight edges; return how it ended."""
-        order, start = self._make_room(goals), self._problem.start
+        order, start = self._make_space(goals), self._problem.start
         return plant(self._space, self._trees, deadline.left, start, goals, order, first)
 
-    def _make_room(self, goals: FloatArray) -> Ints1:
-        """Make sure that goals find room in their tree; return the order in which they are tried."""
+    def _make_space(self, goals: FloatArray) -> Ints1:
+        """Make the tree of the goals large enough for them; return the order in which they are tried."""
         trees, capacity = self._trees, self._trees.states.shape[1]
         nodes = int(trees.counters[GOAL_SIZE]) + len(goals)
         if nodes > capacity:
-            self._trees = with_room(trees, max(nodes, 2 * capacity))
+            self._trees = with_capacity(trees, max(nodes, 2 * capacity))
         if len(goals) == 1:
             return _FIRST
         apart = self._problem.metric.distance(self._problem.start, goals)
@@ -219,7 +219,7 @@ class Search:
             if ended != FULL:
                 return ended
             spare = int(self._problem.diagonal / self._space.reach) + 4
-            trees = self._trees = with_room(trees, 2 * trees.states.shape[1] + spare)
+            trees = self._trees = with_capacity(trees, 2 * trees.states.shape[1] + spare)
 
     @property
     def samples(self) -> int:
@@ -370,7 +370,7 @@ class Search:
         self._space = self._space._replace(lower=region[0], extent=region[1] - region[0], reach=reach)
 
     def _is_smaller_than_box(self, bound: float) -> bool:
-        """Whether the states through which paths are below a bound fill less room than the space's box."""
+        """Whether the states through which paths are below a bound fill less than the space's box."""
         if bound == math.inf:
             return False
         problem, n = self._problem, self._problem.n
@@ -385,7 +385,7 @@ class Search:
         """Return the path along which the trees have met, and its goal."""
         trees, count = self._trees, int(self._trees.counters[WAY_POINTS])
         if count:
-            points, lengths = _first_room(self._problem.n)
+            points, lengths = _workspace(self._problem.n)
             goal = int(trees.counters[GOAL])
             return Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy()), goal
         count = way_point_count(trees)
@@ -394,7 +394,7 @@ class Search:
         return Path.trusted(points, self._problem.metric, lengths), goal
 
     def end(self) -> None:
-        """Leave the room of the trees to other searches; nothing more may be asked."""
+        """Leave the memory of the trees to other searches; nothing more may be asked."""
         leave_trees(self._trees)
 
     def _grow_while_drawing(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> int:
@@ -420,19 +420,19 @@ class Search:
                 return ended
 
 
-class _FirstRooms(threading.local):
-    """Of each thread, the room for way-points of n coordinates and for lengths."""
+class _Workspaces(threading.local):
+    """Of each thread, arrays for way-points of n coordinates and for lengths."""
 
     def __init__(self) -> None:
         self.of: dict[int, tuple[FloatArray, FloatArray]] = {}
 
 
-_first_rooms = _FirstRooms()
+_workspaces = _Workspaces()
 
 
-def _first_room(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return this thread's room for the way-points that a first round finds, and for their lengths."""
-    room = _first_rooms.of.get(n)
-    if room is None:
-        room = _first_rooms.of[n] = np.empty((_FIRST_POINTS, n)), np.empty(_FIRST_POINTS)
-    return room
+def _workspace(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return this thread's arrays for the way-points that a first round finds, and for their lengths."""
+    arrays = _workspaces.of.get(n)
+    if arrays is None:
+        arrays = _workspaces.of[n] = np.empty((_FIRST_POINTS, n)), np.empty(_FIRST_POINTS)
+    return arrays

@@ -46,18 +46,18 @@ _COUNTERS = GAINED + 1
 
 
 class Polyline(NamedTuple):
-    """A polyline in arrays with room for m points.
+    """A polyline in arrays of m points.
 
     Attributes:
         points: Way-points, counters[SIZE] of them, shape (m, n).
-        piece: Room for a part of it, shape (m, n).
-        lengths: Arc lengths of the points, and of those of `piece`, shape (2, m).
-        rows: Room, shape (2, n).
+        part: Workspace for a part of it, shape (m, n).
+        lengths: Arc lengths of the points, and of those of `part`, shape (2, m).
+        rows: Workspace, shape (2, n).
         counters: See the places above.
     """
 
     points: Floats2
-    piece: Floats2
+    part: Floats2
     lengths: Floats2
     rows: Floats2
     counters: Ints1
@@ -249,19 +249,19 @@ def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, stat
 
 @compiled
 def _straighten(
-    piece: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
+    part: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
 ) -> None:
     """Let one coordinate of a polyline run straight from its first to its last point."""
-    measure(piece, count, weights, lengths)
-    change, whole = piece[count - 1, coordinate] - piece[0, coordinate], lengths[count - 1]
+    measure(part, count, weights, lengths)
+    change, whole = part[count - 1, coordinate] - part[0, coordinate], lengths[count - 1]
     for k in range(1, count - 1):
-        piece[k, coordinate] = piece[0, coordinate] + lengths[k] / whole * change
+        part[k, coordinate] = part[0, coordinate] + lengths[k] / whole * change
 
 
 @compiled
 def _contract(
     space: SearchSpace,
-    piece: FloatArray,
+    part: FloatArray,
     count: int,
     lengths: FloatArray,
     direction: FloatArray,
@@ -272,17 +272,17 @@ def _contract(
     A direction may lead out of the box, to whose faces states are then taken back.
     """
     weights = space.weights
-    measure(piece, count, weights, lengths)
+    measure(part, count, weights, lengths)
     whole, last = lengths[count - 1], count - 1
     for k in range(1, last):
         fraction, off = lengths[k] / whole if whole > 0.0 else 0.0, 0.0
         for i in range(weights.size):
-            chord = piece[0, i] + fraction * (piece[last, i] - piece[0, i])
-            off += direction[i] * weights[i] * (chord - piece[k, i])
+            chord = part[0, i] + fraction * (part[last, i] - part[0, i])
+            off += direction[i] * weights[i] * (chord - part[k, i])
         for i in range(weights.size):
-            value = piece[k, i] + share * off * direction[i] / weights[i]
+            value = part[k, i] + share * off * direction[i] / weights[i]
             upper = space.lower[i] + _INSIDE * space.extent[i]
-            piece[k, i] = min(max(value, space.lower[i]), upper)
+            part[k, i] = min(max(value, space.lower[i]), upper)
 
 
 @compiled
@@ -298,25 +298,25 @@ def _draw_direction(key: np.uint64, place: int, direction: FloatArray) -> None:
 
 @compiled
 def _valid(space: SearchSpace, line: Polyline, count: int) -> bool:
-    """Return whether the piece is valid, its first point included, which may be any place on an edge.
+    """Return whether the part is valid, its first point included, which may be any place on an edge.
 
     The edges in the middle, which are farthest from where the path was, are asked for first.
     """
-    piece, lengths, middle = line.piece, line.lengths[1], (count - 1) // 2
+    part, lengths, middle = line.part, line.lengths[1], (count - 1) // 2
     for j in range(count - 1):
         k = middle + ((j + 1) // 2 if j % 2 == 1 else -(j // 2))
         k = k if k < count - 1 else 0
         steps = step_count(lengths[k + 1] - lengths[k], space.resolution)
-        if not edge_valid(space, piece[k], piece[k + 1], steps, line.rows, line.counters, k == 0):
+        if not edge_valid(space, part[k], part[k + 1], steps, line.rows, line.counters, k == 0):
             return False
     return True
 
 
 @compiled
-def _replace(points: FloatArray, size: int, before: int, after: int, piece: FloatArray, count: int) -> int:
+def _replace(points: FloatArray, size: int, before: int, after: int, part: FloatArray, count: int) -> int:
     """Put a polyline in the place of the points from `before` up to `after`; return the new size."""
     _copy(points, after, size - after, points, before + count)
-    _copy(piece, 0, count, points, before)
+    _copy(part, 0, count, points, before)
     return before + count + size - after
 
 
@@ -327,16 +327,16 @@ def skip_ahead(space: SearchSpace, line: Polyline) -> None:
     The last is tried first, then the one halfway to it, and so on: few questions, which make few long edges.
     What random short-cuts do one by one, asking about most of the way again each time, is mostly done then.
     """
-    points, piece, lengths, counters, k = line.points, line.piece, line.lengths[1], line.counters, 0
+    points, part, lengths, counters, k = line.points, line.part, line.lengths[1], line.counters, 0
     while k + 2 < counters[SIZE]:
         other = counters[SIZE] - 1
         while other > k + 1:
-            _copy(points, k, 1, piece, 0)
-            _copy(points, other, 1, piece, 1)
-            measure(piece, 2, space.weights, lengths)
+            _copy(points, k, 1, part, 0)
+            _copy(points, other, 1, part, 1)
+            measure(part, 2, space.weights, lengths)
             steps = step_count(lengths[1], space.resolution)
-            if edge_valid(space, piece[0], piece[1], steps, line.rows, counters, False):
-                counters[SIZE] = _replace(points, counters[SIZE], k + 1, other, piece, 0)
+            if edge_valid(space, part[0], part[1], steps, line.rows, counters, False):
+                counters[SIZE] = _replace(points, counters[SIZE], k + 1, other, part, 0)
                 break
             other = k + (other - k + 1) // 2
         k += 1
@@ -367,16 +367,16 @@ def shorten(
             coordinates.
 
     Returns:
-        DONE, TIME_UP, or FULL if there may be no room for the points of one more attempt.
+        DONE, TIME_UP, or FULL if there may be no space for the points of one more attempt.
     """
-    points, piece, lengths, counters = line.points, line.piece, line.lengths, line.counters
-    clock_room, places, weights = np.empty(2, np.int64), np.empty(2), space.weights
-    end, along, n = seconds_now(space.clock, clock_room) + seconds, lengths[0], weights.size
+    points, part, lengths, counters = line.points, line.part, line.lengths, line.counters
+    clock_words, places, weights = np.empty(2, np.int64), np.empty(2), space.weights
+    end, along, n = seconds_now(space.clock, clock_words) + seconds, lengths[0], weights.size
     last = _DRAWS + 2 * n + 1
     draws = last + 2 if detours else _DRAWS
     while counters[ITERATIONS] < min(iterations, counters[GAINED] + patience) and counters[SIZE] > 2:
         size = counters[SIZE]
-        if counters[STOP] != 0 or seconds_now(space.clock, clock_room) >= end:
+        if counters[STOP] != 0 or seconds_now(space.clock, clock_words) >= end:
             return TIME_UP
         if size + _MOST_NEW > points.shape[0]:
             return FULL
@@ -400,28 +400,26 @@ def shorten(
         low, high = places[0], places[1]
         inner, last_inner = _up_to(along, size, low), _below(along, size, high)
         count = 2 + (last_inner - inner if single or turned else 0) + (1 if via else 0)
-        _state_at(points, along, size, low, piece[0])
-        _state_at(points, along, size, high, piece[count - 1])
+        _state_at(points, along, size, low, part[0])
+        _state_at(points, along, size, high, part[count - 1])
         if single or turned:
-            _copy(points, inner, count - 2, piece, 1)
+            _copy(points, inner, count - 2, part, 1)
         if turned:
             _draw_direction(key, number + 4, line.rows[0])
             share = min(1.0, _MOST_SHARE * uniform(key, number + 3))
-            _contract(space, piece, count, lengths[1], line.rows[0], share)
+            _contract(space, part, count, lengths[1], line.rows[0], share)
         if single:
-            _straighten(piece, count, lengths[1], int(uniform(key, number + 3) * n), weights)
+            _straighten(part, count, lengths[1], int(uniform(key, number + 3) * n), weights)
         if via:
-            straight = distance(piece[0], piece[2], weights)
+            straight = distance(part[0], part[2], weights)
             within = straight + (high - low - straight) * uniform(key, number + 3)
-            if not within_ellipsoid(
-                space, key, number + 4, piece[0], piece[2], within, line.rows[0], piece[1]
-            ):
+            if not within_ellipsoid(space, key, number + 4, part[0], part[2], within, line.rows[0], part[1]):
                 continue
-        measure(piece, count, weights, lengths[1])
+        measure(part, count, weights, lengths[1])
         gain = high - low - lengths[1, count - 1]
         if gain > (0.0 if dropped else least_gain) * along[size - 1] and _valid(space, line, count):
             before, after = _below(along, size, low), _up_to(along, size, high)
-            size = _replace(points, size, before, after, piece, count)
+            size = _replace(points, size, before, after, part, count)
             measure(points, size, weights, along)
             counters[SIZE] = drop_flat(points, size, weights, FLAT * along[size - 1])
             counters[GAINED] = counters[ITERATIONS]

@@ -42,7 +42,7 @@ _ROWS = 6
 
 
 class Trees(NamedTuple):
-    """The tree of the start (0) and that of the goals (1), in arrays with room for m nodes each.
+    """The tree of the start (0) and that of the goals (1), in arrays of m nodes each.
 
     Attributes:
         states: Shape (2, m, n).
@@ -50,8 +50,8 @@ class Trees(NamedTuple):
         parents: Parents; of a root -1 less the number of its goal, shape (2, m).
         radii: Distances of samples up to which nodes are extended [length unit of the metric], shape (2, m).
         costs: Lengths of the ways from the nodes to their roots [length unit of the metric], shape (2, m).
-        rows: Room, shape (6, n).
-        room: Eight numbers.
+        rows: Workspace, shape (6, n).
+        nearest: Workspace of the search of neighbors, shape (8,).
         counters: See the places above.
         bound: Length that a path has to be below; infinite if any will do.
         within: Length of the paths through the samples that are drawn; infinite for all of the space's box,
@@ -64,14 +64,14 @@ class Trees(NamedTuple):
     radii: Floats2
     costs: Floats2
     rows: Floats2
-    room: Floats1
+    nearest: Floats1
     counters: Ints1
     bound: float
     within: float
 
 
 def take_trees(n: int) -> Trees:
-    """Return trees of states of n coordinates, without nodes, in the room that this thread left last."""
+    """Return trees of states of n coordinates, without nodes, in the memory that this thread left last."""
     kept: Trees | None = _left.trees.pop(n, None)
     if kept is not None:
         kept.counters.fill(0)
@@ -83,7 +83,7 @@ def take_trees(n: int) -> Trees:
         radii=np.empty((2, _FIRST_CAPACITY)),
         costs=np.empty((2, _FIRST_CAPACITY)),
         rows=np.empty((_ROWS, n)),
-        room=np.empty(LANES),
+        nearest=np.empty(LANES),
         counters=np.zeros(_COUNTERS, dtype=np.int64),
         bound=math.inf,
         within=math.inf,
@@ -91,15 +91,15 @@ def take_trees(n: int) -> Trees:
 
 
 def leave_trees(trees: Trees) -> None:
-    """Leave the room of trees to a later search of this thread."""
+    """Leave the memory of trees to a later search of this thread."""
     if trees.states.shape[1] <= _MOST_KEPT:
         if trees.bound < math.inf or trees.within < math.inf:
             trees = trees._replace(bound=math.inf, within=math.inf)
         _left.trees[trees.states.shape[2]] = trees
 
 
-def with_room(trees: Trees, capacity: int) -> Trees:
-    """Return trees with room for a number of nodes each."""
+def with_capacity(trees: Trees, capacity: int) -> Trees:
+    """Return trees of a larger capacity, in nodes each."""
     capacity = whole_blocks(capacity)
     return trees._replace(
         states=grown(trees.states, capacity, axis=1),
@@ -207,8 +207,8 @@ def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bou
     for i in range(state.size):
         scaled[i] = state[i] * space.weights[i]
     if bound < math.inf:
-        return nearest_within(trees.lanes[side], trees.costs[side], size, scaled, bound, trees.room)
-    return nearest(trees.lanes[side], size, scaled, trees.room)
+        return nearest_within(trees.lanes[side], trees.costs[side], size, scaled, bound, trees.nearest)
+    return nearest(trees.lanes[side], size, scaled, trees.nearest)
 
 
 @compiled(lean=True)
@@ -232,8 +232,8 @@ def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
             roots += 1
         for _ in range(_TRIES):
             goal = trees.states[1, int(uniform(key, counters[DRAWN]) * roots)]
-            start, room = trees.states[0, 0], trees.rows[ORIGIN]
-            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, within, room, sample)
+            start, offset = trees.states[0, 0], trees.rows[ORIGIN]
+            inside = within_ellipsoid(space, key, counters[DRAWN] + 1, start, goal, within, offset, sample)
             counters[DRAWN] += 2 * n + 2
             if inside:
                 return
@@ -423,7 +423,7 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
 
     Returns:
         FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are
-        used up, TIME_UP, or FULL if there may be no room for the nodes of one more iteration.
+        used up, TIME_UP, or FULL if there may be no space for the nodes of one more iteration.
     """
     counters, rows = trees.counters, trees.rows
     place = counters[MOMENT:]
@@ -498,14 +498,14 @@ def first_round(
 
 
 class FirstPath(NamedTuple):
-    """The ends of a search, and room for the path that its first round may find.
+    """The ends of a search, and workspace for the path that its first round may find.
 
     Attributes:
         start: Shape (n,).
         goals: Shape (k, n).
         order: Goals in the order in which they are tried, shape (k,).
-        points: Room for way-points, shape (m, n).
-        lengths: Room for the length of the path up to each, shape (m,) [length unit of the metric].
+        points: Receives way-points, shape (m, n).
+        lengths: Receives the length of the path up to each, shape (m,) [length unit of the metric].
     """
 
     start: Floats1
@@ -519,14 +519,14 @@ class FirstPath(NamedTuple):
 def first_path(
     space: SearchSpace, trees: Trees, seconds: float, path: FirstPath, key: np.uint64, iterations: int
 ) -> int:
-    """Run `first_round`; write the path that it finds, where there is room for it.
+    """Run `first_round`; write the path that it finds, where it fits.
 
     Args:
         space: Box, metric and validity.
         trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
             way-points that were written and that of the goal.
         seconds: Time budget [s].
-        path: The ends, and room for the path.
+        path: The ends, and workspace for the path.
         key: Of the stream of random numbers.
         iterations: Greatest number of samples.
 

@@ -1,15 +1,19 @@
-"""Fixtures that several rooms share: Chromium, a cache of kernels, commands and examples in this process."""
+"""Fixtures that several packages share: Chromium, a kernel cache, commands and examples in process."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
+import platform
 import runpy
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 from unittest import mock
 
 import pytest
@@ -18,6 +22,68 @@ import pepper_kin as pk
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of the fuzz tests (`tests/fuzz`)."""
+    group = parser.getgroup("fuzz", "fuzz tests: one property, three sizes")
+    group.addoption(
+        "--fuzz-size", choices=("small", "middle", "long"), default="small", help="seconds, minutes, hours"
+    )
+    group.addoption("--fuzz-seed", type=int, default=0, help="another seed is another set of cases")
+    group.addoption(
+        "--fuzz-part", default="0/1", metavar="K/N", help="one of N parts of the size, with its own cases"
+    )
+    group.addoption("--fuzz-report", metavar="FILE", help="write what was examined as JSON")
+    group.addoption(
+        "--fuzz-keep", metavar="DIR", default="build/fuzz", help="folder of the cases that failed"
+    )
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Print what the fuzz tests examined; write it as JSON where `--fuzz-report` asks for it."""
+    tests = [found for outcome in ("passed", "failed") for found in fuzz_results(terminalreporter, outcome)]
+    path = config.getoption("--fuzz-report")
+    if path:
+        report = {
+            "format": 1,
+            "version": pk.__version__,
+            "date": time.strftime("%Y-%m-%d", time.gmtime()),
+            "machine": f"Python {platform.python_version()}, {platform.machine()}",
+            **{name: config.getoption(f"--fuzz-{name}") for name in ("size", "seed", "part")},
+            "tests": sorted(tests, key=lambda test: test["test"]),
+        }
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    if not tests:
+        return
+    write = terminalreporter.write_line
+    terminalreporter.section(f"examined by the fuzz tests, size {config.getoption('--fuzz-size')}")
+    properties: dict[str, list[float]] = {}
+    for test in tests:
+        for what, count, wrong in test["counts"]:
+            sums = properties.setdefault(what, [0, 0, 0.0])
+            # A test that counts several things spends its time on all of them: it is shared out evenly.
+            for place, value in enumerate((count, wrong, test["seconds"] / len(test["counts"]))):
+                sums[place] += value
+    write(f"{'examined':>12} {'wrong':>7} {'seconds':>8}  property")
+    for what, (count, wrong, seconds) in sorted(properties.items()):
+        write(f"{count:>12,} {wrong:>7,} {seconds:>8.1f}  {what}")
+    total = sum(test["seconds"] for test in tests)
+    wrong = sum(sums[1] for sums in properties.values())
+    write(f"{len(tests)} tests, {wrong:,} wrong cases, {total:.0f} s of processor time")
+    for test in tests:
+        if test["repeat"]:
+            write(f"repeat: {test['repeat']}")
+
+
+def fuzz_results(terminalreporter: Any, outcome: str) -> Iterator[dict[str, Any]]:
+    """Yield what `tests/fuzz/conftest.py` noted of each test with an outcome."""
+    for report in terminalreporter.stats.get(outcome, ()):
+        noted = dict(report.user_properties)
+        if "fuzz run" in noted:
+            counts = [list(value) for name, value in report.user_properties if name == "fuzz"]
+            yield {"test": report.nodeid, "outcome": report.outcome, **noted["fuzz run"], "counts": counts}
 
 
 def pytest_configure(config: pytest.Config) -> None:

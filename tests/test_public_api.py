@@ -16,7 +16,7 @@ import pepper_kin as pk
 from pepper_kin.status import ResultStatus
 
 WITHIN = ("twin.world", "twin.sensors", "twin.base", "viewer.server")
-ROOMS = (*(name for name in pk.__all__ if inspect.ismodule(getattr(pk, name))), *WITHIN)
+PACKAGES = (*(name for name in pk.__all__ if inspect.ismodule(getattr(pk, name))), *WITHIN)
 SHORT = [name for name in pk.__all__ if not inspect.ismodule(getattr(pk, name))]
 """Names that can be had from the package itself, too."""
 
@@ -26,8 +26,8 @@ def module_of(name):
 
 
 def public():
-    """Every public symbol: room, name, value."""
-    for place in ROOMS:
+    """Every public symbol: package, name, value."""
+    for place in PACKAGES:
         for name in module_of(place).__all__:
             yield place, name, getattr(module_of(place), name)
 
@@ -60,13 +60,13 @@ def test_each_symbol_has_one_path_and_each_name_one_meaning():
 
 
 def test_a_symbol_is_found_in_no_other_package():
-    """Where a room imports what it needs from another, that is not a second path to it."""
+    """Where a package imports what it needs from another, that is not a second path to it."""
     homes = {
         id(value): place
         for place, _, value in public()
         if inspect.isclass(value) or inspect.isfunction(value)
     }
-    for place in ROOMS:
+    for place in PACKAGES:
         module = module_of(place)
         for name in dir(module):
             value = getattr(module, name)
@@ -74,20 +74,20 @@ def test_a_symbol_is_found_in_no_other_package():
                 pytest.fail(f"{place}.{name} is {homes[id(value)]}.{name}")
 
 
-@pytest.mark.parametrize("place", ROOMS)
-def test_rooms_are_reached_by_attribute(place):
+@pytest.mark.parametrize("place", PACKAGES)
+def test_packages_are_reached_by_attribute(place):
     code = f"import sys, pepper_kin as pk; assert pk.{place} is sys.modules['pepper_kin.{place}']"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_short_names_are_those_of_the_rooms():
+def test_short_names_are_those_of_the_packages():
     values = {id(value) for _, _, value in public()}
     for name in SHORT:
         assert id(getattr(pk, name)) in values, name
         assert name in pk.__doc__
 
 
-@pytest.mark.parametrize("place", ["", *ROOMS])
+@pytest.mark.parametrize("place", ["", *PACKAGES])
 def test_help_begins_with_a_list_of_all_names_that_fits_on_a_screen(place):
     module = module_of(place) if place else pk
     lines = module.__doc__.splitlines()
@@ -195,8 +195,10 @@ def arrays_in(get, path, visited):
                 yield from arrays_in(lambda name=name: getattr(value, name), f"{path}.{name}", visited)
 
 
-OTHERS = {"inner_model", "pinocchio_model", "pinocchio_data", "moving_center", "dynamics_model", "document"}
-"""Pinocchio's own objects and views of them, which a user may change on purpose, and XML."""
+OTHERS = {
+    "inner_model", "pinocchio_model", "pinocchio_data", "moving_center", "dynamics_model", "document", "kept",
+}  # fmt: skip
+"""Pinocchio's own objects and views of them, which a user may change on purpose, XML, and memories."""
 
 
 def values():

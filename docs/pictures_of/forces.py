@@ -31,7 +31,8 @@ def draw_02_check_dynamics() -> None:
         plot.vlines(columns, low, high, color=COLORS[color], linewidth=3, alpha=0.4)
         plot.plot(columns, middle, "o", color=COLORS[color], markersize=4.5, label=label)
     plot.axhline(1e-9, color=COLORS["gray"], linestyle="--", linewidth=1)
-    plot.text(pepper.n - 0.6, 1.5e-9, "what the example allows", ha="right", fontsize=9, color=COLORS["gray"])
+    words, gray = "tolerance of the example", COLORS["gray"]
+    plot.text(pepper.n - 0.6, 1.5e-9, words, ha="right", fontsize=9, color=gray)
     plot.set_yscale("log")
     plot.set(ylim=(1e-18, 1e4), xlim=(-0.7, pepper.n - 0.3))
     plot.set_xticks(columns, pepper.joint_names, rotation=60, ha="right", fontsize=8)
@@ -45,7 +46,7 @@ def draw_02_check_dynamics() -> None:
 
 
 def draw_04_any_robot() -> None:
-    """The two-link arm in three postures, and the torques that hold it all round."""
+    """The two-link arm in three postures, and the torques that hold it at all angles."""
     example = variables_of("04")
     robot = example["robot"]
     sheet = Sheet((800, 400))
@@ -63,7 +64,7 @@ def draw_04_any_robot() -> None:
     for x, words in ((0.0, f"{torque[0]:.2f} N m"), (0.5, f"{torque[1]:.2f} N m")):
         arm.annotate(words, (x, 1.0), (x + 0.03, 1.17), ha="center", arrowprops={"arrowstyle": "->"})
     arm.set(aspect="equal", xlim=(-0.15, 1.15), ylim=(0.4, 1.55), xlabel="x [m]", ylabel="z [m]")
-    arm.set_title("gravity pulls, these torques hold")
+    arm.set_title("torques that hold against gravity")
     turns = np.linspace(-2.0, 2.0, 200)
     needed = pk.dynamics.gravity_torque(robot, np.stack([turns, 0 * turns], axis=1))
     plot = sheet.axes(465, 45, 320, 290)
@@ -111,7 +112,7 @@ def draw_15_randomized_twins() -> None:
         plot.fill_between(times, lower, upper, color=COLORS["blue"], alpha=opacity, linewidth=0, label=name)
     plot.plot(times, errors[0], color=COLORS["orange"], linewidth=1.4, label="as described")
     plot.set(xlabel="s", ylabel="mm", xlim=(0, times[-1]), ylim=(0, None))
-    plot.set_title(f"{len(errors)} Peppers wave: how far off is the hand?")
+    plot.set_title(f"{len(errors)} Peppers wave: error of the hand")
     plot.legend(loc="upper right", ncols=2, fontsize=9)
     scatter_plot = sheet.axes(525, 45, 255, 300)
     colors = example["friction"][:, 0]

@@ -44,7 +44,7 @@ def draw_10_gestures() -> None:
     plots[1].axhspan(1, 1.3, color=COLORS["gray"], alpha=0.2, linewidth=0)
     plots[1].axhspan(-1.3, -1, color=COLORS["gray"], alpha=0.2, linewidth=0)
     plots[1].set(xlabel="s", ylim=(-1.3, 1.3), xlim=(0, calm.duration), ylabel="share of its limit")
-    plots[1].set_title("acceleration: slower where it must be")
+    plots[1].set_title("acceleration: slower where necessary")
     sheet.save("example_10.png")
 
 
@@ -81,13 +81,13 @@ def draw_11_files() -> None:
         plot.yaxis.set_label_coords(-0.075, 0.5)
         if row == 0:
             plot.legend(ncols=2, loc="upper right", fontsize=9)
-            plot.set_title("HeadYaw of an animation that snaps round: gray is beyond the limits")
+            plot.set_title("HeadYaw of an animation with abrupt turns: gray is beyond the limits")
     plot.set_xlabel("s", labelpad=0)
     sheet.save("example_11.png")
 
 
 def draw_12_carry_a_tray() -> None:
-    """The tray's way round the post, and its tilt with and without the constraint."""
+    """The tray's path around the post, and its tilt with and without the constraint."""
     example = variables_of("12")
     pepper, q, poses = example["pepper"], example["q"], example["poses"]
     size = (470, 500)
@@ -115,14 +115,14 @@ def draw_12_carry_a_tray() -> None:
     ):
         plot.plot(np.linspace(0, 100, len(values)), values, color=COLORS[color], label=name)
     plot.axhline(np.degrees(example["tilt"]), color="#26323f", linestyle="--", linewidth=1)
-    plot.text(99, np.degrees(example["tilt"]) + 0.4, "5° are allowed", ha="right", fontsize=9)
-    plot.set(xlabel="% of the path", ylabel="tilt [degree]", title="how far the tray leans", ylim=(0, 75))
+    plot.text(99, np.degrees(example["tilt"]) + 0.4, "limit 5°", ha="right", fontsize=9)
+    plot.set(xlabel="% of the path", ylabel="tilt [degree]", title="tilt of the tray", ylim=(0, 75))
     plot.legend(fontsize=9, loc="upper center")
     sheet.save("example_12.png")
 
 
 def draw_16_live_target() -> None:
-    """The three targets, the hand's way to them, and the last posture."""
+    """The three targets, the hand's path to them, and the last posture."""
     example = variables_of("16")
     pepper, path, heard = example["pepper"], np.array(example["path"]), example["heard"]
     points = list(
@@ -171,13 +171,13 @@ def draw_17_jerk_limits() -> None:
         plot.text(trajectory.duration - 0.006, 0.62, f"{trajectory.duration:.2f} s", ha="right", fontsize=9)
         plot.tick_params(labelbottom=row == 3)
         if row == 0:
-            plot.set_title("RElbowRoll: acceleration as a share of its limit, for each limit of jerk")
+            plot.set_title("RElbowRoll: acceleration as a share of its limit, for each jerk limit")
     plot.set_xlabel("s", labelpad=0)
     sheet.save("example_17.png")
 
 
 def draw_18_soft_costs() -> None:
-    """The hand's way past the plate, with the price and without."""
+    """The hand's path past the plate, with the cost and without."""
     example = variables_of("18")
     pepper, plate, ways = example["pepper"], example["plate"], example["ways"]
     size = (470, 500)
@@ -195,8 +195,8 @@ def draw_18_soft_costs() -> None:
     for name, color in (("without", "gray"), ("with", "orange")):
         _, places, lengths = ways[name]
         price = 12 * np.exp(-np.sum((places - plate) ** 2, axis=1) / (2 * 0.06**2))
-        plot.plot(100 * lengths / lengths[-1], price, color=COLORS[color], label=f"{name} the price")
-    plot.set(xlabel="% of the path", ylabel="price", title="what the heat costs", ylim=(0, 9.5))
+        plot.plot(100 * lengths / lengths[-1], price, color=COLORS[color], label=f"{name} the cost")
+    plot.set(xlabel="% of the path", ylabel="cost", title="cost of the heat", ylim=(0, 9.5))
     plot.legend(fontsize=9, loc="upper left")
     sheet.save("example_18.png")
 
@@ -224,3 +224,27 @@ def draw_19_smooth_plan() -> None:
             elif column == 0:
                 plot.legend(frameon=False, loc="lower left")
     sheet.save("example_19.png")
+
+
+def draw_20_naoqi_script() -> None:
+    """Commanded and measured angles of two joints, and the way of the base before the wall."""
+    example = variables_of("20")
+    run = example["run"]
+    sheet = Sheet()
+    titles = {
+        "HeadYaw": "head yaw [rad]",
+        "RShoulderPitch": "right shoulder pitch [rad]",
+        "BaseX": "base x [m]",
+    }
+    for row, (name, title) in enumerate(titles.items()):
+        joint = run.joint_names.index(name)
+        plot = sheet.axes(72, 36 + 148 * row, 710, 105)
+        plot.plot(run.time, run.reference_position[:, joint], color=COLORS["gray"], label="commanded", lw=3)
+        plot.plot(run.time, run.position[:, joint], color=COLORS["orange"], label="measured")
+        plot.set(xlim=(0, run.duration))
+        plot.set_title(title, fontsize=10, loc="left")
+        if row == 0:
+            plot.legend(frameon=False, fontsize=9, loc="upper right")
+        if row == 2:
+            plot.set_xlabel("s", labelpad=0)
+    sheet.save("example_20.png")

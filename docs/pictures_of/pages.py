@@ -120,7 +120,7 @@ def draw_timing() -> None:
 
 
 def draw_live_page() -> None:
-    """The page of `pepper-kin view` after a plan round an obstacle: panel, ghosts and plots."""
+    """The page of `pepper-kin view` after a plan around an obstacle: panel, ghosts and plots."""
     pepper = pk.load_pepper()
     scene = (
         pk.Scene()
@@ -149,7 +149,7 @@ def _photographed(address: str) -> Image.Image:
         page.locator("#plan").click()
         _until(page, "pepperKin.values.play !== null")
         page.locator("#scrub").evaluate(SCRUB)
-        time.sleep(1.0)  # until the page has been told
+        time.sleep(1.0)  # until the page has the new state
         _until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")  # drawn finely
         drawn = page.screenshot(timeout=300_000)
         browser.close()

@@ -31,7 +31,7 @@ def draw_01_reach_and_look() -> None:
     eyes = pk.kinematics.frame_pose(pepper, q[-1], "CameraTop_frame")[:3, 3]
     sheet.label(camera, point, "target of hand and gaze", (-120, 60))
     sheet.label(camera, eyes, "looks at it", (-110, 40))
-    sheet.label(camera, pk.kinematics.frame_pose(pepper, q[20], HAND)[:3, 3], "the hand's way", (130, -50))
+    sheet.label(camera, pk.kinematics.frame_pose(pepper, q[20], HAND)[:3, 3], "path of the hand", (130, -50))
     sheet.save("example_01.png")
 
 
@@ -53,7 +53,7 @@ def draw_03_unreachable() -> None:
 
 
 def draw_05_reach_map() -> None:
-    """Both maps round the robot, cut open at its left shoulder, colored by manipulability."""
+    """Both maps around the robot, cut open at its left shoulder, colored by manipulability."""
     example = variables_of("05")
     pepper = example["pepper"]
     sheet = Sheet()
@@ -90,7 +90,7 @@ def draw_06_servo() -> None:
     stage.ball(example["point_on_circle"](6.0), BLUE, 0.014)
     camera = framing([*UPPER, *hands], size, 40, 10, margin=1.0)
     sheet = Sheet().image(stage.picture(camera))
-    sheet.label(camera, hands[330], "the hand's way", (-105, 75))
+    sheet.label(camera, hands[330], "hand path", (-105, 75))
     times = 0.01 * np.arange(1, len(example["misses"]) + 1)
     off = sheet.axes(500, 50, 275, 165)
     off.semilogy(times, 1000 * np.array(example["misses"]), color=COLORS["orange"])

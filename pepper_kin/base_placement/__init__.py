@@ -1,10 +1,10 @@
-"""Base placement: where to stand so that targets are best reached.
+"""Base placement: search for base poses from which targets are reached.
 
     place_base, PlacementResult, PlacementStatus, Placement   the best places and what was tried
-    PlacementWeights, PlacementTerms          what makes a place good
+    PlacementWeights, PlacementTerms          weights and terms of the score
     placement_map, PlacementMap               the score of every cell of the floor
 
-Targets are given in the world; a robot with a fixed base is moved to them all the same.
+Targets are in world coordinates; a robot with a fixed base may be placed, too.
 """
 
 from pepper_kin.base_placement.place_base import place_base

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Job(NamedTuple):
-    """What was asked for, checked.
+    """Checked inputs of a search.
 
     Attributes:
         evaluator: Tries places out.
@@ -51,7 +51,10 @@ def make_job(
     seed: int,
     threads: int,
 ) -> Job:
-    """Check what `place_base` and `placement_map` share, and return it made ready; see there."""
+    """Check the common arguments of `place_base` and `placement_map`; return them as a `Job`.
+
+    `start` has shape (n,) [rad or m], `stand` shape (3,): x, y [m] and yaw [rad].
+    """
     moving = moving_base(pepper)
     sets = task_sets(pepper, tasks)
     home = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")

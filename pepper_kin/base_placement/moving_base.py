@@ -1,4 +1,4 @@
-"""The robot on a base that can be put anywhere on the floor."""
+"""The robot on a base that can be placed anywhere on the floor."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ class MovingBase:
         return states
 
     def movable(self, mask: np.ndarray) -> np.ndarray:
-        """Return which joints of `robot` move where the base stands still, of a mask of the given one."""
+        """Return a mask of joints, shape (n,), as one over `robot`, shape (robot.n,), without the base."""
         result = np.zeros(self.robot.n, dtype=bool)
         result[self.body] = mask
         result[self.base] = False
         return result
 
     def names(self, mask: np.ndarray) -> tuple[str, ...]:
-        """Return the names of some joints of `robot`."""
+        """Return the names of the joints of `robot` in a mask, shape (robot.n,)."""
         return tuple(self.robot.joint_names[i] for i in np.flatnonzero(mask))
 
 
@@ -81,7 +81,7 @@ def moving_base(pepper: PepperModel) -> MovingBase:
 
 
 def wrapped(angle: Array) -> Array:
-    """Return angles moved into [-pi, pi) [rad]."""
+    """Return angles of any shape, moved into [-pi, pi) [rad]."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
@@ -90,13 +90,17 @@ def _on_wheels(pepper: PepperModel) -> PepperModel:
     moving = on_planar_base(pepper.document, "placement", FAR, {})
     robot = model_of(moving, pepper.semantics, pepper.sphere_set)
     changed = pepper.dynamics_model.changed()
-    if changed is not None:  # what the document does not hold: payloads, other masses and placements
+    if changed is not None:  # what the document does not hold: payloads, other masses, placements, gravity
         model = robot.pinocchio_model
+        model.gravity = changed.gravity
         for joint, name in enumerate(changed.names):
             own = model.getJointId(name) if joint else model.getJointId(BASE_JOINTS[2])
             model.inertias[own] = changed.inertias[joint]
             if joint:
                 model.jointPlacements[own] = changed.jointPlacements[joint]
+                place, old = model.joints[own].idx_v, changed.joints[joint].idx_v
+                for quantity in ("armature", "friction", "damping", "rotorInertia", "rotorGearRatio"):
+                    getattr(model, quantity)[place] = getattr(changed, quantity)[old]
         for frame in changed.frames:
             if model.existFrame(frame.name, frame.type):
                 model.frames[model.getFrameId(frame.name, frame.type)].placement = frame.placement

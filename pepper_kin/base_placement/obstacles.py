@@ -1,4 +1,4 @@
-"""Obstacles alone: a hand that hangs near the hip says nothing about a place."""
+"""Clearance of obstacles alone, without self-collisions."""
 
 from __future__ import annotations
 

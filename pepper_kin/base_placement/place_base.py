@@ -113,7 +113,7 @@ def place_base(
 
 
 def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
-    """Try the given places, or so many proposals and the surroundings of the best."""
+    """Evaluate places, shape (N, 3) [m, m, rad], or so many proposals and the neighborhood of the best."""
     evaluator = job.evaluator
     if np.ndim(candidates) > 0:
         checked = as_finite(candidates, "candidates", (None, 3)).copy()
@@ -149,7 +149,7 @@ def _look_around(job: Job, trials: Trials) -> Trials:
 
 
 def _finalists(job: Job, trials: Trials, keep: int) -> tuple[Placement, ...]:
-    """Return the best places that lie apart, searched with all effort; if none serves, near ones."""
+    """Return the best places that lie apart, after a full search; if none is suitable, the nearest ones."""
     chosen: list[Placement] = []
     failed: list[Placement] = []
     for row in _order(job, trials):
@@ -185,7 +185,7 @@ def _order(job: Job, trials: Trials) -> list[int]:
 
 
 def _placement(job: Job, trials: Trials, row: int) -> Placement:
-    """Return one place with its answers: those known where they are good, else of a longer search."""
+    """Return one place with its solutions: known ones where they are good, else those of a longer search."""
     evaluator, place = job.evaluator, trials.places[row]
     moving, scene = evaluator.moving, evaluator.scene
     start = moving.states(evaluator.q0, place[None])[0]
@@ -245,5 +245,6 @@ def _status(trials: Trials, placements: tuple[Placement, ...]) -> PlacementStatu
 
 
 def _frozen(mask: np.ndarray) -> np.ndarray:
+    """Make a mask of any shape read-only; return it."""
     mask.setflags(write=False)
     return mask

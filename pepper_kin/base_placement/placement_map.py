@@ -64,7 +64,7 @@ class PlacementMap:
 
 
 def map_of(places: Array, scores: Array, resolution: float) -> PlacementMap:
-    """Return the map of places, shape (N, 3), and their scores, shape (N,), NaN where a place does not serve.
+    """Return the map of places, shape (N, 3), and their scores, shape (N,), NaN for unsuitable places.
 
     Raises:
         InvalidValueError: for a resolution that is not a finite number above 0, or cells beyond counting.

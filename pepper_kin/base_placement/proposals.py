@@ -1,4 +1,4 @@
-"""Places worth a look: where the robot comes to stand when its base may move freely."""
+"""Proposals of places: base poses of inverse kinematics with a free base."""
 
 from __future__ import annotations
 
@@ -104,7 +104,10 @@ def _starts(
 
 
 def _stands(moving: MovingBase, tasks: TaskSet, starts: Array, names: tuple[str, ...]) -> Array:
-    """Return where the base comes to stand from each start; where it finds no way, the start's place."""
+    """Return the base pose found from each start, shape (N, 3) [m, m, rad]; the start's if the search fails.
+
+    `starts` are positions of all joints of the moving robot, shape (N, robot.n) [rad or m].
+    """
     found = solve_batch(
         moving.robot, tasks, starts, collisions=False, joints=names, restarts=0, max_iterations=STEPS
     )
@@ -114,7 +117,7 @@ def _stands(moving: MovingBase, tasks: TaskSet, starts: Array, names: tuple[str,
 
 
 def _nearest_stand(moving: MovingBase, tasks: TaskSet, q0: Array, stand: Array, movable: np.ndarray) -> Array:
-    """Return the place to which tasks without a point draw the base, shape (2,)."""
+    """Return the position to which tasks without a point move the base, shape (2,) [m]."""
     free = movable.copy()
     free[moving.base] = True
     start = moving.states(q0, stand[None])
@@ -122,7 +125,10 @@ def _nearest_stand(moving: MovingBase, tasks: TaskSet, q0: Array, stand: Array, 
 
 
 def _postures(moving: MovingBase, count: int, movable: np.ndarray, generator: np.random.Generator) -> Array:
-    """Draw positions of the movable joints evenly, within pi of zero where they have no limits."""
+    """Draw positions of the k movable joints evenly, shape (count, k) [rad or m].
+
+    Joints without limits are within pi of zero; `movable` is a mask over the moving robot, shape (robot.n,).
+    """
     robot = moving.robot
     low = np.where(np.isfinite(robot.lower_limits), robot.lower_limits, -math.pi)[movable]
     high = np.where(np.isfinite(robot.upper_limits), robot.upper_limits, math.pi)[movable]
@@ -130,7 +136,10 @@ def _postures(moving: MovingBase, count: int, movable: np.ndarray, generator: np
 
 
 def _reach(moving: MovingBase, frames: Iterable[str], q0: Array, movable: np.ndarray) -> float:
-    """Return how far from the base's axis the frames come in sampled postures [m]."""
+    """Return how far from the base's axis the frames come in sampled postures [m].
+
+    `q0` has shape (n,) [rad or m]; `movable` is a mask over the moving robot, shape (robot.n,).
+    """
     generator = np.random.default_rng(0)
     states = moving.states(q0, np.zeros((SAMPLES, 3)))
     states[:, movable] = _postures(moving, SAMPLES, movable, generator)

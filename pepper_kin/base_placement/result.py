@@ -1,4 +1,4 @@
-"""The answer to where to stand."""
+"""Results of a base-placement search."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PlacementStatus(ResultStatus):
     )
     UNREACHABLE = (
         "unreachable",
-        "No place helps with the targets that are named: change their height or direction, let more "
+        "The named targets are not reached from any place: change their height or direction, let more "
         "joints move, or ask for less (a position without an orientation, a wider tolerance).",
     )
     BLOCKED_BY_COLLISION = (
@@ -37,7 +37,7 @@ class PlacementStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """One place to stand.
+    """One base pose with its solutions.
 
     Attributes:
         x: Position of the base on the floor [m].
@@ -79,7 +79,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class PlacementResult:
-    """Places to stand, the best first.
+    """Base poses, the best first.
 
     Attributes:
         status: How the search ended.
@@ -118,7 +118,7 @@ class PlacementResult:
 
     @property
     def here(self) -> bool:
-        """Whether the current place serves already."""
+        """Whether the current place is suitable already."""
         return bool(self.reached[0].all() and not self.touching[0])
 
     @property

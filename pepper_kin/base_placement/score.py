@@ -26,7 +26,7 @@ _SAMPLES = 1000
 
 @dataclass(frozen=True)
 class PlacementWeights:
-    """How much each term of the score counts; a term of weight 0 does not.
+    """Weights of the terms of the score; a term of weight 0 is ignored.
 
     The score is sum_k w_k s_k / sum_k w_k, with s_k between 0 (bad) and 1 (good); terms that do not apply (a
     clearance without a scene, a manipulability without a frame that goes to a point) are left out of both
@@ -87,9 +87,9 @@ class Scorer:
     Args:
         moving: The robot with a moving base.
         sets: Sets of tasks.
-        movable: Joints of the moving robot that may move, the base's apart.
+        movable: Joints of the moving robot that may move, except the base's; a mask of shape (robot.n,).
         q0: Joint positions to come from, shape (n,) [rad or m].
-        stand: The current place, shape (3,).
+        stand: The current place, shape (3,): x, y [m] and yaw [rad].
         weights: Weights of the terms.
     """
 
@@ -159,7 +159,10 @@ class Scorer:
         return np.asarray((factors * np.nan_to_num(shares)).sum(axis=0) / np.where(total > 0, total, 1.0))
 
     def _most_manipulable(self, frame: str, q0: Array, movable: np.ndarray) -> float:
-        """Return the largest manipulability of a frame among random postures."""
+        """Return the largest manipulability of a frame among random postures.
+
+        `q0` has shape (n,) [rad or m]; `movable` is a mask over the moving robot, shape (robot.n,).
+        """
         moving, robot = self._moving, self._moving.robot
         states = moving.states(q0, np.zeros((_SAMPLES, 3)))
         low = np.where(np.isfinite(robot.lower_limits), robot.lower_limits, -math.pi)[movable]

@@ -17,7 +17,7 @@ Given: TypeAlias = Task | TaskGroup | Iterable[Task | TaskGroup | Iterable[Task 
 
 
 def task_sets(pepper: PepperModel, tasks: Given) -> tuple[TaskSet, ...]:
-    """Return the sets of tasks, groups taken apart, checked against the robot.
+    """Return the sets of tasks with groups expanded, checked against the robot.
 
     Args:
         pepper: The robot.

@@ -1,4 +1,4 @@
-"""Places tried out: what is reached from each, and how well."""
+"""Evaluation of candidate places: reached targets and scores."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HALF_WAY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """N places and what was found at each, T sets of tasks.
+    """N places and the solutions found at each, for T sets of tasks.
 
     Attributes:
         places: x, y [m], yaw [rad], shape (N, 3).
@@ -67,7 +67,7 @@ class Trials:
         )
 
     def with_more(self, more: Trials) -> Trials:
-        """Return these trials and others behind them."""
+        """Return these trials followed by others."""
         joined: dict[str, Any] = {}
         for entry in fields(self):
             axis = 1 if entry.name == "q" else 0
@@ -77,7 +77,7 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class CandidateEvaluator:
-    """Tries places out.
+    """Evaluates candidate places.
 
     Attributes:
         moving: The robot with a moving base.
@@ -101,7 +101,7 @@ class CandidateEvaluator:
 
     @property
     def obstacles(self) -> bool:
-        """Whether anything stands around the robot."""
+        """Whether there are obstacles."""
         return self.scene is not None and bool(self.scene.objects)
 
     def __call__(self, places: Array) -> Trials:
@@ -134,7 +134,7 @@ class CandidateEvaluator:
         return Trials(places, q, reached, iterations, restarts, violation, touching, scores)
 
     def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
-        """Look for other solutions where one touches something.
+        """Search other solutions where one is in collision.
 
         Args:
             starts: The joint vectors that the search came from, shape (N, n).

@@ -1,4 +1,4 @@
-"""Compiled kernels of a robot's quantities, made once and kept."""
+"""Compiled kernels of a robot's quantities, built once and cached."""
 
 from __future__ import annotations
 
@@ -72,5 +72,5 @@ def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) ->
 
 def _disk_key(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> str:
     """Name what the code depends on: the robot, the quantity and the source of the expressions."""
-    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
+    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
     return f"{quantity}{args!r} of {robot_digest(pepper)} by {sources}"

@@ -1,4 +1,4 @@
-"""Leading batch axes around functions of one state: few states one by one, many by a compiled kernel."""
+"""Batches of states: few states are evaluated one by one, many by a compiled kernel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch.kernels_of import kernel
-from pepper_kin.core.plain_vectors import are_three_plain, are_two_plain, is_plain
+from pepper_kin.core.plain_vectors import MOST_SQUARED, are_three_plain, are_two_plain, is_plain
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import INTERPRETED
 from pepper_kin.model import PepperModel
@@ -28,9 +28,10 @@ _ABSENT: Any = object()
 
 
 def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> Any:
-    """Return the `pinocchio.Data` to compute with, if Pinocchio's functions take these arrays as they are.
+    """Return the `pinocchio.Data` to compute with, if Pinocchio's functions can take these arrays unchanged.
 
-    This is the everyday call: (n,) arrays of finite floats, of a robot whose coordinates are Pinocchio's.
+    This is the everyday call: (n,) arrays of floats within range, and a robot whose coordinates are
+    Pinocchio's.
 
     Returns:
         The data of this thread, or None, where `over_states` converts, refuses or goes over a batch.
@@ -40,13 +41,13 @@ def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) 
             plain = _are_three(pepper.n, q, v, a)
         else:
             plain = _is_one(pepper.n, q) if v is _ABSENT else _are_two(pepper.n, q, v)
-        return pepper.pinocchio_data if plain and not pepper.is_coupled else None
+        return pepper.pinocchio_data if plain and pepper.is_direct else None
     except TypeError:  # lists, other types of numbers, other numbers of axes, rows that are not contiguous
         return None
 
 
 def _are_plain(n: int, *state: Any) -> bool:
-    """Whether all are plain (n,) arrays of finite floats, so that nothing needs converting or naming."""
+    """Whether all are plain (n,) arrays of floats within range: nothing needs converting or naming."""
     try:
         return (_is_one, _are_two, _are_three)[len(state) - 1](n, *state)
     except TypeError:
@@ -54,7 +55,7 @@ def _are_plain(n: int, *state: Any) -> bool:
 
 
 def _load_tests(n: int, *state: Any) -> bool:
-    """Put the compiled tests in place; as Python functions, they would take other types too."""
+    """Load the compiled tests; the Python functions would accept other types too."""
     global _is_one, _are_two, _are_three
     if INTERPRETED:
         _is_one = _are_two = _are_three = lambda *_: False
@@ -75,7 +76,10 @@ def over_states(
     quantity: tuple[object, ...] | None,
     **quantities: ArrayLike,
 ) -> Array:
-    """Evaluate a function of one state with one result for every state of a batch; see `all_over_states`."""
+    """Evaluate a function of one state with one result for every state of a batch, shape (..., *shape).
+
+    The arguments are those of `all_over_states`, which returns several results.
+    """
     return all_over_states(pepper, lambda *state: (function(*state),), (shape,), quantity, **quantities)[0]
 
 
@@ -101,7 +105,8 @@ def all_over_states(
         The results, each of shape (..., *shape).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InvalidValueError: for a wrong length, NaN, infinity, numbers beyond 1e9, or batch axes that do not
+            broadcast.
     """
     if _are_plain(pepper.n, *quantities.values()):
         return _exact(function(*quantities.values()), shapes)
@@ -121,6 +126,7 @@ def all_over_states(
 
 
 def _exact(results: tuple[Array, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, ...]:
+    """Return the results of one state as float arrays of exactly these shapes."""
     return tuple(
         value
         if type(value) is np.ndarray and value.shape == shape
@@ -137,22 +143,22 @@ def _by_kernel(
     batch: tuple[int, ...],
     quantities: dict[str, ArrayLike],
 ) -> tuple[Array, ...]:
+    for value, what in zip(arrays, quantities, strict=True):
+        flat_value = value.reshape(-1)
+        if not flat_value.dot(flat_value) <= MOST_SQUARED:  # a large sum, which needs a closer look, or NaN
+            as_joint_vectors(pepper, value, what)
     name, *args = quantity
     compiled = kernel(pepper, str(name), *args, wide=math.prod(batch) >= WIDE_FROM)
     flat = [
         a if a.ndim == 1 else np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays
     ]
-    try:
-        results = compiled(*flat)
-    except InvalidValueError:
-        _finite(pepper, arrays, quantities)  # says which joint it is
-        raise
+    results = compiled(*flat, check_finite=False)
     parts = results if isinstance(results, tuple) else (results,)
     return tuple(np.asarray(part).reshape(*batch, *shape) for part, shape in zip(parts, shapes, strict=True))
 
 
 def _shaped(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
-    """Convert to floats with n columns; finiteness is looked at where the values are read."""
+    """Convert to floats of shape (..., n); finiteness is checked where the values are read."""
     if (
         isinstance(value, np.ndarray)
         and value.dtype == np.float64
@@ -164,10 +170,12 @@ def _shaped(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
 
 
 def _finite(pepper: PepperModel, arrays: list[Array], quantities: dict[str, ArrayLike]) -> list[Array]:
+    """Return joint vectors, shape (..., n) each; refuse those with NaN or infinity by name."""
     return [as_joint_vectors(pepper, array, name) for array, name in zip(arrays, quantities, strict=True)]
 
 
 def _batch_axes(arrays: list[Array], quantities: dict[str, ArrayLike]) -> tuple[int, ...]:
+    """Return the common leading axes of joint vectors, shape (..., n) each."""
     try:
         return np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:

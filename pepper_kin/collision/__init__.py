@@ -1,21 +1,22 @@
 """Collision of the robot with itself and the world.
 
-    Scene, SceneObject, AttachedObject        frozen: what stands around the robot, and what it holds
+    Scene, SceneObject, AttachedObject        frozen: obstacles and attached objects
     HalfSpace, ConvexMesh, TriangleMesh, PointCloud   geometries of objects, beside those of `model`
     in_collision, clearance                   verdicts and least distances, of one state or many
     closest_pair, ClosestPair, contacts, Contact
     near_pairs, NearPairs                     all pairs within a distance, with gradients
     least_clearance, LeastClearance           the least distance along many states
-    without_robot                             the points of a cloud that are not the robot's own
+    approach_speed                            a bound on the speed at which bodies come nearer
+    without_robot                             the points of a cloud that are not on the robot
     CollisionChecker, checker_for             one robot in one scene, kept for many calls
 
-`scene=None` means the same in every room: nothing stands around the robot, and the robot is checked against
-itself all the same.  What can leave collisions out takes `collisions=False`, and its report says so.
+`scene=None` means the same in every package: nothing stands around the robot, but the robot is still checked
+against itself.  Functions that can ignore collisions take `collisions=False`, and their reports state it.
 """
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
-from pepper_kin.collision.least_clearance import LeastClearance, least_clearance
+from pepper_kin.collision.least_clearance import LeastClearance, approach_speed, least_clearance
 from pepper_kin.collision.near_pairs import NearPairs, near_pairs
 from pepper_kin.collision.queries import clearance, closest_pair, contacts, in_collision, without_robot
 from pepper_kin.collision.scene import Scene
@@ -35,6 +36,7 @@ __all__ = [
     "Scene",
     "SceneObject",
     "TriangleMesh",
+    "approach_speed",
     "checker_for",
     "clearance",
     "closest_pair",

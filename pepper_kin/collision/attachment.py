@@ -24,6 +24,14 @@ def attached(
 ) -> AttachedObject:
     """Return an obstacle as an object that hangs on a frame; see `Scene.attach`.
 
+    Args:
+        item: The obstacle.
+        frame: The frame of the robot on which it hangs.
+        transform_object_to_frame: Its pose in the frame, with a translation [m], shape (4, 4); or None.
+        pepper: Without a pose, the robot that takes it where it stands.
+        q: The robot's joint positions then [rad or m], shape (n,).
+        touch_links: Links that it may touch.
+
     Raises:
         UnknownNameError: for a frame or link that a given robot lacks.
         InvalidValueError: for neither or both of transform and robot, or a bad one.
@@ -33,7 +41,7 @@ def attached(
     if has_pose == (pepper is not None) or (pepper is None) != (q is None):
         raise InvalidValueError(
             f"place of {item.name!r} on the robot",
-            "both or neither of two ways, or half of one",
+            "both of two ways to give it, neither, or one without its second argument",
             "either transform_object_to_frame, or pepper and q",
         )
     if pepper is None or q is None:
@@ -58,6 +66,7 @@ def released(item: AttachedObject, pepper: PepperModel, q: ArrayLike) -> SceneOb
 
 
 def _frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
+    """Return a frame's pose in the world, shape (4, 4), at joint positions q [rad or m], shape (n,)."""
     state = as_joint_vectors(pepper, q, "q")
     if state.ndim != 1:
         raise InvalidValueError("q", f"shape {state.shape}", f"one configuration, shape ({pepper.n},)")

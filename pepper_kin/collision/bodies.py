@@ -17,7 +17,7 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.shapes import read_only
 
@@ -101,7 +101,7 @@ def check_geometry_type(geometry_type: str) -> None:
     check_choice("geometry_type", geometry_type, get_args(GeometryType))
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def moving_bodies(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], geometry_type: str = "collision"
 ) -> tuple[Body, ...]:
@@ -222,13 +222,16 @@ def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iter
 
 
 def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, int, np.ndarray]:
-    """Return Pinocchio's numbers of a frame and its joint, and a pose in the frame as one in the joint's."""
+    """Return Pinocchio's numbers of a frame and its joint, and a pose in the frame as one in the joint's.
+
+    Both poses have shape (4, 4), their translations are in [m].
+    """
     index = pepper.frame_id(name)
     frame = pepper.inner_model.frames[index]
     return index, int(frame.parentJoint), read_only(frame.placement.homogeneous @ pose)
 
 
-@lru_cache(maxsize=256)
+@kept_for_robot(most=256)
 def _links_of_hand(pepper: PepperModel, joint: int) -> frozenset[str]:
     """Return the links of the hand that a joint moves or is part of."""
     hand = _hand(pepper, joint)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,19 @@ from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
+from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
+from pepper_kin.collision.mesh_changes import as_on_disk
+from pepper_kin.collision.pair_queries import KeptPairs, SinglePairs, ball_distances, pair_queries
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import Mesh, PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model import Mesh, PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import as_joint_vectors, as_real
 from pepper_kin.model.shapes import read_only
 
-__all__ = ["LEVER", "ClosestPair", "CollisionChecker", "checker_for", "coal_geometry"]
+__all__ = ["RANGE_RADIUS", "ClosestPair", "CollisionChecker", "checker_for", "coal_geometry"]
 
-LEVER = 0.1
+RANGE_RADIUS = 0.1
 """About how far from their joint neighboring bodies meet [m]: turns a distance kept into an angle kept."""
 
 
@@ -52,7 +55,7 @@ class CollisionChecker:
     ) -> None:
         self.pepper = pepper
         self.margin, self.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
-        self.scene = scene if scene is not None else Scene()
+        self.scene = as_on_disk(scene) or Scene()
         check_geometry_type(geometry_type)
         check_names(pepper, self.scene)
         self._ranges = dependent_ranges(pepper) if geometry_type == "collision" else ()
@@ -100,7 +103,7 @@ class CollisionChecker:
         flat = q_all.reshape(-1, self.pepper.n)
         touching = np.zeros(flat.shape[0], dtype=bool)
         for table in self._ranges:
-            touching |= table.violated(flat, self.self_margin / LEVER)
+            touching |= table.violated(flat, self.self_margin / RANGE_RADIUS)
         for i in np.flatnonzero(~touching):
             touching[i] = self._touches(flat[i])
         return touching.reshape(q_all.shape[:-1])
@@ -125,22 +128,12 @@ class CollisionChecker:
 
     def contacts(self, q: ArrayLike) -> tuple[tuple[str, str], ...]:
         """Return the names of all pairs that touch at one configuration q, shape (n,)."""
-        import pinocchio
-
         state = self._one(q)
         found = {table.links: None for table in self._ranges if table.violated(state)}
-        data, geometry_data = self._data
-        pinocchio.computeCollisions(
-            self.pepper.inner_model,
-            data,
-            self._shapes.model,
-            geometry_data,
-            self.pepper.to_full(state),
-            False,
-        )
-        for index, pair in enumerate(self._shapes.model.collisionPairs):
-            if geometry_data.collisionResults[index].isCollision():
-                found[(self._shapes.bodies[pair.first].owner, self._shapes.bodies[pair.second].owner)] = None
+        data, queries = self._data
+        for index in queries.touching(data, self.pepper.to_full(state)):
+            first, second = (self._shapes.bodies[pairs[index]] for pairs in self._shapes.pairs)
+            found[(first.owner, second.owner)] = None
         return tuple(found)
 
     def contact_points(self, q: ArrayLike, within: float = 0.0) -> tuple[Contact, ...]:
@@ -156,13 +149,11 @@ class CollisionChecker:
         Raises:
             InvalidValueError: for a q of wrong shape, or with NaN or infinity; for `within` below 0.
         """
-        import pinocchio
-
         state, reach = self._one(q), not_negative("within", within)
         bounds = self._bounds(state)
         nearest: dict[tuple[str, str], tuple[float, int]] = {}
         for index in np.flatnonzero(bounds <= reach):
-            result = pinocchio.computeDistance(self._shapes.model, self._data[1], int(index))
+            result = self._data[1].distance(int(index))
             distance = float(result.min_distance - self._shapes.paddings[index])
             names = tuple(self._shapes.bodies[pairs[index]].owner for pairs in self._shapes.pairs)
             if distance <= reach and distance < nearest.get(names, (np.inf, 0))[0]:
@@ -176,36 +167,16 @@ class CollisionChecker:
         return tuple(found)
 
     @property
-    def _data(self) -> tuple[Any, Any]:
-        """Work space of this thread."""
+    def _data(self) -> tuple[Any, KeptPairs | SinglePairs]:
+        """Pinocchio's data of the joints, and the queries of pairs, of this thread."""
         data = getattr(self._local, "data", None)
         if data is None:
-            import pinocchio
-
-            geometry_data = self._geometry_data()
             model = self.pepper.inner_model
-            data = self._local.data = (model.createData(), geometry_data)
-            # The broad phase takes over the margins when it is made.
-            broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
-            self._local.broad_phase = broad(model, self._shapes.model, geometry_data)
-            self._local.without_box = None
-            if len(self._shapes.without_box):
-                self._local.without_box = rest = self._geometry_data()
-                for index in set(range(self.pair_count)) - set(self._shapes.without_box.tolist()):
-                    rest.deactivateCollisionPair(index)
+            data = self._local.data = (model.createData(), pair_queries(model, self._shapes, self._margins))
         return data
 
-    def _geometry_data(self) -> Any:
-        import pinocchio
-
-        geometry_data = pinocchio.GeometryData(self._shapes.model)
-        # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
-        if self._margins.any():
-            for request, margin in zip(geometry_data.collisionRequests, self._margins, strict=True):
-                request.security_margin = float(margin)
-        return geometry_data
-
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return one configuration q [rad or m], n numbers in any shape, as an array of shape (n,)."""
         state = as_joint_vectors(self.pepper, q, "q")
         if state.size != self.pepper.n:
             raise InvalidValueError(
@@ -214,54 +185,39 @@ class CollisionChecker:
         return state.reshape(self.pepper.n)
 
     def _touches(self, q: NDArray[np.float64]) -> bool:
-        import pinocchio
-
-        data, model = self._data[0], self.pepper.inner_model
-        full = self.pepper.to_full(q)
-        if pinocchio.computeCollisions(model, data, self._local.broad_phase, full, True):
-            return True
-        rest = self._local.without_box
-        return rest is not None and bool(
-            pinocchio.computeCollisions(model, data, self._shapes.model, rest, full, True)
-        )
+        """Return whether anything touches at one configuration q [rad or m], shape (n,)."""
+        data, queries = self._data
+        return queries.any_touches(data, self.pepper.to_full(q))
 
     def _bounds(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Place all shapes at q and return a lower bound of each pair's distance, that of their balls [m]."""
+        """Place all shapes at q, shape (n,), and return a lower bound of each pair's distance [m].
+
+        It is the distance of their balls, shape (pairs,).
+        """
         import pinocchio
 
-        data, geometry_data = self._data
-        model, shapes = self.pepper.inner_model, self._shapes
-        pinocchio.updateGeometryPlacements(model, data, shapes.model, geometry_data, self.pepper.to_full(q))
-        placed = zip(geometry_data.oMg, shapes.bounding_centers, strict=True)
-        centers = np.array([pose.act(center) for pose, center in placed])
-        first, second = shapes.pairs
-        apart = centers[first] - centers[second]
-        gaps = np.linalg.norm(apart, axis=1)
-        # Of a half-space the "center" is a point of its plane, and what counts is the height above that.
-        to_plane, normals = shapes.planes
-        gaps[to_plane] = np.einsum("ij,ij->i", apart[to_plane], normals)
-        return gaps - shapes.bounding_reach - shapes.paddings
+        data, queries = self._data
+        pinocchio.forwardKinematics(self.pepper.inner_model, data, self.pepper.to_full(q))
+        queries.place(data)
+        poses = queries.poses(list(range(len(self._shapes.bodies))))
+        return ball_distances(self._shapes, poses) - self._shapes.paddings
 
     def _distances(self, q: NDArray[np.float64]) -> tuple[float, int]:
-        """Return the smallest distance and its pair's index (-1 where there is no pair).
+        """Return the smallest distance [m] at q, shape (n,), and its pair's index, -1 where there is none.
 
         Pairs are visited by the distance of their bounding balls, a lower bound of the true one, until no
         later pair can be nearer.
         """
-        import pinocchio
-
         if not self.pair_count:
             return float("inf"), -1
-        bounds, geometry_data = self._bounds(q), self._data[1]
+        bounds, queries = self._bounds(q), self._data[1]
         best, best_index = float("inf"), -1
         order = np.argsort(bounds)
         listed = (order.tolist(), bounds[order].tolist(), self._shapes.paddings[order].tolist())
         for index, bound, padding in zip(*listed, strict=True):
             if bound > best:
                 break
-            distance = (
-                pinocchio.computeDistance(self._shapes.model, geometry_data, index).min_distance - padding
-            )
+            distance = queries.distance(index).min_distance - padding
             if distance < best:
                 best, best_index = distance, index
         return best, best_index
@@ -271,7 +227,7 @@ class CollisionChecker:
     ) -> tuple[tuple[str, str], NDArray[np.float64], NDArray[np.float64], tuple[str | None, str | None]]:
         """Return names, nearest points, normal and links of a pair whose distance was computed last."""
         first, second = (self._shapes.bodies[pairs[index]] for pairs in self._shapes.pairs)
-        result = self._data[1].distanceResults[index]
+        result = self._data[1].result(index)
         points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
         apart = points[1] - points[0]
         length = np.linalg.norm(apart)
@@ -283,7 +239,7 @@ class CollisionChecker:
 
 
 def _finite(quantity: str, value: float) -> float:
-    number = float(value)
+    number = as_real(value)
     if not np.isfinite(number):
         raise InvalidValueError(quantity, value, "a finite distance [m]")
     return number
@@ -297,10 +253,10 @@ def checker_for(
     geometry_type: GeometryType = "collision",
 ) -> CollisionChecker:
     """Return the checker of a robot in a scene, built once and kept for the next call."""
-    return _checker_for(pepper, scene, margin, self_margin, geometry_type)
+    return _checker_for(pepper, as_on_disk(scene), margin, self_margin, geometry_type)
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64, most_bytes=MOST_BYTES, size_of=checker_size)
 def _checker_for(
     pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, geometry_type: GeometryType
 ) -> CollisionChecker:

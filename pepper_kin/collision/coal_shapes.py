@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.mesh_file import check_is_file, read_mesh
+from pepper_kin.collision.mesh_file import file_state, read_mesh
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -64,6 +64,7 @@ def is_empty(geometry: SceneGeometry) -> bool:
 
 
 def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
+    """Return coal's tree of triangles, of vertices [m], shape (v, 3), and indices into them, shape (f, 3)."""
     import coal
 
     tree = coal.BVHModelOBBRSS()
@@ -111,13 +112,11 @@ def _as_solid(tree: Any) -> Any | None:
 
 
 def _mesh_of_file(mesh: Mesh) -> Any:
-    check_is_file(mesh.path)
-    state = mesh.path.stat()
-    return _read_mesh(mesh, (state.st_mtime_ns, state.st_size))
+    return _read_mesh(mesh, file_state(mesh.path))
 
 
 @lru_cache(maxsize=256)
-def _read_mesh(mesh: Mesh, state: tuple[int, int]) -> Any:
+def _read_mesh(mesh: Mesh, state: tuple[str | int, ...]) -> Any:
     """Read a mesh once for all checkers of a robot, and again where its file has changed."""
     tree = _tree(*read_mesh(mesh.path, mesh.scale))
     return _as_solid(tree) or tree

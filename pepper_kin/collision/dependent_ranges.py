@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.shapes import read_only
 
 REASON = "DependentRange"
@@ -58,7 +57,7 @@ class DependentRange:
         return np.asarray((y < lower + margin) | (y > upper - margin))
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def dependent_ranges(pepper: PepperModel) -> tuple[DependentRange, ...]:
     """Return the ranges that replace the collision check of `pepper`'s pairs marked "DependentRange"."""
     marked = {pair for pair, reason in pepper.semantics.disabled_pairs.items() if reason == REASON}

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair
+from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -94,6 +95,36 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
     )
 
 
+def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = None) -> float:
+    """Return a bound on how fast any pair of bodies that is checked comes nearer to one another [m/s].
+
+    The bodies of a pair come nearer by at most sum_j l_j |dq_j/dt|, over the joints j that move one against
+    the other, with l_j the motion bounds of `pepper_kin.collision.motion_tree`, wherever the joints stand.
+
+    Args:
+        pepper: The robot.
+        rates: Bounds on |dq/dt| [rad/s or m/s], shape (m, n), of which the worst counts.
+        scene: The world around it; None for the robot against itself only.
+
+    Returns:
+        The bound; 0 where no pair is checked.
+    """
+    checker = checker_for(pepper, scene)
+    if not checker.pair_count:
+        return 0.0
+    hulls = []
+    for body, center, radius in zip(
+        checker._shapes.bodies, checker._shapes.bounding_centers, _radii(checker), strict=True
+    ):
+        place = body.geometry_object.placement.act(np.asarray(center))
+        hulls.append(Hull(body.joint, place[None], float(radius)))
+    bounds, (first, second) = motion_bounds_of(pepper, hulls), _moves_against(checker)
+    pairs = checker._shapes.pairs
+    against = np.where(first, bounds[pairs[0]], 0.0) + np.where(second, bounds[pairs[1]], 0.0)
+    full = np.asarray(rates, dtype=float) @ np.abs(np.asarray(pepper.full_map)).T
+    return float((np.unique(against, axis=0) @ full.T).max())
+
+
 @dataclass(order=True)
 class _Stretch:
     """Configurations from `start` up to `end`, and the pairs that may be nearest in them.
@@ -169,10 +200,18 @@ class _Search:
         return parts
 
     def _measure(self, index: int, pairs: Indices, gaps: Array, approach: Array) -> Array:
-        """Return the distances of pairs at one configuration [m], or lower bounds where these are enough."""
-        import pinocchio
+        """Return the distances of pairs at one configuration [m], or lower bounds where these are enough.
 
-        checker, geometry_data = self.checker, self.checker._data[1]
+        Args:
+            index: Of the configuration.
+            pairs: Places of the pairs, shape (p,).
+            gaps: Lower bounds of their distances [m], shape (p,).
+            approach: How much nearer they may come in each half of the stretch [m], shape (halves, p).
+
+        Returns:
+            Shape (p,).
+        """
+        checker, queries = self.checker, self.checker._data[1]
         self.measured += 1
         found = gaps.copy()
         most = approach.max(axis=0) if len(approach) else np.zeros(pairs.size)
@@ -180,30 +219,45 @@ class _Search:
             if gaps[k] - most[k] >= self.best + _ROUNDING:
                 continue
             pair = int(pairs[k])
-            result = pinocchio.computeDistance(checker._shapes.model, geometry_data, pair)
+            result = queries.distance(pair)
             found[k] = result.min_distance - checker._shapes.paddings[pair]
             if found[k] < self.best:
                 self.best, self.index = float(found[k]), index
         return found
 
     def _place(self, q: Array, pairs: Indices) -> tuple[Array, Indices, tuple[Indices, Indices]]:
-        """Place all shapes; return centers of balls, the bodies they are of, and where a pair's two are."""
+        """Place all shapes; return centers of balls, the bodies they are of, and where a pair's two are.
+
+        Args:
+            q: A configuration of Pinocchio's model [rad or m], shape (nq,).
+            pairs: Places of the pairs, shape (p,).
+
+        Returns:
+            Centers in the world [m], shape (b, 3); bodies, shape (b,); rows of a pair's two, shape (p,) each.
+        """
         import pinocchio
 
-        checker, (data, geometry_data) = self.checker, self.checker._data
+        checker, (data, queries) = self.checker, self.checker._data
         pinocchio.computeJointJacobians(self.model, data, q)
-        pinocchio.updateGeometryPlacements(self.model, data, checker._shapes.model, geometry_data)
+        queries.place(data)
         first, second = checker._shapes.pairs[0][pairs], checker._shapes.pairs[1][pairs]
         place = np.zeros(len(checker._shapes.bodies), dtype=int)
         place[first] = place[second] = 1
         used = np.flatnonzero(place)
         place[used] = np.arange(used.size)
-        at = geometry_data.oMg
-        centers = np.array([at[i].act(checker._shapes.bounding_centers[i]) for i in used.tolist()])
+        listed = used.tolist()
+        balls = zip(listed, queries.poses(listed), strict=True)
+        centers = np.array([pose.act(checker._shapes.bounding_centers[i]) for i, pose in balls])
         return centers, used, (place[first], place[second])
 
     def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
-        """Return the distances of the pairs' balls [m], a lower bound of the distances of the pairs."""
+        """Return the distances of the pairs' balls [m], shape (p,), a lower bound of those of the pairs.
+
+        Args:
+            pairs: Places of the pairs, shape (p,).
+            centers: Centers of the balls in the world [m], shape (b, 3).
+            places: Rows of each pair's two balls, shape (p,) each.
+        """
         checker = self.checker
         apart = centers[places[0]] - centers[places[1]]
         gaps = np.sqrt(np.einsum("ij,ij->i", apart, apart))
@@ -214,7 +268,7 @@ class _Search:
 
     def _motion_bounds(self, centers: Array, used: Indices) -> Array:
         """Return how far each joint moves each body at most, shape (bodies, joints) [m/rad or 1]."""
-        jacobian = self.checker._data[0].J
+        jacobian = np.reshape(self.checker._data[0].J, (6, self.model.nv))
         linear, angular = jacobian[:3], jacobian[3:]
         x, y, z = centers.T[:, :, None]
         a, b, c = angular[:, None]

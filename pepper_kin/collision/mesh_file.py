@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.mesh_process import mesh_of_other_format
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+from pepper_kin.file_reading import plain_number, plain_whole, read_bytes
 from pepper_kin.model.joint_vectors import as_finite
 
 _HEADER = 84
@@ -53,13 +55,12 @@ def read_colored_mesh(
     check_is_file(file)
     colors = np.empty((0, 4), np.uint8)
     if suffix in (".stl", ".obj"):
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            raise FileFormatError(file, f"cannot be read as a mesh: {error.strerror or error}") from error
+        content = read_bytes(file)
         vertices, faces = (_obj if suffix == ".obj" else _stl)(file, content)
     else:
         vertices, faces, colors = mesh_of_other_format(file)
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise FileFormatError(file, f"a face of the mesh names none of its {len(vertices)} vertices")
     corners = vertices[faces]
     whole = (corners != np.roll(corners, 1, axis=1)).any(axis=2).all(axis=1)
     faces, colors = faces[whole], colors[whole] if len(colors) else colors
@@ -67,7 +68,11 @@ def read_colored_mesh(
         raise FileFormatError(file, "the mesh holds no triangle")
     if not np.isfinite(vertices).all():
         raise FileFormatError(file, "a vertex of the mesh is NaN or infinite")
-    return vertices * factors, faces, colors
+    with np.errstate(over="ignore"):
+        vertices = vertices * factors
+    if not np.isfinite(vertices).all():
+        raise FileFormatError(file, f"a vertex of the mesh is infinite when scaled by {factors}")
+    return vertices, faces, colors
 
 
 def check_is_file(file: Path) -> None:
@@ -76,11 +81,22 @@ def check_is_file(file: Path) -> None:
     Raises:
         FileFormatError: naming it; where its folder is unknown, what that is for.
     """
-    if not file.is_file():
+    if not os.path.isfile(file):  # Path.is_file raises for names that are too long
         hint = (
             "" if file.is_absolute() else "; load_robot(package_dirs=...) takes the folder that it starts in"
         )
         raise FileFormatError(file, f"cannot be read as a mesh: there is no such file{hint}")
+
+
+def file_state(path: Path) -> tuple[str | int, ...]:
+    """Return what changes when a mesh file does: its place, for relative names, times, size and inode.
+
+    Raises:
+        FileFormatError: where there is no such file.
+    """
+    check_is_file(path)
+    state = path.stat()
+    return (str(path.resolve()), state.st_mtime_ns, state.st_ctime_ns, state.st_size, state.st_ino)
 
 
 def points_of(
@@ -133,7 +149,9 @@ def _stl(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def unique_rows(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the different rows of an array, sorted, and the place of every row among them.
+    """Return the different rows of an array, shape (k, d), sorted, and the place of every row among them.
+
+    The rows have shape (u, d), the places shape (k,).
 
     What `np.unique(points, axis=0, return_inverse=True)` returns, five times as fast for points in space:
     columns are sorted one by one, not rows as texts of bytes.
@@ -170,17 +188,16 @@ def _obj(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.in
         elif words[0] == "f":
             corners = [_obj_index(file, word, len(vertices), number) for word in words[1:]]
             if len(corners) < 3:
-                raise FileFormatError(file, f"a face of {len(corners)} corners", number)
+                raise FileFormatError(file, f"a face with {len(corners)} corners", number)
             faces += [[corners[0], *corners[k : k + 2]] for k in range(1, len(corners) - 1)]
     return np.array(vertices, dtype=float).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
 
 
 def _obj_index(file: Path, word: str, count: int, line: int) -> int:
     """Return the place of a face's corner; OBJ counts from 1, or backwards from -1."""
-    try:
-        index = int(word.split("/", 1)[0])
-    except ValueError:
-        raise FileFormatError(file, f"face corner {word!r} is not a whole number", line) from None
+    index = plain_whole(word.split("/", 1)[0])
+    if index is None:
+        raise FileFormatError(file, f"face corner {shortened(repr(word))} is not a whole number", line)
     place = index - 1 if index > 0 else count + index
     if index == 0 or not 0 <= place < count:
         raise FileFormatError(file, f"face corner {index} names none of the {count} vertices so far", line)
@@ -195,10 +212,8 @@ def _lines(file: Path, content: bytes) -> list[str]:
 
 
 def _numbers(file: Path, words: list[str], line: int) -> list[float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3:
-        raise FileFormatError(file, f"a vertex is {' '.join(words)!r}, not three numbers", line)
+    numbers = [plain_number(word) for word in words]
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+        found = shortened(repr(" ".join(words)))
+        raise FileFormatError(file, f"a vertex is {found}, not three finite numbers", line)
     return numbers

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.core.motion_bounds import MotionTree, body_motion_bounds
-from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere
+from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere, kept_for_robot
 from pepper_kin.model.shapes import read_only
 from pepper_kin.symbolic.alignment import joint_axis
 
@@ -101,7 +100,7 @@ def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
     return motion_bounds
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def motion_tree(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -> MotionTree:
     """Return the joints of a robot with its collision shapes, and what hangs on it, as bodies."""
     model, hulls = pepper.inner_model, []
@@ -135,12 +134,20 @@ def tree_of(pepper: PepperModel, hulls: Sequence[Hull]) -> MotionTree:
     )
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def _within_limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> Array:
     return read_only(_bounds(pepper, motion_tree(pepper, held), pepper.lower_limits, pepper.upper_limits))
 
 
 def _bounds(pepper: PepperModel, tree: MotionTree, lower: Array, upper: Array) -> Array:
+    """Return how far a unit of each joint moves any body, shape (n,) [m/rad, or 1], between bounds of q.
+
+    Args:
+        pepper: The robot.
+        tree: Its joints and bodies.
+        lower: Least joint positions [rad or m], shape (n,).
+        upper: Greatest joint positions [rad or m], shape (n,).
+    """
     gains, taken = np.asarray(pepper.full_map), np.asarray(pepper.full_map) != 0.0
     low, high = lower - SLACK, upper + SLACK
     if pepper.is_coupled:  # q_full = gains q + offset

@@ -84,6 +84,11 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
 
     Pairs of capsules, spheres and boxes of which one is no box are measured in machine code, all at once;
     coal measures the others that may be near, and those whose cores meet.
+
+    Args:
+        checker: The checker.
+        q: Joint positions [rad or m], shape (n,).
+        distance: Pairs at this distance or farther are left out [m].
     """
     tables, count = _tables_of(checker), checker.pair_count
     full = np.array(checker.pepper.to_full(q))
@@ -126,13 +131,21 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
 def _by_coal(
     checker: CollisionChecker, q_full: Array, indices: list[int], distance: float
 ) -> Iterator[tuple[int, float, Any]]:
-    """Yield those of some pairs that are nearer than a distance: place, distance and coal's result."""
+    """Yield those of some pairs that are nearer than a distance: place, distance and coal's result.
+
+    Args:
+        checker: The checker.
+        q_full: A configuration of Pinocchio's model [rad or m], shape (nq,).
+        indices: Places of the pairs.
+        distance: Pairs at this distance or farther are left out [m].
+    """
     import pinocchio
 
-    model, (data, geometry_data) = checker.pepper.inner_model, checker._data
-    pinocchio.updateGeometryPlacements(model, data, checker._shapes.model, geometry_data, q_full)
+    data, queries = checker._data
+    pinocchio.forwardKinematics(checker.pepper.inner_model, data, q_full)
+    queries.place(data)
     for index in indices:
-        result = pinocchio.computeDistance(checker._shapes.model, geometry_data, index)
+        result = queries.distance(index)
         apart = result.min_distance - checker._shapes.paddings[index]
         if apart < distance:
             yield index, apart, result
@@ -151,14 +164,13 @@ def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.
     """
     import pinocchio
 
-    model, (data, geometry_data) = checker.pepper.inner_model, checker._data
+    data, queries = checker._data
     found = np.empty((len(path), len(indices)))
     for row, q in enumerate(checker.pepper.to_full(path)):
-        pinocchio.updateGeometryPlacements(model, data, checker._shapes.model, geometry_data, q)
+        pinocchio.forwardKinematics(checker.pepper.inner_model, data, q)
+        queries.place(data)
         for place, index in enumerate(indices.tolist()):
-            found[row, place] = pinocchio.computeDistance(
-                checker._shapes.model, geometry_data, index
-            ).min_distance
+            found[row, place] = queries.distance(index).min_distance
     return found - checker._shapes.paddings[indices]
 
 
@@ -202,7 +214,7 @@ def _make_tables(checker: CollisionChecker) -> _Tables:
     from pepper_kin.core.collision.distances import SHAPE
 
     model, pepper, (first, second) = checker.pepper.inner_model, checker.pepper, checker._shapes.pairs
-    objects = checker._shapes.model.geometryObjects
+    objects = [body.geometry_object for body in checker._shapes.bodies]
     shapes = np.array([shape_row(item) for item in objects], dtype=float).reshape(-1, SHAPE)
     kinds, listed = shapes[:, 0].astype(int).tolist(), list(zip(first.tolist(), second.tolist(), strict=True))
     moved = np.zeros((model.njoints, model.nv), dtype=np.int64)
@@ -236,5 +248,6 @@ def _core(geometry: Any) -> float:
 
 
 def _frozen(array: NDArray) -> NDArray:
+    """Return an array, of any shape, after it was made read-only."""
     array.setflags(write=False)
     return array

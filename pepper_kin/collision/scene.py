@@ -132,20 +132,23 @@ class Scene:
         return self.add(name, Box((float(lengths[0]), float(lengths[1]), float(lengths[2]))), position, rpy)
 
     def add_sphere(self, name: str, radius: float, position: ArrayLike) -> Scene:
-        """Return a scene with a sphere [m] more; see `add`."""
+        """Return a scene with a sphere of a radius [m] more, at a position [m], shape (3,); see `add`."""
         return self.add(name, Sphere(_number(name, "radius", radius)), position)
 
     def add_cylinder(
         self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Scene:
-        """Return a scene with a cylinder along its z axis [m] more; see `add`."""
+        """Return a scene with a cylinder along its z axis [m] more; position, rpy: shape (3,), see `add`."""
         shape = Cylinder(_number(name, "radius", radius), _number(name, "length", length))
         return self.add(name, shape, position, rpy)
 
     def add_capsule(
         self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Scene:
-        """Return a scene with a capsule along its z axis [m] more; `length` is that of the straight part."""
+        """Return a scene with a capsule along its z axis [m] more; position, rpy: shape (3,), see `add`.
+
+        `length` is that of the straight part.
+        """
         shape = Capsule(_number(name, "radius", radius), _number(name, "length", length))
         return self.add(name, shape, position, rpy)
 
@@ -270,7 +273,7 @@ class Scene:
         )
 
     def move(self, name: str, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Scene:
-        """Return a scene with one obstacle elsewhere; see `add`.
+        """Return a scene with one obstacle at another position [m] and rpy [rad], shape (3,) each; see `add`.
 
         Raises:
             UnknownNameError: listing the obstacles.

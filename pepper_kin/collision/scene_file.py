@@ -35,7 +35,8 @@ from pepper_kin.collision.solids import (
     SceneGeometry,
     TriangleMesh,
 )
-from pepper_kin.exceptions import FileFormatError, PepperKinError
+from pepper_kin.exceptions import FileFormatError, PepperKinError, shortened
+from pepper_kin.file_reading import read_json
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import transform
@@ -108,28 +109,15 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         FileFormatError: for a file that cannot be read, is not JSON (with the line), is not a scene or one of
             another version, or holds a wrong object (naming it and what is wrong).
     """
-    file = Path(path)
-    try:
-        text = file.read_bytes().decode("utf-8")
-        content = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_unique)
-    except OSError as error:
-        raise FileFormatError(file, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(file, f"is not text: {error.reason} at byte {error.start}") from None
-    except json.JSONDecodeError as error:
-        raise FileFormatError(file, f"is not JSON: {error.msg}", error.lineno) from None
-    except _FaultError as fault:
-        raise FileFormatError(file, str(fault)) from None
-    except (RecursionError, ValueError) as error:
-        raise FileFormatError(file, f"is not JSON that can be read: {error}") from None
+    content, _ = read_json(path)
     try:
         return _scene_of(content)
-    except _FaultError as fault:
-        raise FileFormatError(file, str(fault)) from None
+    except (_FaultError, PepperKinError) as fault:
+        raise FileFormatError(path, str(fault)) from None
 
 
 def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, Any]:
-    """Return an object as a dictionary of plain values."""
+    """Return an object as a dictionary of plain values, with its pose, shape (4, 4), translation in [m]."""
     kind = next(name for name, (cls, _, _) in _KINDS.items() if type(item.geometry) is cls)
     _, needed, optional = _KINDS[kind]
     result: dict[str, Any] = {"name": item.name, "kind": kind, **more}
@@ -156,10 +144,9 @@ def _written(value: Any, indent: str = "") -> str:
 def _scene_of(content: Any) -> Scene:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise _FaultError(f'is not a scene: it lacks "format": "{FORMAT}"')
-    if content.get("version") != VERSION or isinstance(content.get("version"), bool):
-        raise _FaultError(
-            f"is a scene of version {content.get('version')!r}; this library reads version {VERSION}"
-        )
+    if content.get("version") != VERSION or type(content.get("version")) is not int:
+        found = shortened(repr(content.get("version")))
+        raise _FaultError(f"is a scene of version {found}; this library reads version {VERSION}")
     _check_fields(content, ("objects",), ("format", "version", "units", "attached", "allowed"), "the scene")
     objects: dict[str, SceneObject] = {}
     attached: dict[str, AttachedObject] = {}
@@ -172,7 +159,7 @@ def _scene_of(content: Any) -> Scene:
             if not isinstance(part, dict) or not isinstance(part.get("name"), str) or not part["name"]:
                 raise _FaultError(f"{place} is not an object with a name")
             name = part["name"]
-            place += f" ({name!r})"
+            place += f" ({shortened(name)!r})"
             if name in objects or name in attached:
                 raise _FaultError(f"{place}: the name is taken")
             if key == "objects":
@@ -183,10 +170,11 @@ def _scene_of(content: Any) -> Scene:
     named = {*objects, *attached}
     for number, pair in enumerate(allowed if isinstance(allowed, list) else [allowed]):
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, str) for n in pair)):
-            raise _FaultError(f"allowed[{number}] is {pair!r}, not two names")
+            raise _FaultError(f"allowed[{number}] is {shortened(repr(pair))}, not two names")
         if not named & set(pair) or pair[0] == pair[1]:
+            found = shortened(repr(pair))
             raise _FaultError(
-                f"allowed[{number}] is {pair!r}, but one must be an object of the scene, not both the same"
+                f"allowed[{number}] is {found}, but one must be an object of the scene, not both the same"
             )
     return Scene(objects, attached, [(a, b) for a, b in allowed])
 
@@ -207,7 +195,7 @@ def _hanging(part: dict[str, Any], place: str) -> AttachedObject:
     geometry = _geometry(part, ("frame",), ("touch_links",), place)
     links = part.get("touch_links", [])
     if not isinstance(links, list):
-        raise _FaultError(f"{place}: touch_links is {links!r}, not a list of links")
+        raise _FaultError(f"{place}: touch_links is {shortened(repr(links))}, not a list of links")
     return AttachedObject(
         part["name"], geometry, part["frame"], _pose(part, place), tuple(links), part.get("color", WOOD)
     )
@@ -218,14 +206,14 @@ def _geometry(
 ) -> SceneGeometry:
     kind = part.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
-        raise _FaultError(f"{place}: kind is {kind!r}, not one of {', '.join(_KINDS)}")
+        raise _FaultError(f"{place}: kind is {shortened(repr(kind))}, not one of {', '.join(_KINDS)}")
     cls, must, may = _KINDS[kind]
     _check_fields(part, (*must, *needed), (*may, *optional, *_PLACE), place)
     values: dict[str, Any] = {name: part[name] for name in (*must, *may) if name in part}
     for name, value in values.items():
         if name == "path":
             if not isinstance(value, str):
-                raise _FaultError(f"{place}: path is {value!r}, not a text")
+                raise _FaultError(f"{place}: path is {shortened(repr(value))}, not a text")
             values[name] = Path(value)
         elif name == "faces":
             values[name] = _whole_numbers(value, place)
@@ -239,9 +227,12 @@ def _geometry(
 
 
 def _whole_numbers(value: Any, place: str) -> Any:
+    rows = value if isinstance(value, list) else [None]
+    if not all(isinstance(row, list) and len(row) == 3 and all(type(k) is int for k in row) for row in rows):
+        raise _FaultError(f"{place}: faces are not rows of three whole numbers")
     try:
-        return np.array(value, dtype=np.int64) if value else np.empty((0, 3), dtype=np.int64)
-    except (TypeError, ValueError, OverflowError):
+        return np.array(rows, dtype=np.int64).reshape(-1, 3)
+    except OverflowError:
         raise _FaultError(f"{place}: faces are not rows of three whole numbers") from None
 
 
@@ -261,19 +252,5 @@ def _check_fields(part: dict[str, Any], needed: tuple[str, ...], known: tuple[st
             raise _FaultError(f"{place}: lacks {name!r}")
     for name in part:
         if name not in needed and name not in known:
-            raise _FaultError(
-                f"{place}: has a field {name!r} that is not known; known: {', '.join((*needed, *known))}"
-            )
-
-
-def _no_constant(word: str) -> float:
-    raise _FaultError(f"holds {word}, which is not a finite number")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result: dict[str, Any] = {}
-    for name, value in pairs:
-        if name in result:
-            raise _FaultError(f"has the field {name!r} twice in one object")
-        result[name] = value
-    return result
+            listed = ", ".join((*needed, *known))
+            raise _FaultError(f"{place}: has a field {shortened(name)!r} that is not known; known: {listed}")

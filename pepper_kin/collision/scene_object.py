@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from pepper_kin.collision.solids import (
     SceneGeometry,
     TriangleMesh,
     padding,
+    within_world,
 )
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
@@ -48,6 +49,7 @@ class SceneObject:
     def __post_init__(self) -> None:
         object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
         pose = as_rigid(self.transform_object_to_world, f"transform_object_to_world of {self.name!r}")
+        within_world(f"position of {self.name!r}", pose[:3, 3])
         object.__setattr__(self, "transform_object_to_world", pose)
         object.__setattr__(self, "color", _color(self.name, self.color))
 
@@ -93,6 +95,7 @@ class AttachedObject:
         if not isinstance(self.frame, str):
             raise InvalidValueError(f"frame of {self.name!r}", repr(self.frame), "the name of a frame")
         pose = as_rigid(self.transform_object_to_frame, f"transform_object_to_frame of {self.name!r}")
+        within_world(f"position of {self.name!r}", pose[:3, 3])
         object.__setattr__(self, "transform_object_to_frame", pose)
         links = (self.touch_links,) if isinstance(self.touch_links, str) else tuple(self.touch_links)
         if not all(isinstance(link, str) for link in links):
@@ -193,7 +196,12 @@ def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
             type(geometry).__name__,
             "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
         )
-    return replace(geometry, path=Path(geometry.path)) if isinstance(geometry, Mesh) else geometry
+    if isinstance(geometry, Box | Sphere | Cylinder | Capsule):
+        lengths = np.array([length for field in astuple(geometry) for length in np.atleast_1d(field)])
+        within_world(f"size of {name!r}", lengths)
+    if not isinstance(geometry, Mesh):
+        return geometry
+    return replace(geometry, path=Path(geometry.path).absolute())
 
 
 def _radius(shape: SceneGeometry) -> float:

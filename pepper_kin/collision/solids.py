@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.core.collision.clouds import extent, thin
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Geometry
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_real
 from pepper_kin.model.shapes import read_only
 
 FLAT = 1e-9
 """A body whose least extent is smaller than this is flat [m]; so is a triangle by its height."""
+FARTHEST = 1e6
+"""Greatest coordinate and length in a scene [m]: of larger numbers too few digits are left for distances."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class HalfSpace:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        offset = as_finite(self.offset, "offset of a half-space", ())
+        offset = within_world("offset of a half-space", as_finite(self.offset, "offset of a half-space", ()))
         object.__setattr__(self, "offset", float(offset))
 
 
@@ -52,6 +54,7 @@ class ConvexMesh:
         from scipy.spatial import ConvexHull, QhullError
 
         points = as_finite(self.vertices, "vertices of a convex mesh", (None, 3))
+        within_world("vertices of a convex mesh", points)
         allowed = "points of which four or more span a volume"
         if len(points) < 4 or not _spans_volume(points):
             raise InvalidValueError("vertices of a convex mesh", f"{len(points)} points in a plane", allowed)
@@ -72,7 +75,7 @@ class ConvexMesh:
         faces[inward] = faces[inward][:, ::-1]
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", _read_only_indices(faces))
-        object.__setattr__(self, "padding", not_negative("padding of a convex mesh", self.padding))
+        object.__setattr__(self, "padding", _thickness("padding of a convex mesh", self.padding))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +94,7 @@ class TriangleMesh:
 
     def __post_init__(self) -> None:
         vertices = as_finite(self.vertices, "vertices of a mesh", (None, 3))
+        within_world("vertices of a mesh", vertices)
         faces = _indices(self.faces, len(vertices))
         corners = vertices[faces]
         sides = np.roll(corners, -1, axis=1) - corners
@@ -105,7 +109,7 @@ class TriangleMesh:
             )
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", _read_only_indices(faces[real]))
-        object.__setattr__(self, "padding", not_negative("padding of a mesh", self.padding))
+        object.__setattr__(self, "padding", _thickness("padding of a mesh", self.padding))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +129,9 @@ class PointCloud:
         if points.size == 0:
             points = np.empty((0, 3))
         points = np.ascontiguousarray(as_finite(points, "points of a cloud", (None, 3)))
+        within_world("points of a cloud", points)
         object.__setattr__(self, "points", read_only(points))
-        object.__setattr__(self, "radius", not_negative("point radius", self.radius))
+        object.__setattr__(self, "radius", _thickness("point radius", self.radius))
 
     @classmethod
     def thinned(cls, points: ArrayLike, radius: float, voxel: float) -> PointCloud:
@@ -163,6 +168,18 @@ class PointCloud:
 SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | PointCloud
 
 
+def within_world(quantity: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return finite coordinates or lengths [m], of any shape, that are not beyond `FARTHEST`.
+
+    Raises:
+        InvalidValueError: naming the quantity and the greatest of the values.
+    """
+    if values.size and np.abs(values).max() > FARTHEST:
+        worst = values.ravel()[np.abs(values).argmax()]
+        raise InvalidValueError(quantity, f"{worst:g} m", f"at most {FARTHEST:g} m: is it in another unit?")
+    return values
+
+
 def padding(geometry: SceneGeometry) -> float:
     """Return the distance by which a geometry reaches beyond its points, or its hull or surface [m]."""
     match geometry:
@@ -179,27 +196,36 @@ def not_negative(quantity: str, value: float) -> float:
     Raises:
         InvalidValueError: naming the quantity.
     """
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
+    number = as_real(value)
     if not (math.isfinite(number) and number >= 0):
         raise InvalidValueError(quantity, value, "a finite distance of 0 or more [m]")
     return number
 
 
+def _thickness(quantity: str, value: float) -> float:
+    return float(within_world(quantity, np.array(not_negative(quantity, value))))
+
+
 def _spans_volume(points: NDArray[np.float64]) -> bool:
-    """Whether the least extent, that along the last principal axis, is more than nothing."""
+    """Return whether points [m], shape (k, 3), span a volume.
+
+    They do where the least extent, that along the last principal axis, is more than nothing.
+    """
     centered = points - points.mean(axis=0)
     axes = np.linalg.svd(centered, full_matrices=False)[2]
     return bool(np.ptp(centered @ axes.T, axis=0).min() > FLAT)
 
 
 def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
+    """Return faces, shape (f, 3), as integers, after a look at whether they are indices below `count`."""
     array = np.asarray(faces)
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "f" and bool((np.isfinite(array) & (array == np.floor(array))).all())
     )
+    try:
+        as_finite(faces, "faces of a mesh", (None, 3))  # NumPy would count True as 1
+    except InvalidValueError:
+        whole = False
     if array.ndim != 2 or array.shape[1] != 3 or not len(array) or not whole:
         raise InvalidValueError(
             "faces of a mesh", f"{array.dtype} of shape {array.shape}", "whole numbers of shape (f, 3), f > 0"
@@ -216,6 +242,7 @@ def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
 
 
 def _read_only_indices(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a read-only copy of faces, shape (f, 3)."""
     copy = np.array(faces, dtype=np.int64)
     copy.setflags(write=False)
     return copy

@@ -34,7 +34,9 @@ def evaluate(kernel: Kernel, *states: Array) -> Array:
     result = np.empty((len(states[0]), kernel.signature.output_sizes[0]))
     work, words = np.empty(kernel.work_size + 8), np.empty(_WORDS, np.int64)
     second, last = states[min(1, len(states) - 1)], states[-1]
-    evaluate_batch(kernel.batch_address, states[0], second, last, result, work, words)
+    width = sum(state.shape[1] for state in states)
+    address = kernel.address_of("batch", inputs=width, outputs=result.shape[1], work=work.size)
+    evaluate_batch(address, states[0], second, last, result, work, words)
     return result
 
 

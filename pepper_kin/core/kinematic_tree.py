@@ -15,7 +15,7 @@ JOINT = 17
 A pose is the center and the x, y and z axis, shape (12,)."""
 
 
-@compiled
+@compiled(lean=True)
 def compose(outer: Floats1, inner: Floats1, pose: Floats1) -> None:
     """Write the pose in the world of what has a pose `inner` in a frame of pose `outer`."""
     for column in range(4):

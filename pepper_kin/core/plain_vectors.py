@@ -1,37 +1,40 @@
-"""The quick tests of the everyday call: whether arrays from Python are finite vectors of one length."""
+"""The quick tests of the everyday call: whether arrays from Python are vectors of one length within range."""
 
 from __future__ import annotations
 
 from pepper_kin.kernels import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
+MOST_SQUARED = 1e18
+"""Square of the largest position, velocity, acceleration or torque (`MOST` of `model/joint_vectors.py`)."""
+
 
 @compiled(inline=True)
 def _is_plain(n: int, x: Floats1) -> bool:
-    """Whether x has n finite elements: times zero, others are NaN."""
+    """Whether x has n elements whose squares sum to MOST_SQUARED at most; NaN and infinity do not."""
     if x.size != n:
         return False
     total = 0.0
     for i in range(n):
-        total += x[i] * 0.0
-    return total == 0.0
+        total += x[i] * x[i]
+    return total <= MOST_SQUARED
 
 
 @compiled("boolean(int64, float64[::1])")
 def is_plain(n: int, a: Floats1) -> bool:
-    """Whether a vector has n finite elements."""
+    """Whether a vector has n elements within range."""
     return _is_plain(n, a)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1])")
 def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
-    """Whether two vectors have n finite elements each."""
+    """Whether two vectors have n elements within range each."""
     return _is_plain(n, a) and _is_plain(n, b)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1], float64[::1])")
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
-    """Whether three vectors have n finite elements each."""
+    """Whether three vectors have n elements within range each."""
     return _is_plain(n, a) and _is_plain(n, b) and _is_plain(n, c)
 
 

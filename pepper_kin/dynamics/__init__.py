@@ -11,7 +11,7 @@
     kinetic_energy, potential_energy
     center_of_mass, center_of_mass_jacobian
     centroidal_momentum, centroidal_map
-    base_wrench, zero_moment_point            what the floor carries, and where
+    base_wrench, zero_moment_point            force of the floor on the robot, and its center of pressure
     tip_over_margin, WHEEL_CONTACTS           distance of that point from the edges of the wheels' triangle
 
 Vectors q, v, a and tau have shape (..., n); spatial vectors are linear first.

@@ -1,4 +1,4 @@
-"""The force and moment with which the floor carries the robot."""
+"""Base wrench: force and moment of the floor on the robot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import wrench_about_origin
 from pepper_kin.dynamics.center_of_mass import share_of_moving
-from pepper_kin.dynamics.mass import total_mass
+from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
@@ -53,6 +53,7 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
 
 
 def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Array:
+    """Return force [N] and moment about the origin [N m], shape (6,), of one state; arrays of shape (n,)."""
     rate = pinocchio.computeCentroidalMomentumTimeVariation(pepper.inner_model, data, q, v, a)
     wrench: Array = rate.vector
     _balance(pepper)(pepper.moving_center, wrench)
@@ -61,5 +62,9 @@ def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Arr
 
 @kept_while_private
 def _balance(pepper: PepperModel) -> Callable[[Array, Array], None]:
-    weight = total_mass(pepper) * np.array(pepper.inner_model.gravity.linear)
-    return partial(wrench_about_origin.native, *share_of_moving(pepper), weight)
+    weight = mass_of_some(pepper) * np.array(pepper.inner_model.gravity.linear)
+    share, still = share_of_moving(pepper)
+    if share > 0.0:
+        return partial(wrench_about_origin.native, share, still, weight)
+    resting = np.concatenate([-weight, -np.cross(still, weight)])
+    return lambda _, wrench: np.copyto(wrench, resting)  # no mass moves: Pinocchio's center is NaN

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import center_of_all
-from pepper_kin.dynamics.mass import total_mass
+from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
@@ -33,6 +33,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
 
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
+        ModelError: for a robot without mass.
     """
     data = state_data(pepper, q)
     if data is not None:
@@ -51,14 +52,21 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
 
 @kept_while_private
 def _extension(pepper: PepperModel) -> Callable[[Array], None]:
-    return partial(center_of_all.native, *share_of_moving(pepper))
+    share, still = share_of_moving(pepper)
+    if share > 0.0:
+        return partial(center_of_all.native, share, still)
+    return lambda center: np.copyto(center, still)  # no mass moves: Pinocchio's center is NaN
 
 
 @kept_while_private
 def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
-    """Return the moving links' share of the mass, and what those fixed to the floor add to the center [m]."""
+    """Return the moving links' share of the mass, and what those fixed to the floor add to the center [m].
+
+    Raises:
+        ModelError: for a robot without mass.
+    """
     still = pepper.inner_model.inertias[0]
-    part = still.mass / total_mass(pepper)
+    part = still.mass / mass_of_some(pepper)
     return 1.0 - part, part * np.array(still.lever)
 
 
@@ -84,12 +92,16 @@ def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:
     data = state_data(pepper, q)
     if data is not None:
         jacobian: Array = pinocchio.jacobianCenterOfMass(pepper.inner_model, data, q, False)
+        if not share:  # no mass moves, of which Pinocchio's center is NaN
+            return np.zeros((3, pepper.n))
         jacobian *= share
-        return jacobian
+        return jacobian.reshape(3, pepper.n)  # Pinocchio drops the axis of a single joint
     model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: Array) -> Array:
-        moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False) @ pepper.full_map
-        return np.asarray(moving * share)
+        if not share:
+            return np.zeros((3, pepper.n))
+        moving = pinocchio.jacobianCenterOfMass(model, data, pepper.to_full(q), False)
+        return np.asarray(pepper.columns_from_full(moving) * share)
 
     return over_states(pepper, one, (3, pepper.n), ("center_of_mass_jacobian",), q=q)

@@ -82,6 +82,7 @@ def inverse_dynamics_derivatives(
 
 
 def _of_torques(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
+    """Return the derivatives, shape (n, n) each, at one state; q, v and a have shape (n,)."""
     by_q, by_v, by_a = pinocchio.computeRNEADerivatives(pepper.inner_model, data, q, v, a)
     return InverseDynamicsDerivatives(by_q.copy(), by_v.copy(), by_a.copy())
 
@@ -131,5 +132,6 @@ def forward_dynamics_derivatives(
 def _of_accelerations(
     pepper: PepperModel, data: Any, q: Array, v: Array, tau: Array
 ) -> ForwardDynamicsDerivatives:
+    """Return the derivatives, shape (n, n) each, at one state; q, v and tau have shape (n,)."""
     by_q, by_v, by_tau = pinocchio.computeABADerivatives(pepper.inner_model, data, q, v, tau)
     return ForwardDynamicsDerivatives(by_q.copy(), by_v.copy(), by_tau.copy())

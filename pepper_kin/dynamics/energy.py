@@ -60,17 +60,21 @@ def potential_energy(pepper: PepperModel, q: ArrayLike) -> Array:
 
 
 def _kinetic(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
+    """Return v^T M(q) v / 2 [J], shape (), of one state; q and v have shape (n,)."""
     return np.array(v.dot(pinocchio.crba(pepper.inner_model, data, q).dot(v)) / 2)
 
 
 def _potential(pepper: PepperModel, data: Any, q: Array) -> Array:
+    """Return the potential energy [J], shape (), at positions of shape (n,)."""
     # The sum over all links at once: Pinocchio's `computePotentialEnergy` takes four times as long.
     center = pinocchio.centerOfMass(pepper.inner_model, data, q, False)
-    return np.array(center.dot(_weight(pepper)))
+    weight = _weight(pepper)
+    return np.array(0.0 if weight is None else center.dot(weight))
 
 
 @kept_while_private
-def _weight(pepper: PepperModel) -> Array:
-    """Return -m g of the moving links [N]."""
+def _weight(pepper: PepperModel) -> Array | None:
+    """Return -m g of the moving links [N], shape (3,); None where they have no mass, and so no center."""
     model = pepper.inner_model
-    return np.array(model.gravity.linear) * -pinocchio.computeTotalMass(model)
+    mass = pinocchio.computeTotalMass(model)
+    return np.array(model.gravity.linear) * -mass if mass > 0.0 else None

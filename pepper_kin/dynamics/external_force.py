@@ -11,7 +11,7 @@ from pepper_kin.batch import over_states
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.joint_vectors import MOST, as_finite, as_joint_vectors, shown
 
 pinocchio = lazy_module("pinocchio")
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, ArrayLike]) -> Array:
-    """Return the joint torques that forces from outside are worth, sum_k J_k(q)^T f_k.
+    """Return the joint torques of external forces, sum_k J_k(q)^T f_k.
 
     Args:
         pepper: The robot.
@@ -51,13 +51,13 @@ def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, Arra
 
 
 def _wrench(frame: str, force: ArrayLike) -> Array:
+    """Return a force [N] and moment [N m] at a frame, shape (..., 6), after checking that it is finite."""
+    what = f"force at {frame}"
     try:
-        wrench = np.asarray(force, dtype=float)
-    except (TypeError, ValueError):
-        wrench = np.full(6, np.nan)
-    if wrench.ndim == 0 or wrench.shape[-1] != 6 or not np.isfinite(wrench).all():
-        raise InvalidValueError(f"force at {frame}", repr(force), "finite numbers of shape (..., 6)")
-    return wrench
+        return as_finite(force, what, (*(None,) * (np.ndim(force) - 1), 6), MOST)
+    except ValueError as error:  # NumPy's own for rows of different lengths
+        allowed = f"finite numbers of shape (..., 6), none beyond {MOST:g}"
+        raise InvalidValueError(what, shown(force), allowed) from error
 
 
 def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
@@ -65,7 +65,8 @@ def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
     axes = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
     def one(q: Array) -> Array:
+        """Return the Jacobian, shape (6, n), at positions q [rad or m], shape (n,)."""
         jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
-        return np.asarray(jacobian @ pepper.full_map)
+        return pepper.columns_from_full(jacobian)
 
     return one

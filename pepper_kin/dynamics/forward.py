@@ -1,4 +1,4 @@
-"""Forward dynamics: the motion that torques cause."""
+"""Forward dynamics: the accelerations that torques cause."""
 
 from __future__ import annotations
 

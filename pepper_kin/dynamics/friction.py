@@ -1,4 +1,4 @@
-"""Friction in the joints, where the description gives it."""
+"""Joint friction of the description."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 
 
 def joint_friction(pepper: PepperModel, v: ArrayLike) -> NDArray[np.float64]:
-    """Return the torque that friction takes, d v + c sign(v), from the URDF's `<dynamics damping friction>`.
+    """Return the torque of friction, d v + c sign(v), from the URDF's `<dynamics damping friction>`.
 
     The motors need it on top of `inverse_dynamics`; subtract it from their torque before `forward_dynamics`.
 

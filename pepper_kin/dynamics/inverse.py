@@ -1,4 +1,4 @@
-"""Inverse dynamics: the torques that a motion needs."""
+"""Inverse dynamics: the torques of a motion."""
 
 from __future__ import annotations
 

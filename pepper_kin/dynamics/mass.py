@@ -1,4 +1,4 @@
-"""Mass: of all links, and as seen by the joints."""
+"""Total mass, mass matrix and its inverse."""
 
 from __future__ import annotations
 
@@ -19,6 +19,18 @@ def total_mass(pepper: PepperModel) -> float:
     """Return the mass of all links, those fixed to the floor included [kg]."""
     model = pepper.inner_model
     return float(model.inertias[0].mass + pinocchio.computeTotalMass(model))
+
+
+def mass_of_some(pepper: PepperModel) -> float:
+    """Return the mass of all links [kg], which has a center.
+
+    Raises:
+        ModelError: for a robot without mass.
+    """
+    mass = total_mass(pepper)
+    if not mass > 0.0:
+        raise ModelError(f"robot {pepper.name!r}: no link has mass, so it has no center of mass")
+    return mass
 
 
 def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
@@ -86,12 +98,13 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64
 
 
 def _inverse(pepper: PepperModel, mass: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the symmetric inverse of a mass matrix, shape (n, n)."""
     inverse = solved(pepper, mass, np.eye(pepper.n))
     return np.asarray((inverse + inverse.T) / 2)
 
 
 def solved(pepper: PepperModel, mass: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return M^-1 times a load, shape (n,) or (n, k); NaN where one of them has overflown.
+    """Return M^-1 times a load, shape (n,) or (n, k); NaN where a value overflows.
 
     Raises:
         ModelError: where M has no inverse, naming the joints that move no mass, or those that can move

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import momentum_about_center_of_all
-from pepper_kin.dynamics.mass import total_mass
+from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
@@ -41,14 +41,16 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
         return _map(pepper, data, cast("Array", q))
 
     def one(q: Array) -> Array:
-        return _map(pepper, pepper.pinocchio_data, pepper.to_full(q)) @ pepper.full_map
+        return pepper.columns_from_full(_map(pepper, pepper.pinocchio_data, pepper.to_full(q)))
 
     return over_states(pepper, one, (6, pepper.n), ("centroidal_map",), q=q)
 
 
 def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
+    """Return the centroidal map, shape (6, n), at positions of shape (n,)."""
     # computeCentroidalMap would leave the center of mass as it was; any velocity will do.
     matrix: Array = pinocchio.ccrba(pepper.inner_model, data, q, q)
+    matrix = matrix.reshape(6, pepper.inner_model.nv)  # Pinocchio drops the axis of a single joint
     _shift(pepper)(pepper.moving_center, matrix.ravel())
     return matrix
 
@@ -78,6 +80,7 @@ def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Arra
 
 
 def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
+    """Return the centroidal momentum, shape (6,), of one state; q and v have shape (n,)."""
     momentum: Array = pinocchio.computeCentroidalMomentum(pepper.inner_model, data, q, v).vector
     _shift(pepper)(pepper.moving_center, momentum)
     return momentum
@@ -86,5 +89,7 @@ def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
 @kept_while_private
 def _shift(pepper: PepperModel) -> Callable[[Array, Array], None]:
     still = pepper.inner_model.inertias[0]
-    part, center = still.mass / total_mass(pepper), np.array(still.lever)
+    part, center = still.mass / mass_of_some(pepper), np.array(still.lever)
+    if part >= 1.0:  # no mass moves, of which Pinocchio's center is NaN
+        return lambda _, momentum: momentum.fill(0.0)
     return partial(momentum_about_center_of_all.native, part, center)

@@ -1,4 +1,4 @@
-"""Newton-Euler dynamics written independently, to check the others against.
+"""Independent Newton-Euler dynamics, as a reference for the other implementations.
 
 Straight from F = m a and tau = I alpha + omega x I omega, link by link, each in its own frame: no spatial
 algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -88,7 +88,7 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) 
     return tau.reshape(q_all.shape)
 
 
-@lru_cache(maxsize=8)
+@kept_for_robot(most=8)
 def _coupling(pepper: PepperModel) -> tuple[Array, Array]:
     """Return q_joint = gain q + offset of all moving joints, read from the URDF's mimic elements."""
     mimics = {}
@@ -114,6 +114,7 @@ def _coupling(pepper: PepperModel) -> tuple[Array, Array]:
 
 
 def _rotation(rpy: Array) -> Array:
+    """Return the rotation, shape (3, 3), of roll, pitch and yaw [rad], shape (3,)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -122,7 +123,7 @@ def _rotation(rpy: Array) -> Array:
 
 
 def _frame_about(axis: Array) -> Array:
-    """Return a rotation whose third column is a unit axis."""
+    """Return a rotation, shape (3, 3), whose third column is a unit axis, shape (3,)."""
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)
     return np.stack([across, np.cross(axis, across), axis], axis=1)
@@ -159,7 +160,7 @@ def _read_bodies(urdf: str) -> tuple[_Body, ...]:
 
 
 def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
-    """Leave out links without inertia that are fixed and carry nothing, such as the frames of sensors."""
+    """Remove fixed links without inertia and without children, such as sensor frames."""
     keep = [body.mass > 0 or body.inertia.any() or body.kind != "fixed" or body.parent < 0 for body in bodies]
     for i in reversed(range(len(bodies))):
         if keep[i] and bodies[i].parent >= 0:
@@ -190,7 +191,8 @@ def _body(
 ) -> _Body:
     """Read a link, whose own frame and whose parent's are turned by `own` and `above` from the URDF's.
 
-    `ranks` are the places of its parent among the links, and of its joint among those that move.
+    `ranks` are the places of its parent among the links, and of its joint among those that move.  `above` and
+    `own` are rotations, shape (3, 3).
     """
     origin = None if joint is None else joint.find("origin")
     kind = "fixed" if joint is None else str(joint.get("type"))
@@ -228,7 +230,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _skew(v: Array) -> Array:
-    """Return the matrix of v x."""
+    """Return the matrix of v x, shape (3, 3), of v of shape (3,)."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 

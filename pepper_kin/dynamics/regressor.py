@@ -33,13 +33,14 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
     data = state_data(pepper, q, v, a)
     if data is not None:
         matrix: NDArray[np.float64] = pinocchio.computeJointTorqueRegressor(pepper.inner_model, data, q, v, a)
-        return matrix
+        return matrix.reshape(pepper.n, -1)  # Pinocchio drops the axis of a single joint
     model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
         full = pinocchio.computeJointTorqueRegressor(
             model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a)
         )
+        full = full.reshape(model.nv, -1)
         return pepper.full_map.T @ full if pepper.is_coupled else np.asarray(full)
 
     return over_states(pepper, one, (pepper.n, 10 * (model.njoints - 1)), ("regressor",), q=q, v=v, a=a)

@@ -1,4 +1,4 @@
-"""Base wrench on the floor, and the margin to tipping over."""
+"""Tip-over margin."""
 
 from __future__ import annotations
 

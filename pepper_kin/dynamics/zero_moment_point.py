@@ -1,4 +1,4 @@
-"""The zero-moment point: where the floor pushes back."""
+"""The zero-moment point."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pepper_kin.model import PepperModel
 
 
 def zero_moment_point(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
-    """Return the zero-moment point: where the floor's force acts so that it needs no tipping moment.
+    """Return the zero-moment point: the point of the floor where its wrench has no horizontal moment.
 
     With (f, n) the wrench of the floor about the world's origin, zmp = (-n_y, n_x) / f_z.
     Vukobratovic and Borovac, Zero-moment point (2004).

@@ -1,12 +1,12 @@
 """Files of motions: trajectories in six formats, tables over time, animations of Choregraphe and NAOqi.
 
     save, load                                trajectories: CSV, NPZ, JSON, ROS 2 YAML, NAOqi script, MCAP
-    save_table, load_table, load_columns      columns over time as CSV, and what they mean
+    save_table, load_table, load_columns      columns over time as CSV, and their meaning
     read_joint_states                         joint states of ROS, from MCAP or CSV
-    read_choregraphe, read_naoqi_export       animations made elsewhere, as timelines
+    read_choregraphe, read_naoqi_export       animations from other programs, as timelines
     naoqi_timeline, naoqi_arguments, NaoqiArguments   lists as ALMotion.angleInterpolation takes them
 
-`save` and its like take what is saved first and the path last; every file appears whole or not at all.
+Functions that save take the object first and the path last; every file is written whole or not at all.
 """
 
 from pepper_kin.files.choregraphe import naoqi_timeline, read_choregraphe, read_naoqi_export

@@ -11,8 +11,9 @@ from typing import Any
 from xml.parsers import expat
 
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.files.json_file import read_utf8
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+from pepper_kin.file_reading import is_real_text, plain_number, read_bytes, read_text
+from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.timeline import HANDS, JointCurve, Timeline
 
@@ -84,21 +85,21 @@ def naoqi_timeline(
         name: For messages.
 
     Raises:
-        InvalidValueError: naming joint and key, for lists that do not fit, NaN, or times that do not rise.
+        InvalidValueError: naming joint and key, for lists of different lengths, NaN, or times out of order.
     """
     if not len(names) == len(times) == len(keys):
         lengths = f"{len(names)} names, {len(times)} lists of times, {len(keys)} of keys"
         raise InvalidValueError(f"lists of {name}", lengths, "as many of each")
     curves = []
     for joint, at, values in zip(names, times, keys, strict=True):
+        if not is_real_text(joint):
+            raise InvalidValueError(f"joint of {name}", ascii(joint), "its name")
         if len(at) != len(values):
             raise InvalidValueError(
                 f"lists of {joint}", f"{len(at)} times, {len(values)} keys", "as many of each"
             )
         curves.append(
-            JointCurve(
-                str(joint), tuple(_naoqi_key(joint, t, key) for t, key in zip(at, values, strict=True))
-            )
+            JointCurve(joint, tuple(_naoqi_key(joint, t, key) for t, key in zip(at, values, strict=True)))
         )
     return Timeline(name, tuple(curves))
 
@@ -116,7 +117,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
     """
     lists: dict[str, list[Any]] = {"names": [], "times": [], "keys": []}
     # Line by line: the script around the lists is Python 2, which Python 3 cannot parse.
-    for number, line in enumerate(read_utf8(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         begun = _APPEND.match(line)
         if begun is None:
             continue
@@ -124,7 +125,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
         try:
             lists[name].append(ast.literal_eval(rest[: rest.rindex(")")].strip()))
         except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
-            raise FileFormatError(path, f"{name}.append takes no plain values here", number) from error
+            raise FileFormatError(path, f"{name}.append(...) has no plain values", number) from error
     if not lists["names"]:
         raise FileFormatError(path, "has no names.append(...), as Choregraphe exports it")
     try:
@@ -150,9 +151,7 @@ def _naoqi_key(joint: str, time: Any, key: Any) -> Key:
 
 
 def _finite(what: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InvalidValueError(what, repr(value), "finite numbers")
-    return float(value)
+    return float(as_finite(value, what, ()))
 
 
 def _project(path: PathName) -> tuple[Timeline, ...]:
@@ -171,8 +170,11 @@ def _project(path: PathName) -> tuple[Timeline, ...]:
         if below.is_absolute() or ".." in below.parts:
             raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behavior.line)
         file = Path(path).parent / below
-        content = _parse(file)
-        found += _timelines(file, content, (folder,))
+        try:
+            read_bytes(file)
+        except FileFormatError as error:
+            raise FileFormatError(path, f"names a behavior: {error}", behavior.line) from error
+        found += _timelines(file, _parse(file), (folder,))
     if not found:
         raise FileFormatError(path, "has no behavior with a timeline that moves a joint")
     return tuple(found)
@@ -256,20 +258,17 @@ def _attribute(path: PathName, element: _Element, name: str) -> str:
 
 def _number(path: PathName, element: _Element, name: str, otherwise: str | None = None) -> float:
     text = _attribute(path, element, name) if otherwise is None else element.attributes.get(name, otherwise)
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = plain_number(text)
     if not math.isfinite(value):
         raise FileFormatError(
-            path, f"{name} of {element.tag} is {text!r}, expected a finite number", element.line
+            path, f"{name} of {element.tag} is {shortened(text)!r}, expected a finite number", element.line
         )
     return value
 
 
 def _parse(path: PathName) -> _Element:
     """Return the root of an XML file; a document type, which could define entities, is refused."""
-    text = read_utf8(path)
+    text = read_text(path)
     parser = expat.ParserCreate()
     document = _Element("", {}, 0)
     open_elements = [document]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files.sampled_motion import points_of_file
 from pepper_kin.files.table_file import (
     COLUMNS_FILE,
     TIME,
@@ -17,7 +18,6 @@ from pepper_kin.files.table_file import (
     save_table,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.trajectory import Trajectory
 
 _QUANTITIES = ("position", "velocity", "acceleration")
@@ -71,12 +71,12 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     table = load_table(path, header)
     time = table[TIME]
     if time.size < 2:
-        raise FileFormatError(path, "one line of numbers makes no trajectory, expected at least 2", 2)
+        raise FileFormatError(path, "has one line of numbers, expected at least 2", 2)
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
     q, v, a = (np.column_stack([table[f"{name}.{kind}"] for name in names]) for kind in _QUANTITIES)
     units = pepper.joint_units if pepper is not None else _units(Path(path), names)
-    return Samples(names, time, q, v, a, units).to_trajectory()
+    return points_of_file(path, names, units, time, q, v, a)
 
 
 def _joints(header: Sequence[str]) -> tuple[str, ...]:

@@ -1,13 +1,14 @@
-"""Trajectories to files and back, the format chosen by the file's suffix."""
+"""Writing and reading of trajectories, in the format of the file's suffix."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.files.certified import refuse_unsafe
 from pepper_kin.files.csv_file import read_csv, write_csv
 from pepper_kin.files.json_file import read_json, write_json
 from pepper_kin.files.mcap_file import read_mcap, write_mcap
@@ -36,13 +37,26 @@ FORMATS: dict[str, _Format] = {
 """Format -> suffixes, writer, reader and step."""
 
 
+PLAYED = ("ros", "naoqi")
+"""Formats that robots play, whose motions are checked before they are written."""
+
+
 def save(
-    trajectory: Trajectory, path: PathName, *, format: str | None = None, dt: float | None = None
+    trajectory: Trajectory,
+    path: PathName,
+    *,
+    format: str | None = None,
+    dt: float | None = None,
+    pepper: PepperModel | None = None,
+    scene: Any | None = None,
+    payload: Mapping[str, float] | None = None,
+    unchecked: bool = False,
 ) -> Path:
     """Write a trajectory to a file, whole or not at all.
 
     "npz" and "json" hold the polynomials and are exact; the others hold samples, which read back the same at
-    the samples' times.
+    the samples' times.  "ros" and "naoqi" are what robots play: a motion that fails
+    `pepper_kin.trajectory.check` is refused there.
 
     Args:
         trajectory: The trajectory.
@@ -50,17 +64,26 @@ def save(
         format: "csv", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script for the
             robot) or "mcap"; by the suffix (.csv, .npz, .json, .yaml, .py, .mcap) if omitted.
         dt: Time between samples [s]; 0.01, for "naoqi" 0.04, if omitted.  Without meaning where exact.
+        pepper: The robot that a motion for "ros" or "naoqi" is checked with; if omitted, Pepper, where the
+            joints are its own.
+        scene: What the check looks at around the robot; None for nothing.
+        payload: Point masses that the check counts with, by hand or frame [kg].
+        unchecked: Whether to write "ros" and "naoqi" without a check.
 
     Returns:
         The path.
 
     Raises:
         UnknownNameError: for an unknown format or suffix.
-        InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold.
+        InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold; for "ros"
+            and "naoqi" also for a motion that fails its certificate, with what fails, or a robot that is not
+            known.
         MissingDependencyError: for "mcap" without its package.
         FileFormatError: where the file cannot be written.
     """
     chosen = _chosen(path, format)
+    if any(chosen is FORMATS[name] for name in PLAYED):
+        refuse_unsafe(trajectory, pepper, scene, payload, unchecked)
     if chosen.step is None:
         return chosen.write(path, trajectory)
     return chosen.write(path, trajectory, chosen.step if dt is None else dt)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, UnknownNameError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
 from pepper_kin.files.mcap_file import StateMessage, read_states
 from pepper_kin.files.sampled_motion import NANOSECONDS
 from pepper_kin.files.table_file import numbers_of, read_lines
-from pepper_kin.trajectory.interpolation import OVERSHOOT, from_positions
+from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
+from pepper_kin.trajectory.interpolation import INTERPOLATIONS, OVERSHOOT, from_positions
 from pepper_kin.trajectory.quantities import UNITS
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def read_joint_states(
     Raises:
         UnknownNameError: for another suffix, or a topic that the file lacks.
         FileFormatError: naming path and line or message, for a file that cannot be read, a joint that the
-            robot lacks and `ignore` does not name, none that it has, NaN, or times that do not rise.
+            robot lacks and `ignore` does not name, none that it has, NaN, or times that do not increase.
         MissingDependencyError: for .mcap without its package.
         InvalidValueError: for a `rest` of the wrong shape, or an option out of range.
 
@@ -79,20 +80,27 @@ def read_joint_states(
     known = [name for name in columns if name in pepper.joint_names]
     unknown = [name for name in columns if name not in pepper.joint_names and name not in ignore]
     if unknown:
-        raise FileFormatError(path, f"the robot has no joint {unknown[0]!r}; ignore=[...] leaves joints out")
+        name = shortened(repr(unknown[0]))
+        raise FileFormatError(path, f"the robot has no joint {name}; ignore=[...] skips joints")
     if not known:
         raise FileFormatError(path, f"has no position of the robot's joints, {', '.join(pepper.joint_names)}")
     if time.size < 2:
         raise FileFormatError(path, "has one sample only, expected at least 2")
-    return from_positions(
-        time,
-        np.column_stack([columns[name] for name in known]),
-        pepper,
-        joints=known,
-        rest=rest,
-        interpolation=interpolation,
-        overshoot=overshoot,
-    )
+    others = pepper.neutral() if rest is None else as_finite(rest, "rest", (pepper.n,))
+    check_choice("interpolation", interpolation, INTERPOLATIONS)
+    check_positive("overshoot", overshoot, "rad or m")
+    try:
+        return from_positions(
+            time,
+            np.column_stack([columns[name] for name in known]),
+            pepper,
+            joints=known,
+            rest=others,
+            interpolation=interpolation,
+            overshoot=overshoot,
+        )
+    except InvalidValueError as error:
+        raise FileFormatError(path, str(error)) from error
 
 
 def _from_csv(path: PathName) -> tuple[Array, dict[str, Array]]:
@@ -138,9 +146,7 @@ def _check(path: PathName, states: list[StateMessage]) -> None:
             reason = f"has {len(state.position)} positions for {len(set(state.names))} different joints"
             raise FileFormatError(path, f"{place} {reason}")
         if set(state.names) != set(first.names):
-            raise FileFormatError(
-                path, f"{place} is of other joints than the first: {', '.join(state.names)}"
-            )
+            raise FileFormatError(path, f"{place} has other joints than the first: {', '.join(state.names)}")
         if not np.isfinite(state.position).all():
             wrong = state.names[int(np.argmin(np.isfinite(state.position)))]
             raise FileFormatError(path, f"{place}: position of {wrong} is not finite")

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
-import re
 from pathlib import Path
-from typing import Any, NoReturn
 
-from pepper_kin import atomic_file
+from pepper_kin import atomic_file, file_reading
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_reading import line_of
 from pepper_kin.files.npz_file import FORMAT, VERSION, build
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
@@ -52,28 +50,7 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path, and line or field, and what is wrong.
     """
-    text = read_utf8(path)
-
-    def refuse(word: str) -> NoReturn:
-        raise FileFormatError(path, f"holds {word}, expected finite numbers", _line_of(text, word))
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        names = [name for name, _ in pairs]
-        for i, name in enumerate(names):
-            if name in names[:i]:
-                raise FileFormatError(path, f"field {name!r} occurs twice", _line_of(text, f'"{name}"', 2))
-        return dict(pairs)
-
-    def number(digits: str) -> float:
-        value = float(digits)
-        return value if math.isfinite(value) else refuse(digits)
-
-    try:
-        content = json.loads(text, parse_constant=refuse, parse_float=number, object_pairs_hook=unique)
-    except json.JSONDecodeError as error:
-        raise FileFormatError(path, f"is not whole JSON: {error.msg}", error.lineno) from error
-    except (RecursionError, ValueError) as error:
-        raise FileFormatError(path, f"is not JSON of a trajectory: {error}") from error
+    content, text = file_reading.read_json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileFormatError(path, f'is not a trajectory: it lacks "format": "{FORMAT}"', 1)
     for name in _FIELDS:
@@ -81,30 +58,11 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
             raise FileFormatError(path, f"field {name!r} is missing")
     for name in content:
         if name not in _FIELDS:
-            raise FileFormatError(path, f"unknown field {name!r}", _line_of(text, f'"{name}"'))
-    if content["version"] != VERSION:
+            raise FileFormatError(path, f"unknown field {name!r}", line_of(text, f'"{name}"'))
+    if content["version"] != VERSION or type(content["version"]) is not int:
         raise FileFormatError(path, f"version is {content['version']!r}, expected {VERSION}")
     for name in ("joint_names", "joint_units", "breaks", "coefficients"):
         if not isinstance(content[name], list):
-            raise FileFormatError(path, f"{name} is not a list", _line_of(text, f'"{name}"'))
-    names = check_joint_names(path, content["joint_names"], pepper, _line_of(text, '"joint_names"'))
+            raise FileFormatError(path, f"{name} is not a list", line_of(text, f'"{name}"'))
+    names = check_joint_names(path, content["joint_names"], pepper, line_of(text, '"joint_names"'))
     return build(path, names, content["joint_units"], content["breaks"], content["coefficients"], pepper)
-
-
-def read_utf8(path: PathName) -> str:
-    """Return the text of a file.
-
-    Raises:
-        FileFormatError: where it cannot be read, or is not UTF-8.
-    """
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(path, "is not text in UTF-8") from error
-
-
-def _line_of(text: str, word: str, occurrence: int = 1) -> int | None:
-    places = [match.start() for match in re.finditer(re.escape(word), text)]
-    return text.count("\n", 0, places[occurrence - 1]) + 1 if len(places) >= occurrence else None

@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError
+from pepper_kin.exceptions import FileFormatError, MissingDependencyError, shortened
+from pepper_kin.file_reading import read_bytes
 from pepper_kin.files.sampled_motion import (
     NANOSECONDS,
     check_joint_names,
     check_times,
     nanosecond_samples,
+    points_of_file,
     units_for,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -139,11 +140,11 @@ def read_mcap(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     if values["velocities"] is None and values["accelerations"] is not None:
         raise FileFormatError(path, "points have accelerations but no velocities")
     units = units_for(names, pepper)
-    return through_points(names, units, time, position, values["velocities"], values["accelerations"])
+    return points_of_file(path, names, units, time, position, values["velocities"], values["accelerations"])
 
 
 class _Message(NamedTuple):
-    """What a JointTrajectory holds, as plain values."""
+    """Contents of a JointTrajectory as plain values."""
 
     names: list[str]
     stamps: list[int]  # [ns]
@@ -215,16 +216,13 @@ def _held(types: set[str]) -> str:
 def _messages(
     path: PathName, kind: str, types: set[str], read: Callable[[Any], _Content]
 ) -> Iterator[tuple[str, int, _Content]]:
-    """Yield topic, time of recording [ns] and content of messages of a type; note all types on the way."""
+    """Yield topic, time of recording [ns] and content of messages of a type; collect all types."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
         raise _missing() from error
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
+    content = read_bytes(path)
     factory = DecoderFactory()
     try:
         reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[factory])
@@ -237,7 +235,7 @@ def _messages(
                     yield channel.topic, int(record.log_time), read(decode(record.data))
     except Exception as error:  # a damaged file makes the libraries fail in ways without a common base
         raise FileFormatError(
-            path, f"is not a complete MCAP file: {type(error).__name__}: {error}"
+            path, f"is not a complete MCAP file: {type(error).__name__}: {shortened(error)}"
         ) from error
 
 

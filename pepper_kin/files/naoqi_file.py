@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +12,11 @@ import numpy as np
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.files.json_file import read_utf8
-from pepper_kin.files.sampled_motion import check_joint_names, check_times
+from pepper_kin.file_reading import read_text
+from pepper_kin.files.certified import refuse_unsafe
+from pepper_kin.files.sampled_motion import check_joint_names, check_times, points_of_file
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.interpolation import through_points
+from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.trajectory import Trajectory
 
 CYCLE = 0.02
@@ -77,23 +78,42 @@ class NaoqiArguments(NamedTuple):
     start: list[float]
 
 
-def naoqi_arguments(trajectory: Trajectory, dt: float = 2 * CYCLE) -> NaoqiArguments:
+def naoqi_arguments(
+    trajectory: Trajectory,
+    dt: float = 2 * CYCLE,
+    *,
+    pepper: PepperModel | None = None,
+    scene: Any | None = None,
+    payload: Mapping[str, float] | None = None,
+    unchecked: bool = False,
+) -> NaoqiArguments:
     """Return a trajectory, sampled, as plain lists for NAOqi.
 
     Args:
         trajectory: The trajectory; its joints must turn, since NAOqi moves its base otherwise.
         dt: Time between positions [s].
+        pepper: The robot that the motion is checked with, as in `save`, like the next ones.
+        scene: What the check looks at around the robot.
+        payload: Point masses that the check counts with, by hand or frame [kg].
+        unchecked: Whether to leave the check out.
 
     Returns:
         The lists; the position at time 0 is apart, because NAOqi takes only times above 0.
 
     Raises:
-        InvalidValueError: for a joint in meters, or a dt that is not above zero.
+        InvalidValueError: for a joint in meters, a dt that is not above zero, or a motion that fails its
+            certificate.
     """
+    arguments = _arguments(trajectory, dt)
+    refuse_unsafe(trajectory, pepper, scene, payload, unchecked)
+    return arguments
+
+
+def _arguments(trajectory: Trajectory, dt: float) -> NaoqiArguments:
     sliding = [n for n, u in zip(trajectory.joint_names, trajectory.joint_units, strict=True) if u != "rad"]
     if sliding:
         raise InvalidValueError(
-            "trajectory", f"joints in meters: {', '.join(sliding)}", "joints that angleInterpolation has"
+            "trajectory", f"joints in meters: {', '.join(sliding)}", "joints that angleInterpolation supports"
         )
     samples = trajectory.sample(dt)
     times = samples.time[1:].tolist()
@@ -117,7 +137,7 @@ def write_naoqi(path: PathName, trajectory: Trajectory, dt: float = 2 * CYCLE) -
         InvalidValueError: for a joint in meters, or a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    names, angles, times, start = naoqi_arguments(trajectory, dt)
+    names, angles, times, start = _arguments(trajectory, dt)
     text = _SCRIPT.format(
         duration=trajectory.duration,
         names=repr(names),
@@ -159,13 +179,13 @@ def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     time = np.array([0.0, *times[0]])
     check_times(path, time, lambda _: int(times_node.elts[0].lineno))
     position = np.vstack([start, np.array(angles).T])
-    return through_points(names, ("rad",) * len(names), time, position)
+    return points_of_file(path, names, ("rad",) * len(names), time, position)
 
 
 def _lists(path: PathName) -> dict[str, Any]:
     """Return the syntax trees of the four lists."""
     try:
-        tree = ast.parse(read_utf8(path))
+        tree = ast.parse(read_text(path))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise FileFormatError(path, f"is not a complete Python script: {error}", line) from error
@@ -203,7 +223,7 @@ def _literals(path: PathName, node: Any, what: str) -> list[Any]:
 
 def _numbers(path: PathName, node: Any, what: str) -> list[float]:
     values = _literals(path, node, what)
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise FileFormatError(path, f"{what} has {value!r}, expected a finite number", node.lineno)
-    return [float(value) for value in values]
+    try:
+        return as_finite(values, what, (None,)).tolist()
+    except InvalidValueError as error:
+        raise FileFormatError(path, str(error), node.lineno) from error

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
 from pepper_kin.numpy_archive import read_arrays
@@ -81,9 +81,11 @@ def build(
     """Return the trajectory of what a file holds.
 
     Raises:
-        FileFormatError: naming path and field, for NaN, wrong shapes, times that do not rise, or units other
-            than the robot's.
+        FileFormatError: naming path and field, for NaN, wrong shapes, times that do not increase, or
+            units other than the robot's.
     """
+    if not all(isinstance(unit, str) for unit in units):
+        raise FileFormatError(path, f"joint_units are {shortened(units)}, expected texts")
     try:
         trajectory = Trajectory(names, breaks, coefficients, tuple(units))
     except InvalidValueError as error:

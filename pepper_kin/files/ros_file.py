@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError
-from pepper_kin.files.json_file import read_utf8
+from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.file_reading import plain_number, plain_whole, read_text
 from pepper_kin.files.sampled_motion import (
     NANOSECONDS,
     check_joint_names,
     check_times,
     nanosecond_samples,
+    points_of_file,
     units_for,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def _text(name: str) -> str:
 
 
 def _floats(values: Array) -> str:
-    """Return a YAML list; YAML 1.1 takes 1e-05 for a text, and only 1.0e-05 for a number."""
+    """Return numbers, shape (n,), as a YAML list; YAML 1.1 reads 1e-05 as a text, 1.0e-05 as a number."""
     return "[" + ", ".join(_float(value) for value in values.tolist()) + "]"
 
 
@@ -92,16 +92,18 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """
     import yaml
 
-    text = read_utf8(path)
+    text = read_text(path)
     if not text.endswith("\n"):
-        raise FileFormatError(path, "is truncated: its last line has no end", text.count("\n") + 1)
+        raise FileFormatError(
+            path, "is truncated: its last line does not end with a newline", text.count("\n") + 1
+        )
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         _check_depth(path, text, loader)
         root = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
-        raise FileFormatError(path, f"is not whole YAML: {error.problem}", line) from error
+        raise FileFormatError(path, f"is not complete YAML: {error.problem}", line) from error
     except yaml.YAMLError as error:
         raise FileFormatError(path, f"is not YAML: {error}") from error
     message = _Reader(path).mapping(root, _FIELDS, {"joint_names", "points"}, "JointTrajectory")
@@ -109,7 +111,7 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
 
 
 def _check_depth(path: PathName, text: str, loader: Any) -> None:
-    """Refuse what is nested deeper than any trajectory: composing it would overflow the stack of libyaml.
+    """Refuse documents nested deeper than any trajectory: they would overflow the stack of libyaml.
 
     Raises:
         FileFormatError: naming the line.
@@ -146,7 +148,8 @@ def _trajectory(read: _Reader, message: dict[str, Any], pepper: PepperModel | No
     if found["velocities"] is None and found["accelerations"] is not None:
         raise FileFormatError(read.path, "points have accelerations but no velocities", read.line(nodes[0]))
     units = units_for(names, pepper)
-    return through_points(names, units, time, found["positions"], found["velocities"], found["accelerations"])
+    values = (found["positions"], found["velocities"], found["accelerations"])
+    return points_of_file(read.path, names, units, time, *values)
 
 
 def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[Any], n: int) -> Array | None:
@@ -160,7 +163,7 @@ def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[Any], 
 
 
 class _Reader:
-    """Takes YAML nodes apart and says the line where they are not what they should be."""
+    """Reads YAML nodes and reports the line of an error."""
 
     def __init__(self, path: PathName) -> None:
         self.path = path
@@ -181,7 +184,9 @@ class _Reader:
         for key, value in node.value:
             name = str(key.value)
             if name not in known:
-                raise self.fail(key, f"unknown field {name!r} of {what}, expected {', '.join(sorted(known))}")
+                raise self.fail(
+                    key, f"unknown field {shortened(name)!r} of {what}, expected {', '.join(sorted(known))}"
+                )
             if name in found:
                 raise self.fail(key, f"field {name!r} of {what} occurs twice")
             found[name] = value
@@ -201,13 +206,11 @@ class _Reader:
 
     def _number(self, node: Any, what: str) -> float:
         if getattr(node, "tag", "").rpartition(":")[2] in ("float", "int"):
-            try:
-                value = float(node.value)
-            except ValueError:
-                value = math.nan
+            value = plain_number(node.value)
             if math.isfinite(value):
                 return value
-        raise self.fail(node, f"{what} has {getattr(node, 'value', node)!r}, expected a finite number")
+        found = shortened(repr(getattr(node, "value", node)))
+        raise self.fail(node, f"{what} has {found}, expected a finite number")
 
     def duration(self, node: Any) -> int:
         """Return a duration in whole nanoseconds."""
@@ -215,7 +218,9 @@ class _Reader:
         total = 0
         for name, factor in (("sec", NANOSECONDS), ("nanosec", 1)):
             digits = str(fields[name].value)
-            if not digits.isdecimal() or int(digits) * factor >= 2**62 // 2:
-                raise self.fail(fields[name], f"{name} is {digits!r}, expected a whole number of 0 or more")
-            total += int(digits) * factor
+            number = plain_whole(digits)
+            if number is None or not 0 <= number * factor < 2**61:
+                reason = f"{name} is {shortened(repr(digits))}, expected a whole number of 0 or more"
+                raise self.fail(fields[name], reason)
+            total += number * factor
         return total

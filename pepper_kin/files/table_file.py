@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+from pepper_kin.file_reading import plain_number, read_json, read_text
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.quantities import UNITS, unit_of
 
@@ -55,7 +56,7 @@ def save_table(
     meaning = {name: _meaning(name, units) for name in names}
     time = as_finite(columns[TIME], TIME, (None,))
     if np.any(np.diff(time) <= 0):
-        raise InvalidValueError(TIME, "times that do not rise", "times that rise")
+        raise InvalidValueError(TIME, "times that do not increase", "times that increase")
     table = np.column_stack([as_finite(values, name, (time.size,)) for name, values in columns.items()])
     companion = target.with_name(COLUMNS_FILE)
     known = load_columns(companion) if companion.exists() else {}
@@ -82,16 +83,17 @@ def load_columns(path: PathName) -> dict[str, dict[str, Any]]:
     Raises:
         FileFormatError: where it cannot be read or holds something else.
     """
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise FileFormatError(path, f"is not JSON: {error}", getattr(error, "lineno", None)) from error
+    content, _ = read_json(path)
     rows = content.values() if isinstance(content, dict) else [None]
-    if not all(isinstance(row, dict) and set(row) == _KEYS for row in rows):
+    if not all(isinstance(row, dict) and set(row) == _KEYS and _texts(row) for row in rows):
         raise FileFormatError(path, "does not map columns to unit, quantity and joint")
     return dict(content)
+
+
+def _texts(row: dict[str, Any]) -> bool:
+    """Whether unit and quantity are texts, and the joint one or none."""
+    joint = row["joint"]
+    return isinstance(row["unit"], str) and isinstance(row["quantity"], str) and isinstance(joint, str | None)
 
 
 def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[str, Array]:
@@ -139,39 +141,37 @@ def read_lines(path: PathName) -> tuple[list[str], list[str]]:
     Raises:
         FileFormatError: for a file that cannot be read, is truncated, or lacks that line or numbers.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets begin a file with a mark of order
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(path, "is not text in UTF-8") from error
+    text = read_text(path)
     lines = text.split("\n")
     if lines[0].split(",")[0].strip() != TIME:
         raise FileFormatError(path, f"is not a table: its first line does not begin with {TIME!r}", 1)
     if lines[-1] != "":
-        raise FileFormatError(path, "is truncated: its last line has no end", len(lines))
+        raise FileFormatError(path, "is truncated: its last line does not end with a newline", len(lines))
     if len(lines) < 3:
         raise FileFormatError(path, "has no line of numbers", 1)
     return lines[0].rstrip("\r").split(","), lines[1:-1]
 
 
 def _check_header(path: PathName, names: list[str], expected: Iterable[str] | None) -> None:
-    doubled = [name for i, name in enumerate(names) if name in names[:i]]
-    if doubled:
-        raise FileFormatError(path, f"column {doubled[0]!r} occurs twice", 1)
+    if len(set(names)) < len(names):
+        doubled = next(name for name in names if names.count(name) > 1)
+        raise FileFormatError(path, f"column {shortened(repr(doubled))} occurs twice", 1)
     for name in names[1:]:
         joint, _, quantity = name.rpartition(".")
         if not joint or quantity not in UNITS:
             known = ", ".join(UNITS)
             raise FileFormatError(
-                path, f"unknown column {name!r}, expected <joint>.<quantity>, one of {known}", 1
+                path,
+                f"unknown column {shortened(repr(name))}, expected <joint>.<quantity>, one of {known}",
+                1,
             )
     if expected is None:
         return
     wanted = list(expected)
     missing, unknown = [n for n in wanted if n not in names], [n for n in names if n not in wanted]
     if unknown:
-        raise FileFormatError(path, f"unknown column {unknown[0]!r}{_known(unknown[0], wanted)}", 1)
+        hint = _known(unknown[0], wanted)
+        raise FileFormatError(path, f"unknown column {shortened(repr(unknown[0]))}{hint}", 1)
     if missing:
         raise FileFormatError(path, f"column {missing[0]!r} is missing", 1)
     if names != wanted:
@@ -180,7 +180,7 @@ def _check_header(path: PathName, names: list[str], expected: Iterable[str] | No
 
 
 def _known(name: str, wanted: list[str]) -> str:
-    """Return what a column may be named that is named wrongly."""
+    """Return the known columns, for the message about an unknown one."""
     parts = [column.rpartition(".") for column in wanted if column != TIME]
     joint = name.rpartition(".")[0]
     kinds = ", ".join(quantity for owner, _, quantity in parts if owner == joint)
@@ -192,18 +192,16 @@ def _numbers(path: PathName, line: int, row: str, names: list[str]) -> list[floa
     cells = row.split(",")
     if len(cells) != len(names):
         raise FileFormatError(path, f"{len(cells)} values for {len(names)} columns", line)
+    # The usual number is written in ASCII, without what `float` takes besides: 1_0, infinity, other digits.
     try:
-        values = [float(cell) for cell in cells]
+        values = [float(cell) for cell in cells] if row.isascii() and "_" not in row else []
     except ValueError:
-        values = [_number(cell) for cell in cells]
+        values = []
+    if values and all(map(math.isfinite, values)):
+        return values
+    values = [plain_number(cell) for cell in cells]
     for name, cell, value in zip(names, cells, values, strict=True):
         if not math.isfinite(value):
-            raise FileFormatError(path, f"{name} is {cell.strip()!r}, expected a finite number", line)
+            shown = shortened(repr(cell.strip()))
+            raise FileFormatError(path, f"{shortened(name)} is {shown}, expected a finite number", line)
     return values
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -17,10 +18,10 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import Rows
 from pepper_kin.ik.fast.structure import known_structures
-from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
-from pepper_kin.ik.problem import SearchBudget, flatten_tasks, make_problem, movable_joints
-from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus
-from pepper_kin.ik.solve import checked_room, solve, whole_number
+from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
+from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
+from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
+from pepper_kin.ik.solve import DONE, Request, checked_scene, search_on, solve, whole_number
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 # Rows that a thread takes at a time.
-PIECE = 512
+CHUNK = 512
 
 Arrays: TypeAlias = tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]
 
@@ -179,7 +180,7 @@ def solve_batch(
     whole_number("restarts", restarts, 0)
     whole_number("max_iterations", max_iterations, 1)
     whole_number("threads", threads, 1)
-    world = Collisions(pepper, *checked_room(scene, collisions, margin))
+    world = Collisions(pepper, *checked_scene(scene, collisions, margin))
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     if solver == "fast" and known_structures(parts) is not None:
         budget = SearchBudget(deadline=math.inf, **options)
@@ -208,37 +209,28 @@ def _solve_fast(
     threads: int,
     progress: Callable[[int, int], None] | None,
 ) -> Arrays:
-    """Solve all rows in machine code."""
+    """Solve all rows in machine code, from starts [rad or m], shape (N, n); `movable` has shape (n,)."""
     tasks = balanced(tasks)
     rows = Rows(world.pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin)
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
-    if is_ordered(tasks):
-        for row in np.flatnonzero(codes != CODES.index(IKStatus.SOLVED)):
-            _put_in_order(world, tasks, starts, movable, budget, int(row), (q, codes, errors))
-    return q, codes, errors, iterations, restarts
+    answers = q, codes, errors, iterations, restarts
+    if is_ordered(tasks) or not all(map(operator.is_, equally_weighted(tasks), tasks)):
+        for row in np.flatnonzero(~np.isin(codes, [CODES.index(status) for status in DONE])):
+            ones = tuple(task.at(int(row)) for task in tasks)
+            _search_on(Request(world.pepper, ones, starts[row], movable, world, budget), int(row), answers)
+    return answers
 
 
-def _put_in_order(
-    world: Collisions,
-    tasks: tuple[Task, ...],
-    starts: Array,
-    movable: np.ndarray | None,
-    budget: SearchBudget,
-    row: int,
-    answers: tuple[Array, np.ndarray, Array],
-) -> None:
-    """Meet better what comes first in one row, as `solve` does; writes q, codes and errors."""
-    (q, codes, errors), pepper = answers, world.pepper
-    ones = [task.at(row) for task in tasks]
-    moves = np.ones(pepper.n, dtype=bool) if movable is None else movable
-    problem = make_problem(pepper, ones, starts[row], moves, keep_idle=world.scene is None)
-    q[row] = solve_with_priorities(problem, SolverContext("fast", world, budget), q[row].copy())
-    errors[row] = [task.error(pepper, q[row]) for task in ones]
-    met = all(error <= task.tolerance for error, task in zip(errors[row], ones, strict=True))
-    if met and world.free(q[row]):
-        codes[row] = CODES.index(IKStatus.SOLVED)
+def _search_on(request: Request, row: int, answers: Arrays) -> None:
+    """Search on in one row, as `solve` does; writes what is found into the answers."""
+    q, codes, errors, iterations, restarts = answers
+    before = SearchResult(q[row].copy(), CODES[int(codes[row])], int(iterations[row]), int(restarts[row]))
+    found = search_on(request, "fast", before)
+    q[row], codes[row] = found.q, CODES.index(found.status)
+    iterations[row], restarts[row] = found.iterations, found.restarts
+    errors[row] = [task.error(request.pepper, found.q) for task in request.tasks]
 
 
 def _solve_each(
@@ -248,7 +240,7 @@ def _solve_each(
     options: dict[str, Any],
     progress: Callable[[int, int], None] | None,
 ) -> Arrays:
-    """Call `solve` for each row."""
+    """Call `solve` for each row of starts [rad or m], shape (N, n)."""
     results = []
     for i, start in enumerate(starts):
         results.append(solve(pepper, [task.at(i) for task in tasks], start, **options))
@@ -264,7 +256,7 @@ def _solve_each(
 
 
 def _count(tasks: Sequence[Task], start: Array) -> int:
-    """Return N, on which all that come in numbers agree."""
+    """Return N, on which all that come in numbers agree; start has shape (n,) or (N, n) [rad or m]."""
     counts = {f"targets of {task.label}": task.count for task in tasks if task.count is not None}
     if start.ndim > 2:
         raise InvalidValueError(
@@ -286,8 +278,8 @@ def _share_out(
     threads: int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Call work(begin, end) for pieces of the rows, on several threads."""
-    chunks = [(begin, min(begin + PIECE, count)) for begin in range(0, count, PIECE)]
+    """Call work(begin, end) for chunks of the rows, on several threads."""
+    chunks = [(begin, min(begin + CHUNK, count)) for begin in range(0, count, CHUNK)]
     done = 0
     if threads == 1:
         for begin, end in chunks:

@@ -72,7 +72,8 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate
     distance = float(np.linalg.norm(residual))
     pull = -problem.jacobian(q).T @ residual
     blocking = (at_lower & (pull < -PUSH * distance)) | (at_upper & (pull > PUSH * distance))
-    if all(error.met for error in errors):
+    met = all(error.met for error in errors)
+    if met:
         blocking[:] = False
     ratios = torque_ratios(pepper, q)
     hardest = int(np.argmax(ratios))
@@ -83,15 +84,26 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate
         clearance=collisions.clearance(q),
         in_collision=None if not collisions.considered else not collisions.free(q),
         torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
+        proof="" if met else _proof(problem),
     )
 
 
+def _proof(problem: Problem) -> str:
+    """Return which task no posture can meet, as `obstruction.why_beyond_reach`."""
+    from pepper_kin.ik.obstruction import (
+        why_beyond_reach,
+    )  # loads the solvers, of which one imports this file
+
+    return why_beyond_reach(problem)
+
+
 def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
+    """Return the names of the joints where the mask, shape (n,), is true."""
     return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))
 
 
 def torque_ratios(pepper: PepperModel, q: Array) -> Array:
-    """Return |g_i(q)| / effort limit of every joint, shape (n,); zero where there is no limit."""
+    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit."""
     effort = pepper.effort_limits
     limited = np.isfinite(effort) & (effort > 0)
     return np.where(limited, np.abs(gravity_torque(pepper, q)) / np.where(limited, effort, 1.0), 0.0)

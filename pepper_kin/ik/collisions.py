@@ -59,7 +59,7 @@ class Collisions:
         return not bool(checker_for(self.pepper, self.scene, self.margin).in_collision(q))
 
     def free_many(self, q: Array) -> np.ndarray:
-        """Whether nothing touches at each of many configurations, shape (m, n) -> (m,)."""
+        """Whether nothing touches at each of many configurations [rad or m], shape (m, n) -> (m,)."""
         if self.scene is None:
             return np.ones(len(q), dtype=bool)
         from pepper_kin.collision.fast import fast_checker_for
@@ -67,7 +67,7 @@ class Collisions:
         return ~fast_checker_for(self.pepper, self.scene, self.margin).in_collision(q)
 
     def clearance(self, q: Array) -> float | None:
-        """Return the smallest distance [m]; None where nothing is checked."""
+        """Return the smallest distance [m] at q, shape (n,) [rad or m]; None where nothing is checked."""
         if self.scene is None:
             return None
         from pepper_kin.collision import clearance
@@ -98,8 +98,8 @@ class Collisions:
         """Return the same as functions at addresses, valid until the next call and on this thread.
 
         Args:
-            signals: A table, see `pepper_kin.kernels.interrupts`, that is set to stop where a verdict fails;
-                `check` then raises why.
+            signals: A table, shape (8,), see `pepper_kin.kernels.interrupts`, that is set to stop where a
+                verdict fails; `check` then raises why.
         """
         if self.scene is None:
             return NO_TESTS

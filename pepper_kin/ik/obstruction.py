@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +19,12 @@ from pepper_kin.model.shapes import read_only
 
 RESTARTS = 3
 """Of a search that asks whether a target can be reached at all."""
+
+MOST_TASKS = 12
+"""Of more tasks contradictions are not looked for: that takes two searches for each."""
+
+MUTED_WEIGHT, MUTED_TOLERANCE = 1e-8, 1e6
+"""Of a task that shall count for nothing: its pull is far below that of the posture term."""
 
 POSTURES = 24
 """Starts for postures that meet tasks, of which is said what touches."""
@@ -89,6 +98,43 @@ def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchB
         f"of {len(postures)} postures that reach it, all collisions aside, {len(found)} have {names[0]} and "
         f"{names[1]} {'too near' if collisions.margin else 'touching'}{deep}"
     )
+
+
+def what_contradicts(problem: Problem, solver: str, budget: SearchBudget) -> tuple[str, ...]:
+    """Return the names of tasks that are met each alone, but not together, collisions left out.
+
+    Of the tasks those are left out one by one without which the others still are not met: what is left is
+    met as soon as any one of them is left out (a deletion filter: Chinneck and Dravnieks, 1991).
+
+    Args:
+        problem: The problem, whose tasks are not met together.
+        solver: Name of the solver.
+        budget: The search's budget.
+
+    Returns:
+        Two names or more; none where a task is not met even alone, or no contradiction was found.
+    """
+    kept = [k for k, task in enumerate(problem.tasks) if math.isfinite(task.tolerance)]
+    if not 2 <= len(kept) <= MOST_TASKS:
+        return ()
+    if not all(_solvable(_with_only(problem, [k]), solver, budget) for k in kept):
+        return ()
+    for k in tuple(kept):
+        rest = [other for other in kept if other != k]
+        if len(rest) >= 2 and not _solvable(_with_only(problem, rest), solver, budget):
+            kept = rest
+    return tuple(problem.tasks[k].name for k in kept)
+
+
+def _with_only(problem: Problem, places: Sequence[int]) -> Problem:
+    """Return the problem in which only some tasks count; its machine code is the same."""
+    tasks = list(problem.tasks)
+    for k, task in enumerate(tasks):
+        if k not in places:
+            tasks[k] = copy.copy(task)
+            object.__setattr__(tasks[k], "weight", MUTED_WEIGHT / task.strength * task.weight)
+            object.__setattr__(tasks[k], "tolerance", MUTED_TOLERANCE)
+    return replace(problem, tasks=tuple(tasks))
 
 
 def _solvable(problem: Problem, solver: str, budget: SearchBudget) -> bool:

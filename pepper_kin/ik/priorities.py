@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +14,10 @@ from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task
 
+# Weight of a preference that keeps no task of weight 1 from its tolerance: a joint 1 rad away from where
+# it is preferred shifts that task by some hundredths of a millimeter.
+PREFERENCE = 1e-3
+
 # Factors on the weight of hard tasks, one after the other, until they are met: HARD_WEIGHT is enough unless
 # a tolerance is very narrow.
 RAISED = (10.0, 100.0)
@@ -19,13 +25,17 @@ RAISED = (10.0, 100.0)
 # Factors on the weight of a task that yields, one after the other, until the task before it is met.
 LOWERED = (1 / 30, 1 / 100)
 
-# Factor on the weights of tasks with room in their tolerance, again and again, until all are met.
+# Least weight of a task that has a tolerance, and of a hard one, when the largest is 1.  A task of a hundred
+# times the weight of another shifts by no more than 0.1 mm for each meter of the other's error.
+LEAST_WEIGHT, LEAST_HARD_WEIGHT = 0.01, 0.1
+
+# Factor on the weights of tasks with freedom in their tolerance, again and again, until all are met.
 LOOSENED = 0.25
 MOST_TIMES = 5
 
-# A tolerance so many times the usual one has room, and an error below this part of it leaves some.
+# A tolerance so many times the usual one leaves freedom, and so does an error below this part of it.
 WIDE = 4.0
-ROOM = 0.95
+SPARE = 0.95
 
 # Starts of a further search, where no descent from the end of the first one meets the tasks of priority.
 STARTS = 8
@@ -35,20 +45,54 @@ PROGRESS = 0.99
 
 
 def balanced(tasks: Sequence[Task]) -> tuple[Task, ...]:
-    """Return the tasks with the soft weights scaled so that none exceeds the least weight of a hard task.
+    """Return the tasks with weights that a search can work with, of which the largest is 1.
 
-    Only among themselves soft weights matter then, however large they are.
+    What steps, damping and the end of a descent are compared with has the scale of weights around 1: only
+    ratios of weights matter to the result.  Hard weights are divided by the largest of them, and so are soft
+    ones, which then are scaled so that none exceeds the least hard one; without hard tasks, all are divided
+    by the largest weight of a task with a finite tolerance.  Weights of tasks that have to be met are kept
+    from vanishing, see `LEAST_WEIGHT`; those of mere preferences, with an infinite tolerance, from growing
+    beyond the others.
     """
-    for task in tasks:
-        if task.hard:
-            break
-    else:
+    if all(task.weight == 1.0 for task in tasks):
         return tuple(tasks)
-    least = min(task.weight for task in tasks if task.hard)
-    most = max((task.weight for task in tasks if not task.hard), default=0.0)
-    if most <= least:
-        return tuple(tasks)
-    return tuple(task if task.hard else task.weighted(least / most) for task in tasks)
+    hard = [task.weight for task in tasks if task.hard]
+    others = [task.weight for task in tasks if not task.hard and math.isfinite(task.tolerance)]
+    unit = max(hard or others or [task.weight for task in tasks])
+    least = max(min(hard, default=unit) / unit, LEAST_HARD_WEIGHT) if hard else 1.0
+    share = min(1.0, least / max(max(others, default=0.0) / unit, 1e-300)) if others else 1.0
+    return tuple(
+        _with_weight(task, _balanced_weight(task, task.weight / unit, share, least)) for task in tasks
+    )
+
+
+def _balanced_weight(task: Task, weight: float, share: float, least: float) -> float:
+    """Return the weight of one task, see `balanced`, from its own in units of the largest."""
+    if task.hard:
+        return max(weight, LEAST_HARD_WEIGHT)
+    if math.isfinite(task.tolerance):
+        return max(share * weight, LEAST_WEIGHT)
+    return min(share * weight, least)
+
+
+def equally_weighted(tasks: Sequence[Task]) -> tuple[Task, ...]:
+    """Return the tasks with weights of 1, of mere preferences at most `PREFERENCE`.
+
+    What tasks are met together does not depend on their weights, but whether a descent finds it does.
+    """
+    return tuple(
+        _with_weight(task, 1.0 if math.isfinite(task.tolerance) else min(task.weight, PREFERENCE))
+        for task in balanced(tasks)
+    )
+
+
+def _with_weight(task: Task, weight: float) -> Task:
+    """Return a task with another weight."""
+    if task.weight == weight:
+        return task
+    other = copy.copy(task)
+    object.__setattr__(other, "weight", weight)
+    return other
 
 
 def is_ordered(tasks: Sequence[Task]) -> bool:
@@ -81,7 +125,7 @@ def solve_with_priorities(problem: Problem, context: SolverContext, q: Array) ->
     a millimeter.  Where one is still not met, its weight is raised in steps and the descent goes on from q
     (the penalty method: Nocedal and Wright, Numerical Optimization, 2006, ch. 17).  Then tasks that yield get
     smaller weights in the same way, until those before them are met, and last the tasks that are met with
-    room to spare in a wide tolerance, until all are.
+    freedom left in a wide tolerance, until all are.
 
     Args:
         problem: The problem.
@@ -102,7 +146,10 @@ def solve_with_priorities(problem: Problem, context: SolverContext, q: Array) ->
 
 
 def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
-    """Return where the tasks with one that yields to them are met, as far as they can be."""
+    """Return where the tasks with one that yields to them are met, as far as they can be.
+
+    Both q and the result are joint positions [rad or m], shape (n,).
+    """
     tasks = problem.tasks
     leaders = [k - 1 for k in range(1, len(tasks)) if _gives_way(tasks[k], tasks[k - 1])]
     leaders = [k for k in leaders if _worst(problem, [k], q) > 1]
@@ -123,13 +170,16 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
 
 
 def _relax(problem: Problem, context: SolverContext, q: Array) -> Array:
-    """Return where all tasks are met, if lowering the weights of those with room leads there, else q."""
+    """Return where all tasks are met, if lowering the weights of those with freedom leads there, else q.
+
+    Both q and the result are joint positions [rad or m], shape (n,).
+    """
     places = range(len(problem.tasks))
     if _worst(problem, places, q) <= 1:
         return q
     end = q
     for time in range(MOST_TIMES):
-        loose = [k for k in places if _has_freedom(problem.tasks[k]) and _worst(problem, [k], end) < ROOM]
+        loose = [k for k in places if _has_freedom(problem.tasks[k]) and _worst(problem, [k], end) < SPARE]
         if not loose:
             break
         problem = _reweighted(problem, loose, LOOSENED)
@@ -152,7 +202,10 @@ def _gives_way(task: Task, before: Task) -> bool:
 
 
 def _unless_worse(problem: Problem, new: Array, old: Array) -> Array:
-    """Return the new configuration unless a hard task is unmet there and better met by the old one."""
+    """Return the new configuration unless a hard task is unmet there and better met by the old one.
+
+    Both are joint positions [rad or m], shape (n,).
+    """
     firm = [k for k, task in enumerate(problem.tasks) if task.hard]
     return new if _worst(problem, firm, new) <= max(1.0, _worst(problem, firm, old)) else old
 
@@ -164,7 +217,10 @@ def _reweighted(problem: Problem, places: Sequence[int], factor: float) -> Probl
 
 
 def _better(problem: Problem, context: SolverContext, q: Array, first: Sequence[int]) -> Array:
-    """Return where a descent from q ends if the tasks `first` are better met there, else q."""
+    """Return where a descent from q ends if the tasks `first` are better met there, else q.
+
+    Both q and the result are joint positions [rad or m], shape (n,).
+    """
     collisions, budget = context.collisions, context.budget
     solver = make_solver(context.solver, problem)
     before = _worst(problem, first, q)
@@ -184,7 +240,7 @@ def _search_again(problem: Problem, context: SolverContext) -> Array:
 
 
 def _worst(problem: Problem, places: Sequence[int], q: Array) -> float:
-    """Return the largest error of some tasks, as a part of the tolerance."""
+    """Return the largest error of some tasks at q, shape (n,) [rad or m], as a part of the tolerance."""
     pepper = problem.pepper
     parts = [problem.tasks[k].error(pepper, q) / problem.tasks[k].tolerance for k in places]
     return float(np.max(parts, initial=0.0))

@@ -207,7 +207,7 @@ def flatten_tasks(
                 f"target of {task.label}", f"{task.count} targets", "one target; `solve_batch` takes many"
             )
         task.check(pepper)
-    return flat
+    return [task.on(pepper) for task in flat]
 
 
 @lru_cache(maxsize=256)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from pepper_kin.exceptions import ModelError
 from pepper_kin.ik.tasks.task import Array, words_for
 from pepper_kin.status import ResultStatus
 
@@ -17,7 +18,7 @@ class IKStatus(ResultStatus):
     SOLVED = "solved", "Use q."
     CLOSEST_UNREACHABLE = (
         "closest_unreachable",
-        "No posture of the joints that may move reaches it, even without joint limits: bring the "
+        "No posture of the joints that may move was found to reach it, even without joint limits: bring the "
         "targets nearer or closer together, move the base, let more joints move, or loosen a "
         "tolerance.",
     )
@@ -36,6 +37,12 @@ class IKStatus(ResultStatus):
         "Time ran out before the search was done: give more time or a start nearer the target.",
     )
 
+
+CONFLICT_ADVICE = (
+    "Each of the tasks that are named can be met, but not all together: leave one out, bring their targets "
+    "together, widen a tolerance, or say by `hard` or weights which counts most."
+)
+"""Of results with a `conflict`."""
 
 NOT_EXAMINED = "collisions were not examined"
 """Line of the reports of what was asked for with ``collisions=False``."""
@@ -96,6 +103,7 @@ class IKCertificate:
     clearance: float | None
     in_collision: bool | None
     torque_use: TorqueUse
+    proof: str
 
 
 class SearchResult(NamedTuple):
@@ -131,6 +139,8 @@ class IKResult:
         evidence: Computes the certificate.
         hint: What else was found out, such as that more joints would help or, where time ran out, that the
             target is beyond reach whatever the posture; may be empty.
+        conflict: Names of tasks of which each can be met alone, any fewer together too, but not all of them
+            together; empty where that is not the reason.
     """
 
     status: IKStatus
@@ -142,6 +152,7 @@ class IKResult:
     seed: int
     evidence: Callable[[], IKCertificate] = field(repr=False)
     hint: str = ""
+    conflict: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -155,17 +166,36 @@ class IKResult:
         seed: int,
         evidence: Callable[[], IKCertificate],
         hint: str = "",
+        conflict: tuple[str, ...] = (),
     ) -> None:
         # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.
         self.__dict__.update(
             status=status, q=q, iterations=iterations, restarts=restarts, time=time, solver=solver, seed=seed,
-            evidence=evidence, hint=hint,
+            evidence=evidence, hint=hint, conflict=conflict,
         )  # fmt: skip
 
     @cached_property
     def certificate(self) -> IKCertificate:
-        """What holds at q, recomputed from the tasks, the robot and the scene."""
-        return self.evidence()
+        """What holds at q, recomputed from the tasks, the robot and the scene.
+
+        Raises:
+            ModelError: where the status is better than the errors: the search saw another robot.
+        """
+        certificate = self.evidence()
+        worse = [error for error in certificate.errors if not error.met]
+        if self.success and worse:
+            error = worse[0]
+            size, allowed = words_for(error.value, error.unit), words_for(error.tolerance, error.unit)
+            raise ModelError(
+                f"the search took {error.name or error.label} for met, but its error is {size}, {allowed} "
+                "allowed: if the model was changed after its first use, load it again and change it before"
+            )
+        return certificate
+
+    @property
+    def proof(self) -> str:
+        """What is proven of unmet tasks: how near a frame comes at best; empty where nothing is."""
+        return self.certificate.proof
 
     @property
     def errors(self) -> tuple[TaskError, ...]:
@@ -227,13 +257,18 @@ class IKResult:
         """What to do next, in a sentence; or in two, where hard tasks are met and others are not."""
         if self._is_proven_out_of_reach:
             return f"Time ran out, but more of it would not help.  {IKStatus.CLOSEST_UNREACHABLE.advice}"
+        advice = CONFLICT_ADVICE if self._is_contradictory else self.status.advice
         if self._only_hard_met:
-            return f"Use q if the soft tasks may fall short.  Otherwise: {self.status.advice}"
-        return self.status.advice
+            return f"Use q if the soft tasks may fall short.  Otherwise: {advice}"
+        return advice
 
     @property
     def _is_proven_out_of_reach(self) -> bool:
         return self.status is IKStatus.TIMED_OUT and bool(self.hint)
+
+    @property
+    def _is_contradictory(self) -> bool:
+        return bool(self.conflict) and self.status is IKStatus.CLOSEST_UNREACHABLE
 
     @property
     def _only_hard_met(self) -> bool:
@@ -245,8 +280,12 @@ class IKResult:
         if self.met and self.unmet:
             lines.append(f"met: {', '.join(self.met)}; not met: {', '.join(self.unmet)}")
         lines += [self._line(error) for error in self.errors]
+        if self.conflict:
+            lines.append(f"{_listed(self.conflict)} contradict each other: any fewer of them can be met.")
         if self.hint:
             lines.append(f"{self.hint}.")
+        if not self.success:
+            lines += self._extent()
         if self.clearance is not None:
             touching = "; it touches" if self.in_collision else ""
             lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}")
@@ -271,6 +310,8 @@ class IKResult:
         }[self.status]
         if self._is_proven_out_of_reach:
             words = "not reached: time ran out, but it is beyond reach; this is the closest found so far"
+        if self._is_contradictory:
+            words = "not reached: tasks contradict each other; this is the closest found"
         if self._only_hard_met:
             return words.replace("not reached", "every hard task is met, not every soft one")
         if self.success or self.hard_met:
@@ -283,9 +324,17 @@ class IKResult:
             return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
         limits = self.blocking_limits
         blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
-        lone = len(self.errors) == 1 and self.status is not IKStatus.TIMED_OUT
-        nearest = "nearest reachable " if lone and self.clearance is None else "comes to "
-        return f"{error.shortfall}{blocked}; {nearest}{error.attained}"
+        return f"{error.shortfall}{blocked}; comes to {error.attained}"
+
+    def _extent(self) -> list[str]:
+        """Return what is proven, and what was only searched for."""
+        proven = (
+            [f"proven by the lengths of the links: {self.proof}."]
+            if self.proof not in ("", self.hint)
+            else []
+        )
+        starts = f"{self.restarts + 1} start{'s' if self.restarts else ''}"
+        return [*proven, f"this is the best of {starts}: that there is no closer one is not proven."]
 
     def _torque(self) -> str:
         use = self.torque_use

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
-from pepper_kin.ik.solve import checked_room, checked_start, whole_number
+from pepper_kin.ik.solve import checked_scene, checked_start, whole_number
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
 
-PIECE = 8
+CHUNK = 8
 """So many configurations are checked in one call: as many as cost little where the first of them is free."""
 
 
@@ -74,11 +75,13 @@ def solutions(
     parts = tuple(flatten_tasks(pepper, tasks))
     q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
-    world, apart = checked_room(scene, collisions, margin)
+    world, apart = checked_scene(scene, collisions, margin)
     wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
     steps = whole_number("max_iterations", max_iterations, 1)
     drawn = whole_number("seed", seed, 0)
-    found = alternatives(pepper, parts, q0, movable, drawn, tried, steps, scene=world, margin=apart)
+    found = alternatives(
+        pepper, equally_weighted(parts), q0, movable, drawn, tried, steps, scene=world, margin=apart
+    )
     kept: list[Array] = []
     for q in _clear_ones(found, Collisions(pepper, world, apart)):
         if all(np.abs(q - other).max() >= APART for other in kept):
@@ -89,12 +92,12 @@ def solutions(
 
 
 def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Array]:
-    """Yield the solutions that touch nothing, those first that the motors can hold."""
+    """Yield the solutions, shape (n,) [rad or m], that touch nothing, first those the motors can hold."""
     if not solutions:
         return
     q = np.array(solutions)
     held = np.array([torque_ratios(collisions.pepper, row).max() <= 1.0 for row in q])
     for part in (q[held], q[~held]):
-        for begin in range(0, len(part), PIECE):
-            chunk = part[begin : begin + PIECE]
+        for begin in range(0, len(part), CHUNK):
+            chunk = part[begin : begin + CHUNK]
             yield from chunk[collisions.free_many(chunk)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import time
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,8 +17,19 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import search_compiled
-from pepper_kin.ik.obstruction import what_is_in_the_way, what_would_help, why_beyond_reach
-from pepper_kin.ik.priorities import SolverContext, balanced, is_ordered, solve_with_priorities
+from pepper_kin.ik.obstruction import (
+    what_contradicts,
+    what_is_in_the_way,
+    what_would_help,
+    why_beyond_reach,
+)
+from pepper_kin.ik.priorities import (
+    SolverContext,
+    balanced,
+    equally_weighted,
+    is_ordered,
+    solve_with_priorities,
+)
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
@@ -58,7 +70,9 @@ def solve(
     of a quadratic program, first from `start` and then from further ones; see `Problem`.  Of several
     solutions it prefers one that touches nothing, that the motors can hold, and that is near the start.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
-    `priorities`.  The same arguments give the same result, unless a timeout cuts in.
+    `priorities`.  Weights are compared with one another only, and say what counts more where tasks compete;
+    what is reached does not depend on them.  The same arguments give the same result, unless a timeout cuts
+    in.
 
     Args:
         pepper: The robot.
@@ -67,7 +81,7 @@ def solve(
         solver: "fast", "placo" or "proxsuite".
         scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        margin: Distance to the scene that is kept [m]; of its own parts the robot only keeps clear.
+        margin: Distance to the scene that is kept [m]; to itself the robot keeps none.
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
             others keep their place. None for all.
@@ -91,12 +105,11 @@ def solve(
     begin = time.perf_counter()
     q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
-    world, apart = checked_room(scene, collisions, margin)
+    world, apart = checked_scene(scene, collisions, margin)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     request = Request(pepper, balanced(parts), q0, movable, Collisions(pepper, world, apart), budget)
-    found = _search(request, solver)
-    if found.status not in (IKStatus.SOLVED, IKStatus.TIMED_OUT) and is_ordered(parts):
-        found = _in_order(request, solver, found)
+    found = search_on(request, solver, _search(request, solver))
+    conflict = _conflict(found.status, request, solver)
     hint = _hint(found.status, request, solver)
     return IKResult(
         status=found.status,
@@ -108,6 +121,7 @@ def solve(
         seed=budget.seed,
         evidence=CertificateInputs(pepper, parts, q0, movable, world, found.q).certificate,
         hint=hint,
+        conflict=conflict,
     )
 
 
@@ -148,12 +162,52 @@ def _search(request: Request, solver: str) -> SearchResult:
     return make_solver(solver, request.problem()).search(collisions, budget)
 
 
+DONE = (IKStatus.SOLVED, IKStatus.TIMED_OUT)
+"""Statuses after which nothing is searched any more."""
+
+PROOFS = (IKStatus.SOLVED, IKStatus.CLOSEST_COLLISION, IKStatus.CLOSEST_LIMITS)
+"""Statuses that a configuration was found for; those that come first say more."""
+
+
+def search_on(request: Request, solver: str, found: SearchResult) -> SearchResult:
+    """Return what more is found where a search has not met the tasks.
+
+    First, what comes first is met better.  Then all is tried with equal weights: whether tasks are met
+    together does not depend on their weights.  If they are not, what the weights asked for is kept.
+    """
+    if found.status in DONE:
+        return found
+    ordered = is_ordered(request.tasks)
+    if ordered:
+        found = _in_order(request, solver, found)
+    equal = equally_weighted(request.tasks)
+    if found.status in DONE or all(map(operator.is_, equal, request.tasks)):
+        return found
+    request = request._replace(tasks=equal)
+    other = _search(request, solver)
+    if ordered and other.status not in DONE:
+        other = _in_order(request, solver, other)
+    kept = other if other.status is IKStatus.SOLVED else found
+    statuses = (found.status, other.status)
+    status = next((s for s in PROOFS if s in statuses), other.status)
+    return SearchResult(
+        kept.q, status, found.iterations + other.iterations, found.restarts + other.restarts + 1
+    )
+
+
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
     problem, collisions = request.problem(), request.collisions
     q = solve_with_priorities(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
+
+
+def _conflict(status: IKStatus, request: Request, solver: str) -> tuple[str, ...]:
+    """Return the names of tasks that exclude one another, if that is why tasks are not met."""
+    if status not in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE) or len(request.tasks) < 2:
+        return ()
+    return what_contradicts(request.problem(), solver, request.budget)
 
 
 def _hint(status: IKStatus, request: Request, solver: str) -> str:
@@ -182,6 +236,10 @@ def _checked_budget(
 def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
     """Return where to begin, within the limits, shape (n,).
 
+    Args:
+        pepper: The robot.
+        start: Joint positions [rad or m], shape (n,); None for `pepper.neutral()`.
+
     Raises:
         InvalidValueError: for a start of wrong shape, or with NaN or infinity.
         LimitError: for a start outside the joint limits.
@@ -207,7 +265,7 @@ def _neutral(pepper: PepperModel) -> Array:
     return found
 
 
-def checked_room(scene: Scene | None, collisions: bool, margin: float) -> tuple[Scene | None, float]:
+def checked_scene(scene: Scene | None, collisions: bool, margin: float) -> tuple[Scene | None, float]:
     """Return the scene that collisions are checked in, None where they are not, and the distance kept [m].
 
     Raises:

@@ -1,4 +1,4 @@
-"""Whole jobs, from a user's words to numbers and files: what the commands run.
+"""Whole jobs, from options to numbers and files, as the commands run them.
 
     reach, ReachOutcome, save_outcome, run_demo, demo_scene
     make_gesture, MadeGesture, save_library_gesture, save_gesture

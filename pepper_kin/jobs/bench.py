@@ -1,4 +1,4 @@
-"""A quick comparison of this library's fast ways with the usual ones, on the machine at hand."""
+"""A quick comparison of fast functions with the usual alternatives on this machine."""
 
 from __future__ import annotations
 
@@ -229,7 +229,10 @@ def _twin_step(pepper: PepperModel, rng: np.random.Generator, repeats: int) -> B
 
 
 def _servo_over_pinocchio(pepper: PepperModel, twin: Twin, goal: Array, steps: int) -> Array:
-    """Return where servos far from their limits bring the robot: the twin's scheme, called from Python."""
+    """Return where servos far from their limits bring the robot: the twin's scheme, called from Python.
+
+    The goal and the result have shape (n,) [rad or m].
+    """
     import pinocchio
 
     servo, h = twin.actuators, twin.timestep

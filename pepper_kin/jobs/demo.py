@@ -1,4 +1,4 @@
-"""The demonstration: the left hand goes over a table's edge to its top while the head looks at the spot."""
+"""The demonstration: the left hand reaches over a table's edge while the head looks at the target."""
 
 from __future__ import annotations
 

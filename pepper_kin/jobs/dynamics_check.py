@@ -12,7 +12,7 @@ FORMS = ("single", "symbolic", "batch")
 
 @dataclass(frozen=True)
 class DynamicsCheckRow:
-    """One quantity, held against what it must equal.
+    """One quantity compared with its reference.
 
     Attributes:
         quantity: What was evaluated.

@@ -47,7 +47,7 @@ def check_dynamics(
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> DynamicsCheck:
-    """Hold a robot's dynamics against independent computations.
+    """Compare a robot's dynamics with independent computations.
 
     Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
     by itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order;
@@ -139,7 +139,8 @@ def _row(
 ) -> DynamicsCheckRow:
     """Return the largest errors over states, each entry relative to its largest value over states.
 
-    `size` is that of the values from which differences were taken: what they may cancel to has its rounding.
+    Values and `expected` have shape (states, ...).  `size` is that of the values from which differences were
+    taken: what they may cancel to has its rounding.
     """
     sizes = np.abs(expected).max(axis=0)
     scale = np.maximum(sizes, SMALLEST_SHARE[limit] * max(sizes.max(), size))
@@ -152,7 +153,7 @@ def _row(
 
 
 def _needed_torques(pepper: PepperModel, q: Array, a: Array) -> Array:
-    """Return M(q) a by Newton and Euler."""
+    """Return M(q) a, shape (N, n) [N m or N], by Newton and Euler; q and a have that shape too."""
     rest = np.zeros_like(q)
     return newton_euler(pepper, q, rest, a) - newton_euler(pepper, q, rest, rest)
 
@@ -179,17 +180,21 @@ def _algorithm_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
 
 
 def _finite(forms: dict[str, Array]) -> dict[str, Array]:
-    """Leave out what Newton-Euler would refuse: it fails as it is."""
+    """Remove values, shape (N, n), that Newton-Euler would refuse; they count as failures."""
     return {form: values for form, values in forms.items() if np.isfinite(values).all()}
 
 
 def _difference(function: Callable[[float], Array]) -> Array:
-    """Return df/dh at h = 0: (8 f(h) - 8 f(-h) - f(2h) + f(-2h)) / 12h, wrong by f''''' h^4 / 30."""
+    """Return df/dh at h = 0: (8 f(h) - 8 f(-h) - f(2h) + f(-2h)) / 12h, wrong by f''''' h^4 / 30.
+
+    The result has the shape of f(0).
+    """
     h = STEP
     return (8 * (function(h) - function(-h)) - (function(2 * h) - function(-2 * h))) / (12 * h)
 
 
 def _along(matrices: dict[str, Array], direction: Array) -> dict[str, Array]:
+    """Return matrices, shape (N, m, n), times a direction per state, shape (N, n)."""
     return {form: np.einsum("...ij,...j->...i", matrix, direction) for form, matrix in matrices.items()}
 
 

@@ -1,4 +1,4 @@
-"""A gesture of the library, made, examined and written."""
+"""Gestures of the library: creation, certificate and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions from files, whatever wrote them: trajectories in every format, and runs of the twin."""
+"""Motions from files: trajectories in every format, and runs of the twin."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     if Path(path).is_dir():
         recording = load_recording(path)
         if recording.joint_names != pepper.joint_names:
-            raise FileFormatError(path, f"is of other joints: {', '.join(recording.joint_names)}")
+            raise FileFormatError(path, f"has other joints: {', '.join(recording.joint_names)}")
         return recording.run()
     if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
         return load_run(path, pepper)

@@ -1,4 +1,4 @@
-"""The published twin's validation, made again: tables 4 and 5, figures 6 and 7, its measuring chain."""
+"""The published twin's validation repeated: tables 4 and 5, figures 6 and 7, its measuring chain."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def check_paper(
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PaperCheck:
-    """Make the published twin's validation again.
+    """Repeat the published twin's validation.
 
     Each of table 5's movements is made twice: in minimum time, which is the hardest to track, and in 1000
     iterations of 10 ms as in figures 6 and 7.  Of the second, accelerometers and gyroscopes on the links are
@@ -158,6 +158,7 @@ def _measured(pepper: PepperModel, report: GestureReport, seed: int) -> TiltMeas
 
 
 def _at(run: Run, values: Array, time: Array) -> Array:
+    """Return a run's values, shape (samples, m), at other times [s], shape (T,), by linear interpolation."""
     return np.column_stack([np.interp(time, run.time, column) for column in values.T])
 
 

@@ -1,4 +1,4 @@
-"""The twin beside an independent engine: the same model, gains and inputs in MuJoCo."""
+"""Comparison of the twin with an independent engine: the same model, gains and inputs in MuJoCo."""
 
 from __future__ import annotations
 
@@ -249,6 +249,7 @@ def _compare(
 
 
 def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+    """Return the twin's positions, shape (T, n) [rad], as it follows references of that shape."""
     twin = Twin(pepper, h, feedforward="none", actuators=motion.actuators)
     twin.reset(motion.start)
     if motion.pushed:
@@ -257,6 +258,7 @@ def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Ar
 
 
 def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+    """Return MuJoCo's positions, shape (T, n) [rad], as it follows references of that shape."""
     import mujoco
 
     model.opt.timestep = h

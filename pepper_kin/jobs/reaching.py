@@ -1,4 +1,4 @@
-"""The main job: reach with a hand, look at a point, and do it safely."""
+"""The main job: reach with a hand and look at a point, without collisions and within all limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
 @dataclass(frozen=True, eq=False)
 class ReachOutcome:
-    """What became of one reach.
+    """Outcome of one reach.
 
     Attributes:
         hand: "left" or "right".
@@ -73,7 +73,7 @@ def reach(
     timestep: float = 0.001,
     on_stage: Callable[[str], None] = lambda stage: None,
 ) -> ReachOutcome:
-    """Reach with a hand, look at a point, and do it safely.
+    """Reach with a hand and look at a point, without collisions and within all limits.
 
     Targets -> whole-body IK -> collision-free path -> TOPP-RA within velocity, acceleration and torque limits
     -> executed by the twin -> numbers.
@@ -133,7 +133,7 @@ def reach(
 
 
 def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan, seed: int) -> str:
-    """Say in one line why there is no path; for a hand out of reach, how far the nearest point is."""
+    """Return in one line why there is no path; for a hand out of reach, the distance of the nearest point."""
     if found.status is not PlanStatus.NO_IK or found.ik is None:
         return found.report()
     # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
@@ -144,7 +144,7 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
         return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
     gap = float(np.linalg.norm(palm - task.target))
     cause = ", without a collision," if alone.status is IKStatus.CLOSEST_COLLISION else ""
-    near = f"the nearest reachable point{cause} is {point}, {gap * 100:.1f} cm away"
+    near = f"the closest point found{cause} is {point}, {gap * 100:.1f} cm away"
     return f"The hand cannot reach {wanted}: {near}."
 
 
@@ -180,7 +180,7 @@ class _Clock:
 def _figures(
     pepper: PepperModel, tasks: list[Any], scene: Scene, found: Plan, trajectory: Trajectory, run: Run
 ) -> dict[str, Any]:
-    """Measure the executed motion: nothing here is taken from the solver's or planner's word."""
+    """Measure the executed motion, independently of solver and planner."""
     q_end = run.position[-1]
     reached = tasks[0]
     palm_path = frame_pose(pepper, run.position[::10], reached.frame)[:, :3, 3]
@@ -202,7 +202,7 @@ def _figures(
 
 
 def _gaze_error(transform_camera_to_world: NDArray[np.float64], gaze: NDArray[np.float64]) -> float:
-    """Angle between the camera's x axis and the direction to a point [rad]."""
+    """Return the angle [rad] of a camera's x axis, of a pose, shape (4, 4), to a point, shape (3,) [m]."""
     direction = gaze - transform_camera_to_world[:3, 3]
     axis = transform_camera_to_world[:3, 0]
     return float(np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction))

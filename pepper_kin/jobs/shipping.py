@@ -25,11 +25,12 @@ from pepper_kin.jobs.demo import run_demo
 from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.portable import portable_keys, portable_path, used, write_portable
 from pepper_kin.kernels.shipping import baseline_target, shipped_keys, shipped_path, write_shipped
-from pepper_kin.kernels.store import obtain, recorded
+from pepper_kin.kernels.store import MissingPartError, obtain, recorded, watched
 from pepper_kin.kernels.target import Target
 from pepper_kin.kernels.warm_up import compiled_modules
 from pepper_kin.model import load_pepper
 from pepper_kin.motion import plan
+from pepper_kin.naoqi import Broker
 from pepper_kin.trajectory import retime
 from pepper_kin.twin import Twin
 
@@ -52,42 +53,16 @@ BATCHES = (
 
 def everyday_calls() -> None:
     """Make the calls whose kernels come with the package, in the order in which a newcomer makes them."""
+    for calls in _EVERYDAY:
+        calls()
+
+
+def _ik_calls() -> None:
     pepper = load_pepper()
-    point, scene = (0.38, 0.22, 0.82), Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
-    tasks = [ik.HandPosition("left", point), ik.LookAt(point)]
-    found = plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=PATIENCE)
-    trajectory = retime(pepper, found, balance=0.01)
-    trajectory.check(pepper, scene=scene)
-    Twin(pepper, timestep=0.001).execute(trajectory)
-    run_demo(pepper)
-    _ik_calls(pepper)
-    for payload in (None, {"left": 0.3}, {"right": 0.3}, {"left": 0.3, "right": 0.3}):
-        for balance in (None, 0.005):
-            held = plan(
-                pepper, pepper.posture("Stand"), tasks[:1], scene, balance=balance, payload=payload,
-                timeout=PATIENCE,
-            )  # fmt: skip
-            retime(pepper, held, balance=balance, payload=payload)
-    q = np.tile(pepper.neutral(), (64, 1))
-    for frame in ("LArm_effector", "RArm_effector"):
-        kinematics.frame_pose(pepper, q, frame)
-        kinematics.frame_jacobian(pepper, q, frame)
-    kinematics.frame_poses(pepper, q, tuple(dict.fromkeys(shape.link for shape in pepper.visual_shapes)))
-    for quantity in BATCHES:
-        kernel(pepper, quantity)
-    collision.in_collision(pepper, q, scene)
-    planar = load_pepper(base="planar")
-    collision.in_collision(planar, np.tile(planar.neutral(), (64, 1)), scene)
-    for other in (planar, load_pepper(hands="mimic")):
-        state = np.tile(other.neutral(), (64, 1))
-        dynamics.inverse_dynamics(other, state, state, state)
-        ik.solve(other, tasks)
-
-
-def _ik_calls(pepper: object) -> None:
     left, right, pose = (0.35, 0.2, 0.85), (0.35, -0.2, 0.85), np.eye(4)
     pose[:3, 3] = left
     for tasks in (
+        [ik.HandPosition("left", left), ik.LookAt(left)],
         [ik.HandPosition("left", left)],
         [ik.HandPosition("right", right)],
         [ik.HandPosition("right", right), ik.LookAt(right)],
@@ -97,7 +72,67 @@ def _ik_calls(pepper: object) -> None:
         [ik.HandPose("right", pose)],
         [ik.LookAt(left)],
     ):
-        ik.solve(pepper, tasks)  # type: ignore[arg-type]
+        ik.solve(pepper, tasks)
+
+
+def _motion_calls() -> None:
+    pepper = load_pepper()
+    tasks = [ik.HandPosition("left", _POINT), ik.LookAt(_POINT)]
+    found = plan(pepper, pepper.posture("Stand"), tasks, _scene(), seed=0, timeout=PATIENCE)
+    trajectory = retime(pepper, found, balance=0.01)
+    trajectory.check(pepper, scene=_scene())
+    Twin(pepper, timestep=0.001).execute(trajectory)
+    run_demo(pepper)
+
+
+def _payload_calls() -> None:
+    pepper = load_pepper()
+    for payload in (None, {"left": 0.3}, {"right": 0.3}, {"left": 0.3, "right": 0.3}):
+        for balance in (None, 0.005):
+            held = plan(
+                pepper, pepper.posture("Stand"), [ik.HandPosition("left", _POINT)], _scene(),
+                balance=balance, payload=payload, timeout=PATIENCE,
+            )  # fmt: skip
+            retime(pepper, held, balance=balance, payload=payload)
+
+
+def _batch_calls() -> None:
+    pepper = load_pepper()
+    q = np.tile(pepper.neutral(), (64, 1))
+    for frame in ("LArm_effector", "RArm_effector"):
+        kinematics.frame_pose(pepper, q, frame)
+        kinematics.frame_jacobian(pepper, q, frame)
+    kinematics.frame_poses(pepper, q, tuple(dict.fromkeys(shape.link for shape in pepper.visual_shapes)))
+    for quantity in BATCHES:
+        kernel(pepper, quantity)
+    collision.in_collision(pepper, q, _scene())
+
+
+def _calls_of_other_robots() -> None:
+    planar = load_pepper(base="planar")
+    collision.in_collision(planar, np.tile(planar.neutral(), (64, 1)), _scene())
+    for other in (planar, load_pepper(hands="mimic")):
+        state = np.tile(other.neutral(), (64, 1))
+        dynamics.inverse_dynamics(other, state, state, state)
+        ik.solve(other, [ik.HandPosition("left", _POINT), ik.LookAt(_POINT)])
+
+
+def _naoqi_calls() -> None:
+    with Broker(real_time=False) as broker:
+        broker.body.time.sleep(0.1)
+        for arm in ("LArm", "RArm"):
+            here = broker.motion.getPosition(arm, 2, False)
+            broker.motion.setPositions(arm, 2, here, 0.2, 7)
+            broker.motion.setPositions(arm, 2, here, 0.2, 63)
+        broker.module("ALTracker").lookAt([1.0, 0.0, 1.0], 2, 0.5, False)
+
+
+_EVERYDAY = (_motion_calls, _ik_calls, _payload_calls, _batch_calls, _calls_of_other_robots, _naoqi_calls)
+_POINT = (0.38, 0.22, 0.82)
+
+
+def _scene() -> Scene:
+    return Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
 
 
 def portable_code() -> tuple[dict[str, str], bytes]:
@@ -133,7 +168,7 @@ def shipped_parts(
     with used(units, bitcode), recorded() as parts:
         tell("the everyday calls")
         everyday_calls()
-        for name in compiled_modules():
+        for name in sorted(compiled_modules()):  # the core first, of which more is used elsewhere
             tell(name)
             importlib.import_module(name)
             unit_of(name).load()
@@ -144,6 +179,26 @@ def stale_names() -> list[str]:
     """Return the compiled modules whose code in one of the package's files was made from other sources."""
     made, portable = shipped_keys(), portable_keys()
     return [name for key, name in unit_keys().items() if key not in made or key not in portable]
+
+
+def stale_kernels() -> tuple[list[str], list[str]]:
+    """Make the everyday calls and compare the code that they ask for with the package's file.
+
+    Returns:
+        Names of the parts that are asked for and not in the file, which would be made anew at first use,
+        and of the kernels in the file that nothing asks for.  Calls end at the first part that is missing,
+        so some kernels may be in the second list because of one in the first.
+    """
+    made = shipped_keys()
+    missing: dict[str, None] = {}
+    with watched(made) as asked:
+        for calls in _EVERYDAY:
+            try:
+                calls()
+            except MissingPartError as error:
+                missing[error.name] = None
+    kernels = {key: name for key, name in made.items() if not name.startswith("pepper_kin.")}
+    return list(missing), [name for key, name in kernels.items() if key not in asked]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -181,14 +236,17 @@ def _report_sizes(sizes: Sequence[int]) -> int:
 
 
 def _check(rebuild: bool) -> int:
-    stale = stale_names()
-    for name in stale:
-        print(f"stale: {name}; run python -m pepper_kin.jobs.shipping", file=sys.stderr)
-    return int(bool(stale) or (rebuild and _differs()))
+    if rebuild:  # in a process that has not loaded anything yet: what is loaded is not made
+        return int(_differs())
+    missing, unused = stale_kernels()
+    for what, names in (("stale", stale_names()), ("missing", missing), ("not needed", unused)):
+        for name in names:
+            print(f"{what}: {name}; run python -m pepper_kin.jobs.shipping", file=sys.stderr)
+    return int(bool(stale_names() or missing or unused))
 
 
 def _differs() -> bool:
-    """Make everything anew and compare the lists."""
+    """Rebuild everything and compare the lists."""
     portable = portable_code()
     parts = {key: name for key, (name, _) in shipped_parts(portable).items()}
     missing: list[str] = []

@@ -1,4 +1,4 @@
-"""All machine code at once, where none comes with the package for this processor."""
+"""Compilation of all machine code that is not shipped for this processor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes in at the door: arrays of any kind, turned into rows that compiled code can read."""
+"""Arrays of any kind as rows that compiled code can read."""
 
 from __future__ import annotations
 
@@ -82,10 +82,10 @@ def make_outputs(
     shapes = [leading + core_shape(shape) for shape in signature.output_shapes]
     if out is None:
         return [empty(shape, dtype) for shape in shapes]
-    given: list[Any] = list(out) if isinstance(out, (tuple, list)) else [out]
-    if len(given) != len(shapes):
-        raise InvalidValueError("out", f"{len(given)} arrays", f"{len(shapes)}")
-    for name, shape, array in zip(signature.output_names, shapes, given, strict=True):
+    outputs: list[Any] = list(out) if isinstance(out, (tuple, list)) else [out]
+    if len(outputs) != len(shapes):
+        raise InvalidValueError("out", f"{len(outputs)} arrays", f"{len(shapes)}")
+    for name, shape, array in zip(signature.output_names, shapes, outputs, strict=True):
         quantity = f"out ({name})"
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != dtype:
             found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
@@ -95,8 +95,8 @@ def make_outputs(
                 quantity, "a read-only or non-contiguous array", "a writeable C-contiguous one"
             )
         if any(np.may_share_memory(array, rows.array) for rows in inputs):
-            raise InvalidValueError(quantity, "memory shared with an input", "an array of its own")
-    return given
+            raise InvalidValueError(quantity, "memory shared with an input", "an array that shares none")
+    return outputs
 
 
 def refuse_not_finite(signature: Signature, inputs: Sequence[Rows]) -> None:

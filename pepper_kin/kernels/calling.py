@@ -84,8 +84,8 @@ def _emit_stack(typing_context: Any) -> Any:
     from numba.core import cgutils
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        room = cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(64), 2 * BLOCK_WORDS))
-        return builder.ptrtoint(room, ir.IntType(64))
+        block = cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(64), 2 * BLOCK_WORDS))
+        return builder.ptrtoint(block, ir.IntType(64))
 
     return types.intp(), generate
 
@@ -117,7 +117,7 @@ def _read_array(step: Any, api: Any, item: int, header: int, block: Any, place: 
     if axes != step[AXES] or flags != CONTIGUOUS_AND_ALIGNED:
         return -1
     dtype, wanted = _word(base + DTYPE), step[WHAT]
-    # Arrays that were pickled have dtypes of their own, which say the same.
+    # Arrays that were pickled have separate dtypes, which say the same.
     if dtype != wanted and (_word(dtype + header + 8) ^ _word(wanted + header + 8)) & DTYPE_MASK != 0:
         return -1
     block[place] = _word(base + DATA)
@@ -230,7 +230,7 @@ def _api() -> np.ndarray:
 
 
 def builtin_function(function: CompiledFunction, entry: int) -> Callable[..., Any]:
-    """Return a function that Python calls as one of its own C functions.
+    """Return a function that Python calls as it calls its C functions.
 
     Args:
         function: What it does.

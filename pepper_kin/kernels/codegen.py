@@ -1,4 +1,4 @@
-"""From a program to IR: chunks of straight-line vector code and the functions that run them.
+"""IR of a program: chunks of straight-line vector code and the functions that run them.
 
 The functions of a compiled module (`f64` stands for the number format, W for the number of lanes):
 

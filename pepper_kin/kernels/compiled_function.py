@@ -16,6 +16,8 @@ Importing a module with such functions imports no compiler: on the first call, t
 functions of the module with signatures is looked for in the file that comes with the package, then in the
 cache folder, and else made and kept: of the portable code that comes with the package, or by Numba
 (`numba_builder`) where sources have changed.  With NUMBA_DISABLE_JIT=1 the same source runs interpreted.
+With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one is a RuntimeError, or ends the process where
+machine code called the function by its address.
 """
 
 from __future__ import annotations
@@ -25,7 +27,6 @@ import hashlib
 import marshal
 import os
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.kernels.compiler import LoadedCode, compile_portable
+from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
 from pepper_kin.kernels.portable import portable_part
 from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest
@@ -43,6 +44,9 @@ from pepper_kin.kernels.target import Target
 
 INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 """Whether compiled functions run as the Python functions that they are, for debugging."""
+
+BOUNDS_CHECKED = os.environ.get("NUMBA_BOUNDSCHECK", "0") not in ("", "0")
+"""Whether machine code checks every index: it is other, slower code under other keys, made by Numba."""
 
 _PACKAGES = ("pepper_kin",)
 
@@ -189,25 +193,24 @@ class Unit:
         self.module = module
         self.functions: list[CompiledFunction] = []
         self._code: LoadedCode | None = None
-        self._lock = threading.RLock()
 
     def key(self) -> str:
         """Hash of all that the machine code is made from: sources, constants, signatures, the builder."""
-        digest = hashlib.sha256(_builder_digest())
+        digest = hashlib.sha256(_builder_digest() + b"bounds checked" * BOUNDS_CHECKED)
         for line in sorted(set(self._ingredients())):
             digest.update(line.encode() + b"\n")
         return digest.hexdigest()
 
     def _ingredients(self) -> Iterator[str]:
-        seen: set[int] = set()
+        visited: set[int] = set()
         waiting: list[CompiledFunction] = list(self.functions)
         for function in self.functions:
             yield f"entry {function.symbol} {function.signature} {function.by_address}"
         while waiting:
             function = waiting.pop()
-            if id(function) in seen:
+            if id(function) in visited:
                 continue
-            seen.add(id(function))
+            visited.add(id(function))
             yield f"source {function.__module__} {_source_digest(function.python)}"
             yield f"options {function.symbol} {function.lean} {function.inline} {function.vector}"
             for place, value in _named_values(function.python):
@@ -222,7 +225,7 @@ class Unit:
 
     def load(self) -> LoadedCode:
         """Return the machine code, loaded or made."""
-        with self._lock:
+        with LOADING:
             if self._code is None:
                 key = self.key()
                 part = None if is_recording() else find(self.module, key)
@@ -316,7 +319,10 @@ def _source_digest(function: FunctionType) -> str:
 def _builder_digest() -> bytes:
     """Hash of the files here that decide what machine code is made."""
     here = Path(__file__).parent
-    names = ("numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "lanes", "calling")
+    names = (
+        "numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "lanes", "calling",
+        "target",
+    )  # fmt: skip
     return "".join(file_digest(str(here / f"{name}.py")) for name in names).encode()
 
 
@@ -324,13 +330,14 @@ def _callback(function: CompiledFunction) -> Any:
     """Return a C function that calls the Python function, where machine code is switched off."""
     assert function.signature is not None
     kinds = {"float64": ctypes.c_double}
-    given = [kinds.get(a.name, ctypes.c_int64) for a in function.signature.arguments]  # type: ignore[union-attr]
+    scalars = [kinds.get(a.name, ctypes.c_int64) for a in function.signature.arguments]  # type: ignore[union-attr]
     result = function.signature.result
     returned = kinds.get(result[0].name, ctypes.c_int64) if result else None
-    return ctypes.CFUNCTYPE(returned, *given)(function.python)
+    return ctypes.CFUNCTYPE(returned, *scalars)(function.python)
 
 
 __all__ = [
+    "BOUNDS_CHECKED",
     "INTERPRETED",
     "Array",
     "CompiledFunction",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Sequence
 from functools import cache
@@ -10,8 +11,14 @@ import llvmlite.binding as llvm
 
 from pepper_kin.kernels.target import Target
 
-# LLVM's own thread safety covers compiling, not creating engines and targets side by side.
-_LOCK = threading.RLock()
+LOADING = threading.RLock()
+"""Held while machine code is made or loaded: LLVM's own thread safety covers compiling, not creating engines
+and targets side by side.  A process forks when no thread does either, so that children can."""
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=LOADING.acquire, after_in_parent=LOADING.release, after_in_child=LOADING.release
+    )
 
 
 class LoadedCode:
@@ -23,7 +30,7 @@ class LoadedCode:
     """
 
     def __init__(self, object_code: bytes, target: Target) -> None:
-        with _LOCK:
+        with LOADING:
             empty = llvm.parse_assembly("")
             self._engine = llvm.create_mcjit_compiler(empty, target_machine(target))
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(object_code))
@@ -36,7 +43,7 @@ class LoadedCode:
 
 def compile_ir(ir: str, target: Target) -> bytes:
     """Translate a module to an object file for a processor."""
-    with _LOCK:
+    with LOADING:
         return bytes(target_machine(target).emit_object(_parsed(ir)))
 
 
@@ -51,7 +58,7 @@ def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> 
     Raises:
         RuntimeError: The functions need more than the C library.
     """
-    with _LOCK:
+    with LOADING:
         machine = target_machine(target, opt=3)
         module = llvm.parse_bitcode(bitcode)
         module.triple, module.data_layout = target.triple, str(machine.target_data)
@@ -86,7 +93,7 @@ def keep_entries(module: llvm.ModuleRef, symbols: Sequence[str]) -> None:
 
 def assembly(ir: str, target: Target) -> str:
     """The same code as `compile_ir` makes, as assembly text to read."""
-    with _LOCK:
+    with LOADING:
         return str(target_machine(target).emit_assembly(_parsed(ir)))
 
 

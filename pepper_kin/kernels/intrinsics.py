@@ -1,4 +1,4 @@
-"""What compiled functions do beyond Python: call machine code by address, and see memory as arrays."""
+"""Intrinsics of compiled functions: calls of machine code by address, memory as arrays."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def intrinsic(make: Callable[..., Any]) -> Callable[[Callable[..., Any]], Intrin
 def _emit_call(result: str | None, *arguments: str) -> Callable[..., Any]:
     """Return what writes a call of a C function at an address; all arguments are scalars of these names."""
 
-    def write(typing_context: Any, address: Any, *given: Any) -> Any:
+    def write(typing_context: Any, address: Any, *operands: Any) -> Any:
         from llvmlite import ir
         from numba import types
 
@@ -89,9 +89,9 @@ _SIX = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 6)
 
 
 @intrinsic(_emit_call(None, "int64", "int64", "int64"))
-def call_kernel(address: int, given: int, result: int, work: int) -> None:
+def call_kernel(address: int, inputs: int, result: int, work: int) -> None:
     """Call `void f(const double*, double*, double*)`, the `single` or `block` of a kernel, at an address."""
-    _THREE(address)(given, result, work)
+    _THREE(address)(inputs, result, work)
 
 
 @intrinsic(_emit_call("int64", *["int64"] * 6))

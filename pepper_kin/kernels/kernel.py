@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_not_finite
-from pepper_kin.kernels.compiler import LoadedCode, compile_ir
+from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import Signature, check_function, read_program
 from pepper_kin.kernels.store import obtain
@@ -112,6 +112,36 @@ class Kernel:
             refuse_not_finite(self.signature, rows)
         return results[0] if len(results) == 1 else tuple(results)
 
+    def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
+        """Return the address of a function for a caller whose buffers are large enough for it.
+
+        All callers in machine code ask here, so that no code runs on the buffers of another: of another
+        robot, say, or of other tasks.
+
+        Args:
+            function: "single", "block" or "batch".
+            inputs: Numbers of one state in the input buffers, all together; exactly those of the signature.
+            outputs: Numbers of one state that the output buffers hold.
+            work: Numbers that the work buffer holds.
+
+        Raises:
+            InvalidValueError: A buffer does not fit; names the kernel and the buffer.
+        """
+        name, needed = self.signature.name, sum(self.signature.input_sizes)
+        if inputs != needed:
+            raise InvalidValueError(f"input buffer of {name}", f"{inputs} numbers a state", f"{needed}")
+        needed = sum(self.signature.output_sizes)
+        if outputs < needed:
+            raise InvalidValueError(
+                f"output buffer of {name}", f"{outputs} numbers a state", f"{needed} or more"
+            )
+        if work < self.work_size:
+            raise InvalidValueError(f"work buffer of {name}", f"{work} numbers", f"{self.work_size} or more")
+        address: int = getattr(self, f"{function}_address")
+        if not address:
+            raise InvalidValueError(f"function of {name}", repr(function), "one that it was made with")
+        return address
+
     def __repr__(self) -> str:
         """Name, inputs, outputs and format."""
         inputs = ", ".join(f"{n}[{r}x{c}]" for n, (r, c) in _named(self.signature, "input"))
@@ -121,7 +151,7 @@ class Kernel:
     def _evaluate(
         self, inputs: Sequence[Rows], outputs: Sequence[np.ndarray], count: int, threads: int
     ) -> bool:
-        """Run the compiled loop; the result tells whether an input is not finite."""
+        """Run the compiled loop; the result is whether an input is not finite."""
         sources = [(rows.address, rows.stride) for rows in inputs]
         targets = [(array.ctypes.data, size) for array, size in zip(outputs, self._output_sizes, strict=True)]
         input_strides = _pack([stride for _, stride in sources])
@@ -182,9 +212,9 @@ def compile_function(
     def make(wanted: Target) -> bytes:
         return _compile(_made(function), _widened(wanted, vector_bytes), dtype, batch).to_bytes()
 
-    part = obtain(
-        name, _key(content, f"{dtype} {vector_bytes or 0} {batch}"), make, target=target, keep=cache
-    )
+    wanted_key = _key(content, f"{dtype} {vector_bytes or 0} {batch}")
+    with LOADING:
+        part = obtain(name, wanted_key, make, target=target, keep=cache)
     return Kernel(KernelImage.from_bytes(part.content), part.target, from_cache=not part.made)
 
 
@@ -201,7 +231,8 @@ def _key(content: str, dtype: str) -> str:
 def _source_digest() -> bytes:
     """Hash of the files here that decide what machine code is made of an expression."""
     names = (
-        "arrays codegen compiler elementary image instructions kernel partition streaming trigonometry writer"
+        "arrays batch codegen compiler elementary image instructions kernel partition squares streaming"
+        " target trigonometry writer"
     )
     files = (Path(__file__).with_name(f"{name}.py") for name in names.split())
     return hashlib.sha256(b"".join(file.read_bytes().replace(b"\r\n", b"\n") for file in files)).digest()

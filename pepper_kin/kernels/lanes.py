@@ -65,13 +65,13 @@ def _register() -> Any:
 
     def lower(symbol: Any, name: str) -> None:
         class Typing(AbstractTemplate):
-            def generic(self, given: Any, named: Any) -> Any:
-                if len(given) != 2 or named or not any(isinstance(g, LanesType) for g in given):
+            def generic(self, arguments: Any, named: Any) -> Any:
+                if len(arguments) != 2 or named or not any(isinstance(g, LanesType) for g in arguments):
                     return None
-                others = [g for g in given if not isinstance(g, LanesType)]
+                others = [g for g in arguments if not isinstance(g, LanesType)]
                 if not all(isinstance(g, (types.Float, types.Integer)) for g in others):
                     return None
-                return signature(kind, *(g if isinstance(g, LanesType) else types.float32 for g in given))
+                return signature(kind, *(g if isinstance(g, LanesType) else types.float32 for g in arguments))
 
         infer_global(symbol)(Typing)
 

@@ -18,6 +18,7 @@ from numba import njit, types
 from numba.core import cgutils, codegen
 from numba.core.compiler_lock import global_compiler_lock
 
+from pepper_kin.kernels.compiled_function import BOUNDS_CHECKED
 from pepper_kin.kernels.compiler import keep_entries, target_machine
 from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
 from pepper_kin.kernels.target import portable_target
@@ -222,16 +223,20 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
     scalars = [argument for argument in signature.arguments if isinstance(argument, Scalar)]
     word = ir.IntType(64)
     kinds = {"float64": ir.DoubleType()}
-    given = [kinds.get(a.name, word) for a in scalars]
+    kinds_of_scalars = [kinds.get(a.name, word) for a in scalars]
     result = signature.result
     returned = kinds.get(result[0].name, word) if result else ir.VoidType()
-    direct = ir.Function(module, ir.FunctionType(returned, given), function.symbol + "_direct")
+    direct = ir.Function(module, ir.FunctionType(returned, kinds_of_scalars), function.symbol + "_direct")
     builder = ir.IRBuilder(direct.append_basic_block("entry"))
     values = [
         builder.trunc(value, ir.IntType(1)) if argument.name == "boolean" else value
         for value, argument in zip(direct.args, scalars, strict=True)
     ]
-    _, out = context.call_conv.call_function(builder, callee, fndesc.restype, fndesc.argtypes, values)
+    status, out = context.call_conv.call_function(builder, callee, fndesc.restype, fndesc.argtypes, values)
+    if BOUNDS_CHECKED:  # no C caller looks for errors: the process ends here, not somewhere else later
+        abort = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), []), "abort")
+        with builder.if_then(status.is_error, likely=False):
+            builder.call(abort, [])
     if not result:
         builder.ret_void()
     else:

@@ -62,8 +62,8 @@ def _tell(name: str) -> None:
         if not _reported:
             _reported = True
             _logger.warning(
-                "machine code for this processor is made, once; the next run finds it on disk "
-                "(`pepper-kin warm-up` makes all of it, on all cores)"
+                "compiling machine code for this processor, once; the next run reads it from disk "
+                "(`pepper-kin warm-up` compiles all of it, on all cores)"
             )
         _draw(name)
 

@@ -1,14 +1,16 @@
 """The machine code that comes with the package: one file for a baseline processor.
 
 The file is made by `python -m pepper_kin.jobs.shipping` (see `docs/kernels.md`) from the sources beside it; a
-part whose sources have changed since has another key and is not found.  Parts that are much alike, those of
-one package or kernels of one name, are compressed together, with a checksum; reading a part reads these.
+part whose sources have changed since has another key and is not found.  Parts are much alike: what several
+modules call is in each of them.  They are therefore compressed as two streams, one of compiled functions and
+one of kernels, in the order in which they are first needed; reading a part decompresses what comes before it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import lzma
+import threading
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -17,9 +19,18 @@ from typing import Any, NamedTuple
 from pepper_kin.kernels.package_file import read_file, read_head, tell, write_file
 from pepper_kin.kernels.target import Target, baseline_features, host_target, make_target
 
-FORMAT = 2
+FORMAT = 3
 BASELINE = "x86-64-v3"
-_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 2, "lp": 0, "pb": 0}]
+_FILTERS = [
+    {
+        "id": lzma.FILTER_LZMA2,
+        "preset": 9 | lzma.PRESET_EXTREME,
+        "dict_size": 1 << 22,  # all of a stream; a reader sets that much aside
+        "lc": 4,
+        "lp": 0,
+        "pb": 0,
+    }
+]
 _WHAT = "the machine code"
 
 
@@ -49,12 +60,12 @@ def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
         if name.startswith("pepper_kin.") and name in {known for known, *_ in entries.values()}:
             tell(f"{_WHAT} that comes with the package was made from other sources of {name}")
         return None
-    _, group, begin, size = entry
-    content = _group(group)
+    _, stream, begin, size = entry
+    content = _stream(stream).read(begin, size)
     if content is None:
         tell(f"{_WHAT} of {name} that comes with the package is damaged")
         return None
-    return content[begin : begin + size], baseline_target()
+    return content, baseline_target()
 
 
 def shipped_keys() -> dict[str, str]:
@@ -66,7 +77,7 @@ def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = No
     """Write the package's file.
 
     Args:
-        parts: Key -> name and content.
+        parts: Key -> name and content, in the order in which they are first needed.
         path: Where to; the package's own place if left out.
 
     Returns:
@@ -75,22 +86,22 @@ def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = No
     contents: dict[str, bytes] = {}
     entries: dict[str, tuple[str, str, int, int]] = {}
     for key, (name, content) in parts.items():
-        group = _group_name(name)
-        before = contents.get(group, b"")
-        entries[key] = name, group, len(before), len(content)
-        contents[group] = before + content
-    groups: dict[str, tuple[int, int, str]] = {}
+        stream = "functions" if name.startswith("pepper_kin.") else "kernels"
+        before = contents.get(stream, b"")
+        entries[key] = name, stream, len(before), len(content)
+        contents[stream] = before + content
+    streams: dict[str, tuple[int, int, str]] = {}
     body = b""
-    for group, content in contents.items():
+    for stream, content in contents.items():
         packed = lzma.compress(content, lzma.FORMAT_RAW, filters=_FILTERS)
-        groups[group] = len(body), len(packed), hashlib.sha256(packed).hexdigest()[:32]
+        streams[stream] = len(body), len(packed), hashlib.sha256(packed).hexdigest()[:32]
         body += packed
     target = baseline_target()
     head = {
         "format": FORMAT,
         "triple": target.triple,
         "features": target.features,
-        "groups": groups,
+        "streams": streams,
         "entries": entries,
     }
     return write_file(path or shipped_path(), head, body)
@@ -101,35 +112,48 @@ def is_usable() -> bool:
     return _index() is not None
 
 
-def _group_name(name: str) -> str:
-    """Return what parts of a name are compressed with: the package of a module, or kernels of the name."""
-    return name.rpartition(".")[0] if name.startswith("pepper_kin.") else name
-
-
 class _Index(NamedTuple):
     """What the file holds.
 
     Attributes:
-        groups: Name -> begin and size in the body, and checksum.
-        entries: Key -> name of the part, name of its group, begin and size in that.
-        body: All groups, compressed.
+        streams: Name -> begin and size in the body, and checksum.
+        entries: Key -> name of the part, name of its stream, begin and size in that.
+        body: All streams, compressed.
     """
 
-    groups: dict[str, Any]
+    streams: dict[str, Any]
     entries: dict[str, Any]
     body: bytes
 
 
+class _Stream:
+    """A compressed stream, decompressed as far as it has been read."""
+
+    def __init__(self, packed: bytes, checksum: str) -> None:
+        self._packed = packed
+        self._is_whole = hashlib.sha256(packed).hexdigest()[:32] == checksum
+        self._decompressor = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_FILTERS)
+        self._content = bytearray()
+        self._lock = threading.Lock()
+
+    def read(self, begin: int, size: int) -> bytes | None:
+        """Return bytes of the content, or None where the stream is damaged."""
+        if not self._is_whole:
+            return None
+        with self._lock:
+            while (missing := begin + size - len(self._content)) > 0:
+                self._content += self._decompressor.decompress(self._packed, missing)
+                self._packed = b""  # the decompressor has what it has not used yet
+            return bytes(self._content[begin : begin + size])
+
+
 @cache
-def _group(name: str) -> bytes | None:
-    """Return the content of a group, or None where it is damaged."""
+def _stream(name: str) -> _Stream:
+    """Return a stream of the file."""
     index = _index()
     assert index is not None
-    begin, size, checksum = index.groups[name]
-    packed = index.body[begin : begin + size]
-    if hashlib.sha256(packed).hexdigest()[:32] != checksum:
-        return None
-    return lzma.decompress(packed, lzma.FORMAT_RAW, filters=_FILTERS)
+    begin, size, checksum = index.streams[name]
+    return _Stream(index.body[begin : begin + size], checksum)
 
 
 @cache
@@ -146,7 +170,7 @@ def _index() -> _Index | None:
         what = f"has no {', '.join(missing)}" if missing else f"is {host.triple}"
         tell(f"no machine code comes with the package for this processor, which {what}")
         return None
-    return _Index(head["groups"], head["entries"], body)
+    return _Index(head["streams"], head["entries"], body)
 
 
 __all__ = [

@@ -27,7 +27,7 @@ import logging
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -49,6 +49,18 @@ _SUFFIX = ".code"
 _LOCK = ".lock"
 _DIGEST_SIZE = hashlib.sha256().digest_size
 _logger = logging.getLogger(__name__)
+
+
+class MissingPartError(LookupError):
+    """A part that was asked for while `watched` allows none to be made.
+
+    Attributes:
+        name: What it is.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.name = name
 
 
 class Part(NamedTuple):
@@ -92,7 +104,13 @@ def obtain(
 
 
 def find(name: str, key: str) -> Part | None:
-    """Return a part from the package's file or from the cache folder, or None."""
+    """Return a part from the package's file or from the cache folder, or None.
+
+    Raises:
+        MissingPartError: `watched` is under way and does not know the key.
+    """
+    if _watch is not None:
+        _watch.ask(name, key)
     if not prefers_native():
         shipped = shipped_part(name, key)
         if shipped is not None:
@@ -155,6 +173,34 @@ def recorded() -> Iterator[dict[str, tuple[str, bytes]]]:
 
 
 _recording: dict[str, tuple[str, bytes]] | None = None
+
+
+class _Watch(NamedTuple):
+    allowed: Container[str]
+    asked: set[str]
+
+    def ask(self, name: str, key: str) -> None:
+        if key not in self.allowed:
+            raise MissingPartError(name)
+        self.asked.add(key)
+
+
+@contextlib.contextmanager
+def watched(allowed: Container[str]) -> Iterator[set[str]]:
+    """Collect the keys of the parts that are asked for; one that is not allowed is a `MissingPartError`.
+
+    Args:
+        allowed: Keys of the parts that may be asked for.
+    """
+    global _watch
+    _watch = _Watch(allowed, set())
+    try:
+        yield _watch.asked
+    finally:
+        _watch = None
+
+
+_watch: _Watch | None = None
 
 
 @cache

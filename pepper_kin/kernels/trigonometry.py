@@ -131,8 +131,8 @@ def _sine_cosine_of_remainder(w: Writer, r: str, quarter_turns: str) -> tuple[st
     lanes, v, i = w.lanes, w.lanes.vector, w.lanes.integer
     precision = _DOUBLE if lanes.dtype == "float64" else _SINGLE
     z = w.binary("fmul", r, r)
-    excess = w.binary("fmul", z, w.polynomial(z, precision.sine))
-    sine = _with_sign_of(w, w.multiply_add(r, excess, r), r)
+    difference = w.binary("fmul", z, w.polynomial(z, precision.sine))
+    sine = _with_sign_of(w, w.multiply_add(r, difference, r), r)
     tail = w.multiply_add(z, w.polynomial(z, precision.cosine), w.constant(-0.5))
     cosine = w.multiply_add(z, tail, w.constant(1.0))
 

@@ -156,7 +156,7 @@ class Writer:
         return result
 
     def element_address(self, base: str, index: str | int, element: str | None = None) -> str:
-        """Write the address of element `index` of an array at `base`; elements are vectors unless told."""
+        """Write the address of element `index` of an array at `base`; elements are vectors by default."""
         return self.value(f"getelementptr inbounds {element or self.lanes.vector}, ptr {base}, i64 {index}")
 
     def load(self, address: str) -> str:

@@ -1,4 +1,4 @@
-"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and maps of reach.
+"""Forward kinematics: poses, velocities, accelerations and Jacobians of frames, and reach maps.
 
     frame_pose, frame_poses, link_poses       homogeneous transforms, shape (..., 4, 4)
     frame_velocity, frame_acceleration        linear first, then angular, shape (..., 6)

@@ -23,10 +23,10 @@ _AXES = {
 }
 
 _MEANINGS = (
-    ("left palm", "LArm_effector", "-z", "normal of the palm, out of the hand towards what it grasps"),
+    ("left palm", "LArm_effector", "-z", "normal of the palm, out of the hand towards the grasped object"),
     ("left fingers", "LArm_effector", "+x", "along the open fingers, and the forearm"),
     ("left thumb", "LArm_effector", "-y", "to the side of the thumb"),
-    ("right palm", "RArm_effector", "-z", "normal of the palm, out of the hand towards what it grasps"),
+    ("right palm", "RArm_effector", "-z", "normal of the palm, out of the hand towards the grasped object"),
     ("right fingers", "RArm_effector", "+x", "along the open fingers, and the forearm"),
     ("right thumb", "RArm_effector", "+y", "to the side of the thumb"),
     ("top camera", "CameraTop_frame", "+x", "view axis; the picture's right is -y, its top +z"),
@@ -38,7 +38,7 @@ _MEANINGS = (
     ("left laser", "SurroundingLeftLaser_frame", "+x", "middle of the fan, parallel to the floor"),
     ("right laser", "SurroundingRightLaser_frame", "+x", "middle of the fan, parallel to the floor"),
     ("shovel laser", "ShovelLaser_frame", "+x", "down to the floor ahead"),
-    ("tablet", "Tablet_frame", "+x", "normal of the screen, to who reads it"),
+    ("tablet", "Tablet_frame", "+x", "normal of the screen, towards the reader"),
 )
 
 

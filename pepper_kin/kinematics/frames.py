@@ -1,4 +1,4 @@
-"""Poses of frames: where links and sensors are."""
+"""Poses of link and sensor frames."""
 
 from __future__ import annotations
 

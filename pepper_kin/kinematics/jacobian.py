@@ -36,13 +36,13 @@ def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.
         found: NDArray[np.float64] = pinocchio.computeFrameJacobian(
             pepper.inner_model, data, q, frame_id, axes
         )
-        return found
+        return found if found.ndim == 2 else found.reshape(6, 1)  # Pinocchio drops the axis of a single joint
     model, data = pepper.inner_model, pepper.pinocchio_data
-    coupled, full_map = pepper.is_coupled, pepper.full_map
 
     def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
         jacobian = pinocchio.computeFrameJacobian(model, data, pepper.to_full(q), frame_id, axes)
-        return jacobian @ full_map if coupled else jacobian
+        jacobian = jacobian.reshape(6, model.nv)
+        return pepper.columns_from_full(jacobian)
 
     return over_states(pepper, one, (6, pepper.n), ("frame_jacobian", frame), q=q)
 
@@ -70,13 +70,13 @@ def frame_jacobian_rate(pepper: PepperModel, q: ArrayLike, v: ArrayLike, frame: 
         pinocchio.computeJointJacobiansTimeVariation(model, data, q, v)
         pinocchio.updateFramePlacement(model, data, frame_id)
         found: NDArray[np.float64] = pinocchio.getFrameJacobianTimeVariation(model, data, frame_id, axes)
-        return found
+        return found.reshape(6, model.nv)
     model, data = pepper.inner_model, pepper.pinocchio_data
 
     def one(q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
         pinocchio.computeJointJacobiansTimeVariation(model, data, pepper.to_full(q), pepper.rate_to_full(v))
         pinocchio.updateFramePlacement(model, data, frame_id)
         rate = pinocchio.getFrameJacobianTimeVariation(model, data, frame_id, axes)
-        return np.asarray(rate @ pepper.full_map)
+        return pepper.columns_from_full(rate)
 
     return over_states(pepper, one, (6, pepper.n), ("frame_jacobian_rate", frame), q=q, v=v)

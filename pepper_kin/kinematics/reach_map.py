@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,18 +17,30 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.numpy_archive import read_arrays
 
 CHUNK = 20_000
 """States at a time: few enough to stay near the processor, many enough for the calls not to matter."""
 
 _FORMAT = "pepper_kin reach map 1"
+_ARRAYS = {
+    "frame": ("U", 0),
+    "joints": ("U", 1),
+    "origin": ("f", 1),
+    "resolution": ("f", 0),
+    "counts": ("i", 3),
+    "best": ("f", 3),
+    "samples": ("i", 0),
+    "seed": ("i", 0),
+}
+"""Kinds of the numbers in a file, and how many axes they have."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """Voxels that a frame's origin was found in.
+    """Voxels reached by a frame's origin.
 
     A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
     samples there are.  Collisions count only where `reach_map` was called with a check.
@@ -119,22 +130,25 @@ class ReachMap:
         Raises:
             FileFormatError: where the file cannot be read or is not a reach map.
         """
-        try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                if "format" not in file or str(file["format"]) != _FORMAT:
-                    raise FileFormatError(path, f"is not a {_FORMAT}")
-                fields: dict[str, Any] = {key: file[key] for key in cls.__dataclass_fields__}
-        except FileFormatError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise FileFormatError(path, f"cannot be read as a reach map: {error}") from error
-        counts, best = fields["counts"], fields["best"]
-        if counts.ndim != 3 or counts.shape != best.shape or fields["origin"].shape != (3,):
+        fields: dict[str, Any] = read_arrays(path, ("format", *cls.__dataclass_fields__))
+        tag = fields.pop("format")
+        if tag.shape != () or str(tag) != _FORMAT:
+            raise FileFormatError(path, f"is not a {_FORMAT}")
+        for name, (kinds, ndim) in _ARRAYS.items():
+            array = fields[name]
+            if array.dtype.kind not in kinds or array.ndim != ndim:
+                raise FileFormatError(path, f"{name} is of another kind: {array.dtype}, shape {array.shape}")
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise FileFormatError(path, f"{name} holds numbers that are not finite")
+        counts, resolution = fields["counts"], float(fields["resolution"])
+        if counts.shape != fields["best"].shape or fields["origin"].shape != (3,):
             raise FileFormatError(path, "holds arrays whose shapes do not fit one another")
+        if counts.min(initial=0) < 0 or fields["samples"] < 0 or not 1e-9 <= resolution <= 1e9:
+            raise FileFormatError(path, "holds a count below 0, or a resolution outside 1e-9 to 1e9 m")
         fields.update(
             frame=str(fields["frame"]),
-            joints=tuple(str(joint) for joint in fields["joints"]),
-            resolution=float(fields["resolution"]),
+            joints=tuple(fields["joints"].tolist()),
+            resolution=resolution,
             samples=int(fields["samples"]),
             seed=int(fields["seed"]),
         )
@@ -152,7 +166,7 @@ def reach_map(
     valid: Callable[[Array], NDArray[np.bool_]] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> ReachMap:
-    """Sample postures and note where a frame's origin comes to be.
+    """Sample postures and count the positions of a frame's origin on a grid.
 
     Positions are drawn uniformly between the limits of each joint (a full turn where there are none).  All
     postures count, or those that `valid` lets pass, such as those free of collisions:
@@ -204,7 +218,7 @@ def reach_map(
         if progress is not None:
             progress(done / samples)
     if not grid.counts.size:
-        raise InvalidValueError("valid", f"none of {samples} postures", "one valid posture at least")
+        raise InvalidValueError("valid", f"none of {samples} postures", "at least one valid posture")
     origin = grid.corner.astype(np.float64) * size
     return ReachMap(frame, names, origin, size, grid.counts, grid.best, int(samples), int(seed))
 
@@ -214,16 +228,20 @@ def _moving_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> t
 
 
 def _checked_answer(answer: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Return what `valid` answered as booleans of shape (count,); refuse anything else."""
     found = np.asarray(answer)
     if found.dtype != bool or found.shape != (count,):
         raise InvalidValueError(
-            "answer of valid", f"{found.dtype} of shape {found.shape}", f"booleans of shape ({count},)"
+            "result of valid", f"{found.dtype} of shape {found.shape}", f"booleans of shape ({count},)"
         )
     return found
 
 
 def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int]) -> Array:
-    """Return sqrt(det(J J^T)) for positions; by the 3 x 3 determinant, exact enough for a map and quick."""
+    """Return sqrt(det(J J^T)) of the position Jacobian, shape (N,), at positions q, shape (N, n) [rad or m].
+
+    The 3 x 3 determinant is exact enough for a map, and fast.
+    """
     jacobian = frame_jacobian(pepper, q, frame)[:, :3][:, :, columns]
     x, y, z = np.moveaxis(jacobian @ np.swapaxes(jacobian, 1, 2), 1, 0)
     return np.sqrt(np.maximum(np.einsum("ki,ki->k", x, np.cross(y, z)), 0.0))

@@ -1,4 +1,4 @@
-"""A picture of maps of reach."""
+"""A picture of reach maps."""
 
 from __future__ import annotations
 

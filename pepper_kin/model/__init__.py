@@ -8,7 +8,7 @@
     audit, Audit, Fault                       what is wrong in any URDF
     compare, Comparison, Difference           what two URDFs have not in common
     limits_table, LimitsTable, LimitRow       joint limits beside those of the paper
-    robot_digest, RobotMemory, kept_while_private     for caches of what belongs to a robot
+    robot_digest, RobotMemory, kept_for_robot, kept_while_private     for caches of what belongs to a robot
 
 A `PepperModel` is a value: what changes it returns another one.
 """
@@ -21,7 +21,7 @@ from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.model.comparison import Comparison, Difference, compare
-    from pepper_kin.model.digest import RobotMemory, kept_while_private, robot_digest
+    from pepper_kin.model.digest import RobotMemory, kept_for_robot, kept_while_private, robot_digest
     from pepper_kin.model.export_formats import FORMATS, export
     from pepper_kin.model.fault import Fault
     from pepper_kin.model.load import load_pepper, load_robot, pepper_urdf
@@ -62,6 +62,7 @@ __all__ = [
     "audit",
     "compare",
     "export",
+    "kept_for_robot",
     "kept_while_private",
     "limits_table",
     "load_pepper",
@@ -80,7 +81,7 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
-        **dict.fromkeys(("RobotMemory", "kept_while_private", "robot_digest"), "digest"),
+        **dict.fromkeys(("RobotMemory", "kept_for_robot", "kept_while_private", "robot_digest"), "digest"),
         **dict.fromkeys(("FORMATS", "export"), "export_formats"),
         "Fault": "fault",
         **dict.fromkeys(("load_pepper", "load_robot", "pepper_urdf"), "load"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pepper_kin.exceptions import shortened
 from pepper_kin.model.fault import Fault
 from pepper_kin.model.tolerant_urdf import JointFacts, UrdfFacts
 from pepper_kin.model.urdf_document import MOVING_TYPES
@@ -48,13 +49,14 @@ class JointRow:
 def audit_joints(facts: UrdfFacts, faults: list[Fault]) -> list[JointRow]:
     """Return a row per moving joint; faults are appended to `faults`."""
     rows = []
+    wrong = _wrong_leaders(facts)
     for joint in facts.joints.values():
         for end in (joint.parent, joint.child):
             if end and end not in facts.links:
                 faults.append(Fault("structure", f"joint {joint.name}", f"it names an unknown link {end!r}"))
         if joint.type not in MOVING_TYPES:
             continue
-        own = [*_limit_faults(joint), *_mimic_faults(joint, facts)]
+        own = [*_limit_faults(joint), *_mimic_faults(joint, wrong)]
         faults += own
         limits = joint.limits
         rows.append(
@@ -95,22 +97,37 @@ def _limit_faults(joint: JointFacts) -> list[Fault]:
     return found
 
 
-def _mimic_faults(joint: JointFacts, facts: UrdfFacts) -> list[Fault]:
+def _mimic_faults(joint: JointFacts, wrong: dict[str, str]) -> list[Fault]:
     if joint.mimic is None:
         return []
-    where, leaders, leader = f"joint {joint.name}", [joint.name], joint.mimic[0]
-    while True:
-        if leader not in facts.joints:
-            return [Fault("mimic", where, f"it follows an unknown joint {leader!r}")]
-        if leader in leaders:
-            return [Fault("mimic", where, f"it follows itself: {' -> '.join([*leaders, leader])}")]
-        if facts.joints[leader].type not in MOVING_TYPES:
-            return [Fault("mimic", where, f"it follows {leader!r}, which does not move")]
-        following = facts.joints[leader].mimic
-        if following is None:
-            return [] if joint.mimic[1] != 0 else [Fault("mimic", where, "its multiplier is zero")]
-        leaders.append(leader)
-        leader = following[0]
+    message = wrong[joint.name] or ("" if joint.mimic[1] != 0 else "its multiplier is zero")
+    return [Fault("mimic", f"joint {joint.name}", message)] if message else []
+
+
+def _wrong_leaders(facts: UrdfFacts) -> dict[str, str]:
+    """Return what is wrong with what each joint follows, empty for a sound one; each is looked at once."""
+    found: dict[str, str] = {}
+    for name in facts.joints:
+        chain: dict[str, None] = {}
+        message = None
+        while message is None:
+            chain[name] = None
+            mimic = facts.joints[name].mimic
+            leader = "" if mimic is None else mimic[0]
+            if mimic is None:
+                message = ""
+            elif leader not in facts.joints:
+                message = f"it follows an unknown joint {shortened(leader)!r}"
+            elif leader in chain:
+                loop = [*chain][[*chain].index(leader) :]
+                message = f"it follows itself: {shortened(' -> '.join([*loop, leader]))}"
+            elif facts.joints[leader].type not in MOVING_TYPES:
+                message = f"it follows {shortened(leader)!r}, which does not move"
+            else:
+                message = found.get(leader)
+            name = leader
+        found.update(dict.fromkeys(chain, message))
+    return found
 
 
 def fingers_found(facts: UrdfFacts, faults: list[Fault]) -> tuple[int, int, int, int] | None:
@@ -163,23 +180,30 @@ def reachable_links(facts: UrdfFacts, faults: list[Fault]) -> set[str]:
                 Fault("structure", f"link {link}", f"it has {len(names)} parents: {', '.join(names)}")
             )
 
-    def below(root: str) -> set[str]:
+    def below(root: str, taken: set[str]) -> set[str]:
         found, waiting = {root}, [root]
         while waiting:
             for link in children.get(waiting.pop(), []):
-                if link not in found:
+                if link not in found and link not in taken:
                     found.add(link)
                     waiting.append(link)
         return found
 
-    trees = [below(link) for link in facts.links if link not in parents]
     if not facts.links:
         faults.append(Fault("structure", "the robot", "it has no link"))
         return set()
-    reachable = max(trees, key=len, default=set())
+    # Links with several parents count for the first root alone: each is looked at once.
+    taken: set[str] = set()
+    best, most = "", 0
+    for link in facts.links:
+        if link not in parents:
+            tree = below(link, taken)
+            taken |= tree
+            if len(tree) > most:
+                best, most = link, len(tree)
+    reachable = below(best, set()) if best else set()
     lost = [link for link in facts.links if link not in reachable]
     if lost:
-        faults.append(
-            Fault("structure", "the robot", f"{len(lost)} links do not hang on the root: {', '.join(lost)}")
-        )
+        listed = shortened(", ".join(lost))
+        faults.append(Fault("structure", "the robot", f"{len(lost)} links do not hang on the root: {listed}"))
     return reachable

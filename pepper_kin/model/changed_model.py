@@ -114,7 +114,7 @@ def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: 
 
 
 def _number(quantity: str, value: object) -> float:
-    if isinstance(value, (float, int, np.floating)) and np.isinf(value):
+    if isinstance(value, (float, np.floating)) and np.isinf(value):
         return float(value)
     return float(as_finite(value, quantity, ()))  # type: ignore[arg-type]
 

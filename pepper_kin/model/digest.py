@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from functools import lru_cache, wraps
-from typing import Generic, TypeVar
-from weakref import WeakKeyDictionary
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from pepper_kin.model.pepper_model import PepperModel
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
+Arguments = ParamSpec("Arguments")
 
 
 def robot_digest(pepper: PepperModel) -> str:
@@ -19,31 +20,72 @@ def robot_digest(pepper: PepperModel) -> str:
 
     A payload, another mass, rotor inertias, limits, placements or gravity change it; looking at a model, or
     building it, does not.  It costs a comparison of two models in C++, and nothing where nobody has asked for
-    `pepper.inner_model`.
+    `pepper.pinocchio_model`.
     """
     return pepper.dynamics_model.digest()
 
 
 class RobotMemory(Generic[Key, Value]):
-    """A dictionary for each robot, emptied once `pepper.inner_model` has been changed.
+    """A dictionary for each robot, emptied once `pepper.pinocchio_model` has been changed.
 
-    A robot that is no longer used takes what was kept for it along.
+    The dictionaries are attributes of the robots: one that is no longer used takes what was kept for it
+    along, also where that refers to the robot.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: WeakKeyDictionary[PepperModel, tuple[str, dict[Key, Value]]] = WeakKeyDictionary()
 
     def of(self, pepper: PepperModel) -> dict[Key, Value]:
         """Return the dictionary of a robot as it is now."""
-        digest = robot_digest(pepper)
-        found = self._kept.get(pepper)
+        digest = pepper.dynamics_model.digest()
+        found: tuple[str, OrderedDict[Key, Value]] | None = pepper.kept.get(self)
         if found is None or found[0] != digest:
             with self._lock:
-                found = self._kept.get(pepper)
+                found = pepper.kept.get(self)
                 if found is None or found[0] != digest:
-                    found = self._kept[pepper] = digest, {}
+                    found = pepper.kept[self] = digest, OrderedDict()
         return found[1]
+
+
+def kept_for_robot(
+    most: int = 32, most_bytes: float = float("inf"), size_of: Callable[[Any], int] = lambda value: 0
+) -> Callable[
+    [Callable[Concatenate[PepperModel, Arguments], Value]],
+    Callable[Concatenate[PepperModel, Arguments], Value],
+]:
+    """Keep what a function returns for a robot as it is, and other arguments, which can be hashed.
+
+    What was asked for longest ago is forgotten first; one result is always kept.
+
+    Args:
+        most: Number of results that are kept for each robot.
+        most_bytes: Size of all results that are kept for each robot [bytes].
+        size_of: Returns the size of a result [bytes].
+    """
+
+    def decorate(build: Callable[..., Value]) -> Callable[..., Value]:
+        memory: RobotMemory[Hashable, tuple[Value, int]] = RobotMemory()
+        lock = threading.Lock()
+
+        @wraps(build)
+        def call(pepper: PepperModel, *arguments: Hashable) -> Value:
+            known: OrderedDict[Hashable, tuple[Value, int]] = memory.of(pepper)  # type: ignore[assignment]
+            with lock:
+                if arguments in known:
+                    known.move_to_end(arguments)
+                    return known[arguments][0]
+            value = build(pepper, *arguments)
+            with lock:
+                known[arguments] = value, size_of(value)
+                while len(known) > most or (
+                    len(known) > 1 and sum(size for _, size in known.values()) > most_bytes
+                ):
+                    known.popitem(last=False)
+            return value
+
+        return call
+
+    return decorate
 
 
 def kept_while_private(build: Callable[[PepperModel], Value]) -> Callable[[PepperModel], Value]:
@@ -51,10 +93,15 @@ def kept_while_private(build: Callable[[PepperModel], Value]) -> Callable[[Peppe
 
     For what takes less time to compute than a comparison of two models does.
     """
-    kept = lru_cache(maxsize=32)(build)
 
     @wraps(build)
     def call(pepper: PepperModel) -> Value:
-        return build(pepper) if pepper.dynamics_model.handed_out else kept(pepper)
+        if pepper.dynamics_model.handed_out:
+            return build(pepper)
+        try:
+            value: Value = pepper.kept[build]
+        except KeyError:
+            value = pepper.kept[build] = build(pepper)
+        return value
 
     return call

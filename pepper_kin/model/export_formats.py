@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.model.export_mjcf import mjcf_text
 from pepper_kin.model.export_sdf import sdf_text
 from pepper_kin.model.export_srdf import srdf_text
@@ -24,7 +24,7 @@ def export(
     Args:
         pepper: The robot.
         format: "urdf", "srdf", "sdf" or "mjcf".
-        mesh_paths: How meshes are named: "package" (default of URDF; not in MJCF, which knows no packages),
+        mesh_paths: How meshes are named: "package" (default of URDF; not in MJCF, which has no packages),
             "absolute" (default of SDF and MJCF) or "relative" (`meshes/NAME` beside the text).
         zero_inertials: URDF only: write masses of zero into links without mass, for PyBullet.
 
@@ -33,8 +33,17 @@ def export(
 
     Raises:
         InvalidValueError: for another format or mesh_paths, or zero_inertials where it has no meaning.
+        ModelError: for a chain of joints that is too long for a format whose bodies hold one another.
     """
     check_choice("format", format, FORMATS)
+    try:
+        return _text(pepper, format, mesh_paths, zero_inertials)
+    except RecursionError as error:
+        reason = f"its chain of joints is too long for {format}, whose bodies hold one another"
+        raise ModelError(f"robot {pepper.name!r}: {reason}") from error
+
+
+def _text(pepper: PepperModel, format: str, mesh_paths: str | None, zero_inertials: bool) -> str:
     if zero_inertials and format != "urdf":
         raise InvalidValueError("zero_inertials", "True", "False: only URDF leaves the mass of a link out")
     if format == "srdf":
@@ -44,5 +53,5 @@ def export(
     if format == "sdf":
         return sdf_text(pepper, mesh_paths or "absolute")
     if mesh_paths == "package":
-        raise InvalidValueError("mesh_paths", "'package'", "'absolute' or 'relative': MJCF knows no packages")
+        raise InvalidValueError("mesh_paths", "'package'", "'absolute' or 'relative': MJCF has no packages")
     return mjcf_text(pepper, mesh_paths or "absolute")

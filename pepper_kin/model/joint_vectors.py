@@ -1,9 +1,10 @@
-"""Checks at the door: joint vectors of the right length, finite, and within limits."""
+"""Checks of arguments: joint vectors of the right length, numbers in range, and within limits."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +16,23 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
 
-def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+MOST = 1e9
+"""Largest magnitude of a position, velocity, acceleration or torque [rad, m, ..., N m or N].
+
+Sines of larger angles have lost half of their digits, and products of far larger numbers overflow.
+"""
+
+
+def as_finite(
+    value: ArrayLike, quantity: str, shape: tuple[int | None, ...], most: float = math.inf
+) -> NDArray[np.float64]:
     """Convert to an array of finite floats of a given shape.
 
     Args:
-        value: Array-like.
+        value: Array-like of numbers; truth values and texts are none.
         quantity: Name for the message.
         shape: Expected shape; None stands for any length.
+        most: Largest magnitude allowed.
 
     Returns:
         The array (a view where no conversion was needed).
@@ -31,8 +42,8 @@ def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) ->
     """
     try:
         array = _as_floats(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidValueError(quantity, repr(value), f"numbers of shape {_shape_text(shape)}") from error
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise InvalidValueError(quantity, shown(value), f"numbers of shape {_shape_text(shape)}") from error
     if array.shape != shape and (
         len(array.shape) != len(shape)
         or any(s is not None and s != a for s, a in zip(shape, array.shape, strict=True))
@@ -42,7 +53,22 @@ def as_finite(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) ->
         raise InvalidValueError(
             quantity, array[~np.isfinite(array)][0], "finite numbers (no NaN, no infinity)"
         )
+    if most < math.inf and array.size and np.abs(array).max() > most:
+        raise InvalidValueError(
+            quantity, array[np.abs(array) > most][0], f"numbers from -{most:g} to {most:g}"
+        )
     return array
+
+
+def shown(value: object) -> str:
+    """Return a value for a message, texts in quotes; what cannot be written is named by its type."""
+    try:
+        return repr(value)
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists without end
+        return f"a value of type {type(value).__name__} that is too long to be shown"
+
+
+_MOST_SQUARED = MOST**2
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:
@@ -53,11 +79,30 @@ def _shape_text(shape: tuple[int | None, ...]) -> str:
 
 
 def _as_floats(value: ArrayLike) -> NDArray[np.float64]:
-    """Convert numbers, and nothing else that NumPy would turn into some: dates, texts, complex numbers."""
+    """Convert numbers, and nothing else that NumPy would turn into some.
+
+    Dates, texts, truth values and complex numbers are refused, in lists and arrays of objects as well.
+    """
     array = np.asarray(value)
-    if array.dtype.kind not in "biufO":
+    if array.dtype.kind == "O":
+        if not all(isinstance(item, Real) and not isinstance(item, bool | np.bool_) for item in array.flat):
+            raise TypeError("an array of other things than numbers")
+    elif array.dtype.kind not in "iuf" or (isinstance(value, list | tuple) and _holds_truth(value)):
         raise TypeError(f"an array of {array.dtype}")
     return array.astype(np.float64, copy=False)
+
+
+def _holds_truth(value: list[Any] | tuple[Any, ...]) -> bool:
+    """Whether a truth value stands among the numbers of nested lists, where NumPy takes it for one."""
+    kinds = set(map(type, value))
+    if bool in kinds or np.bool_ in kinds:
+        return True
+    if not (list in kinds or tuple in kinds or np.ndarray in kinds):
+        return False
+    return any(
+        _holds_truth(item) if isinstance(item, list | tuple) else getattr(item, "dtype", None) == np.bool_
+        for item in value
+    )
 
 
 def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
@@ -69,34 +114,34 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
         quantity: Name for the message, such as "q".
 
     Returns:
-        Array of finite floats, shape (..., n).
+        Array of floats from -MOST to MOST, shape (..., n).
 
     Raises:
-        InvalidValueError: for a wrong length, or naming the joint that is NaN or infinite.
+        InvalidValueError: for a wrong length, or naming the joint that is NaN, infinite or beyond MOST.
     """
-    # One vector of floats is the usual case; a sum of squares that overflows is looked at below.
+    # One vector of floats is the usual case; a large sum of squares is looked at below.
     if (
         type(value) is np.ndarray
         and value.dtype == np.float64
         and value.shape == (pepper.n,)
-        and value.dot(value) < np.inf
+        and value.dot(value) < _MOST_SQUARED
     ):
         return value
     try:
         array = _as_floats(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidValueError(quantity, repr(value), f"numbers of shape (..., {pepper.n})") from error
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise InvalidValueError(quantity, shown(value), f"numbers of shape (..., {pepper.n})") from error
     if array.ndim == 0 or array.shape[-1] != pepper.n:
         raise InvalidValueError(
             quantity,
             f"shape {array.shape}",
             f"shape (..., {pepper.n}), one value per joint: {', '.join(pepper.joint_names)}",
         )
-    if not np.isfinite(array).all():
-        index = tuple(np.argwhere(~np.isfinite(array))[0])
-        raise InvalidValueError(
-            quantity, f"{array[index]} at joint {pepper.joint_names[index[-1]]}", "finite numbers"
-        )
+    if array.size and not (array.max() <= MOST and array.min() >= -MOST):
+        index = tuple(np.argwhere(~(np.abs(array) <= MOST))[0])
+        wrong, joint = float(array[index]), pepper.joint_names[index[-1]]
+        allowed = f"numbers from -{MOST:g} to {MOST:g}" if math.isfinite(wrong) else "finite numbers"
+        raise InvalidValueError(quantity, f"{wrong} at joint {joint}", allowed)
     return array
 
 
@@ -148,10 +193,23 @@ def check_positive(quantity: str, value: float, unit: str = "") -> float:
     Raises:
         InvalidValueError: naming the quantity.
     """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
+    number = as_real(value)
     if not (math.isfinite(number) and number > 0):
-        raise InvalidValueError(quantity, value, f"a finite number above 0{' ' + unit if unit else ''}")
+        raise InvalidValueError(
+            quantity, shown(value), f"a finite number above 0{' ' + unit if unit else ''}"
+        )
     return number
+
+
+def as_real(value: object) -> float:
+    """Return one number as a float; NaN for anything else, such as truth values, texts and lists."""
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -61,7 +60,7 @@ def load_pepper(
     return _load_pepper(base, hands, folder, check_positive("mesh_scale", mesh_scale))
 
 
-@cache
+@lru_cache(maxsize=16)  # the robots of 16 choices
 def _load_pepper(base: str, hands: str, meshes: str | None, mesh_scale: float) -> PepperModel:
     urdf = pepper_urdf(base=base, hands=hands)
     if meshes is not None:
@@ -257,9 +256,8 @@ def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
     keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     values = [number_of(inertia, key, 0.0, f"inertia of {link}") for key in keys]
     for key, value in zip(keys, values, strict=True):
-        if abs(value) > MOST or (key[1] == key[2] and value < -ROUNDED_MOMENT):
-            allowed = f"at most {MOST:g}" if abs(value) > MOST else "at least 0"
-            raise ModelError(f"URDF: inertia of {link}: {key} is {value:g} kg m^2, expected {allowed}")
+        if key[1] == key[2] and value < -ROUNDED_MOMENT:
+            raise ModelError(f"URDF: inertia of {link}: {key} is {value:g} kg m^2, expected at least 0")
     ixx, iyy, izz, ixy, ixz, iyz = values
     tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     message = impossible_inertia(np.linalg.eigvalsh(tensor))
@@ -272,14 +270,21 @@ def _mimic_map(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return E and e of q_full = E q + e; chains of mimic joints are followed to their leader."""
     full_map, offset = np.zeros((len(full_names), len(names))), np.zeros(len(full_names))
+    known = {name: (column, 1.0, 0.0) for column, name in enumerate(names)}
     for row, name in enumerate(full_names):
-        gain, shift, leader, steps = 1.0, 0.0, name, 0
-        mimic = joints[leader].mimic
-        while mimic is not None:
-            leader, multiplier, addend = mimic
-            shift, gain = shift + gain * addend, gain * multiplier
-            mimic, steps = joints[leader].mimic, steps + 1
-            if steps > len(full_names) or not math.isfinite(gain):
+        chain = []
+        while name not in known:
+            chain.append(name)
+            name = joints[name].mimic[0]  # type: ignore[index]
+            if len(chain) > len(full_names):
                 raise ModelError(f"URDF: joint {name} mimics itself")
-        full_map[row, names.index(leader)], offset[row] = gain, shift
+        for follower in reversed(chain):
+            leader, multiplier, addend = joints[follower].mimic  # type: ignore[misc]
+            column, gain, shift = known[leader]
+            known[follower] = column, multiplier * gain, multiplier * shift + addend
+            if not max(map(abs, known[follower][1:])) <= MOST:
+                reason = f"its factors multiply to more than {MOST:g}"
+                raise ModelError(f"URDF: joint {follower} mimics {leader}: {reason}")
+        column, gain, shift = known[full_names[row]]
+        full_map[row, column], offset[row] = gain, shift
     return full_map, offset

@@ -57,7 +57,10 @@ def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
     root = ET.fromstring(document.text)
     result = {}
     for kind, shapes in (("visual", document.visuals), ("collision", document.collisions)):
-        elements = [mesh for link in root.findall("link") for mesh in link.iterfind(f"{kind}/geometry/mesh")]
+        # As they are read: the first geometry of each shape counts, and what it holds first.
+        items = [item for link in root.findall("link") for item in link.findall(kind)]
+        geometries = [geometry for item in items if (geometry := item.find("geometry")) is not None]
+        elements = [geometry[0] for geometry in geometries if geometry[0].tag == "mesh"]
         paths = [shape.geometry.path for shape in shapes if isinstance(shape.geometry, Mesh)]
         for element, path in zip(elements, paths, strict=True):
             result[path] = element.get("filename", "")

@@ -85,9 +85,9 @@ def _add_actuator(actuators: ET.Element, pepper: PepperModel, tree: KinematicTre
     effort = effort if math.isfinite(effort) else 1.0
     if joint in BASE_JOINTS:
         speed = float(pepper.velocity_limits[index])
+        bounds = {"ctrlrange": numbers((-speed, speed))} if math.isfinite(speed) else {}
         child(
-            actuators, "velocity", name=joint, joint=joint, kv=number(BASE_DAMPING),
-            ctrlrange=numbers((-speed, speed)), **force,
+            actuators, "velocity", name=joint, joint=joint, kv=number(BASE_DAMPING), **bounds, **force,
         )  # fmt: skip
         return
     lower, upper = float(pepper.lower_limits[index]), float(pepper.upper_limits[index])

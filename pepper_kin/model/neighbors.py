@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pepper_kin.exceptions import ModelError
 from pepper_kin.model.urdf_document import UrdfDocument
 
 REASON = "Adjacent"
+MOST_PAIRS = 2_000_000
+"""Pairs that are listed."""
 
 
 def neighboring_pairs(document: UrdfDocument) -> dict[tuple[str, str], str]:
@@ -17,20 +20,23 @@ def neighboring_pairs(document: UrdfDocument) -> dict[tuple[str, str], str]:
     shaped = {shape.link for shape in (*document.visuals, *document.collisions)}
     root_of: dict[str, str] = {}
     for link in document.links:
-        root = link
-        while root in above and above[root].type == "fixed":
-            root = above[root].parent
-        root_of[link] = root
+        chain = [link]  # up to a link that is known already, or that moves: each is looked at once
+        while chain[-1] not in root_of and chain[-1] in above and above[chain[-1]].type == "fixed":
+            chain.append(above[chain[-1]].parent)
+        root = root_of.get(chain[-1], chain[-1])
+        root_of.update(dict.fromkeys(chain, root))
     members: dict[str, list[str]] = {}
     for link in document.links:
         if link in shaped:
             members.setdefault(root_of[link], []).append(link)
-    pairs = {}
+    pairs: dict[tuple[str, str], str] = {}
     for root, links in members.items():
         body = root
         while body in above:
             body = root_of[above[body].parent]
             if body in members:
+                if len(pairs) + len(links) * len(members[body]) > MOST_PAIRS:
+                    raise ModelError(f"URDF: more than {MOST_PAIRS} pairs of shaped links are neighbors")
                 pairs.update({(min(a, b), max(a, b)): REASON for a in links for b in members[body]})
                 break
     return pairs

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class PepperModel:
     """A robot whose every joint has one coordinate: `nq == nv == n`.
 
-    Values are frozen and arrays are read-only, so one model may be shared by threads and by rooms.
+    Values are frozen and arrays are read-only, so one model may be shared by threads and packages.
 
     Attributes:
         name: Name of the robot.
@@ -49,6 +49,9 @@ class PepperModel:
         full_offset: (n_full,) vector e.
         n: Number of coordinates.
         is_coupled: Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n).
+        is_direct: Whether what Pinocchio returns is what this library does: nothing follows, and there is
+            more than one joint, since Pinocchio's matrices of one column are vectors.
+        kept: What the packages keep for this robot, by `RobotMemory`; it goes when the robot does.
     """
 
     name: str
@@ -68,29 +71,36 @@ class PepperModel:
     dynamics_model: DynamicsModel = field(repr=False)
     n: int = field(init=False)
     is_coupled: bool = field(init=False, repr=False)
+    is_direct: bool = field(init=False, repr=False)
     _frame_ids: dict[str, int] = field(repr=False)
+    kept: dict[Any, Any] = field(init=False, default_factory=dict, repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "n", len(self.joint_names))
         object.__setattr__(self, "is_coupled", self.full_map.shape[0] != len(self.joint_names))
+        object.__setattr__(self, "is_direct", not self.is_coupled and len(self.joint_names) > 1)
 
     def __repr__(self) -> str:
         return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the document: Pinocchio's data do not travel, a model that was changed does."""
+        """Rebuild from the document: Pinocchio's data do not travel; what was changed in its model does."""
         from pepper_kin.model.load import model_of
 
         changed = self.dynamics_model.changed()
-        return (model_of, (self.document, self.semantics, self.sphere_set, changed))
+        own = None if changed is None else changed.copy()  # so that a copy can be changed by itself
+        return (model_of, (self.document, self.semantics, self.sphere_set, own))
 
     @cached_property
     def pinocchio_model(self) -> Any:
         """`pinocchio.Model` of the moving tree, built at the first use.
 
-        Where hands are driven by mimic joints it has more coordinates than the robot: see `full_map`. What is
-        changed in it (masses, say) holds for all that is computed from then on.
+        Where hands are driven by mimic joints it has more coordinates than the robot: see `full_map`.
+
+        Masses, inertias, placements and gravity that are changed in it hold for all that is computed from
+        then on, and for copies, other processes and `place_base`.  Limits in it are not read: see
+        `with_limits`.
         """
         return self.dynamics_model.hand_out()
 
@@ -164,6 +174,15 @@ class PepperModel:
     def rate_to_full(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocities or accelerations of `pinocchio_model`, E v, shape (..., n_full)."""
         return v @ self.full_map.T if self.is_coupled else v
+
+    def columns_from_full(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return J E, shape (k, n), of a matrix whose columns are the coordinates of `pinocchio_model`.
+
+        Args:
+            columns: J, shape (k, n_full), or (k,) where n_full is 1, as Pinocchio returns it then.
+        """
+        full = columns.reshape(-1, self.full_map.shape[0])
+        return full @ self.full_map if self.is_coupled else full
 
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a link or sensor frame.

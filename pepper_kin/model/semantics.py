@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
-from pepper_kin.exceptions import ModelError
-from pepper_kin.model.urdf_document import UrdfDocument, refuse_document_types
+from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.file_reading import plain_number
+from pepper_kin.model.urdf_document import MOST, UrdfDocument
+from pepper_kin.model.xml_source import parse_xml
 
 MOST_NAMED = 8
 """Unknown names of a kind that a sentence lists."""
+MOST_NAMES = 2_000_000
+"""Members of all groups, and pairs of links, that an SRDF may list by its groups, chains and defaults."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Semantics:
         """Say in a sentence which joints, links and groups are named but not there; empty if none are."""
         parts = []
         for kind in ("joint", "link", "group"):
-            names = [repr(name) for of, name in self.unknown if of == kind]
+            names = [shortened(repr(name)) for of, name in self.unknown if of == kind]
             more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
             if names:
                 parts.append(f"{kind} {', '.join(names[:MOST_NAMED])}{more}")
@@ -71,14 +74,7 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         ModelError: on malformed XML, another root than <robot>, a group that holds itself, or a state whose
             value is no finite number.
     """
-    refuse_document_types(text, "SRDF")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise ModelError(f"SRDF: not well-formed XML: {error}") from error
-    if root.tag != "robot":
-        raise ModelError(f"SRDF: the root element is <{root.tag}>, expected <robot>")
-    return _Reader(root, urdf).semantics(text)
+    return _Reader(parse_xml(text, "SRDF"), urdf).semantics(text)
 
 
 class _Reader:
@@ -95,12 +91,16 @@ class _Reader:
             self.groups.setdefault(_name(group), group)  # MoveIt keeps the first of one name as well
         self.unknown: dict[tuple[str, str], None] = {}
         self.members: dict[str, set[str]] = {}
+        self.counted = 0
 
     def semantics(self, text: str) -> Semantics:
         """Return all that the elements say."""
         moving = [joint.name for joint in self.urdf.joints if joint.type != "fixed"]
         members = {group: self._members(group) for group in self.groups}
-        groups = {group: tuple(name for name in moving if name in members[group]) for group in members}
+        place = {name: k for k, name in enumerate(moving)}
+        groups = {
+            group: tuple(sorted(members[group] & place.keys(), key=place.__getitem__)) for group in members
+        }
         states = {
             (_name(state, "group"), _name(state)): self._state_values(state)
             for state in self.root.findall("group_state")
@@ -112,6 +112,12 @@ class _Reader:
             self._known("link", effector, "parent_link")
             self._known("group", effector, "group")
         return Semantics(groups, states, pairs, tuple(self.unknown), text)
+
+    def _count(self, names: int) -> None:
+        """Refuse a small text that stands for endless lists of names."""
+        self.counted += names
+        if self.counted > MOST_NAMES:
+            raise ModelError(f"SRDF: its groups and pairs list more than {MOST_NAMES} names")
 
     def _known(self, kind: str, element: ET.Element, attribute: str = "name") -> str | None:
         """Return a name if there is such a thing; else None, and note it where it is not empty."""
@@ -127,24 +133,21 @@ class _Reader:
         values: dict[str, float] = {}
         for joint in state.findall("joint"):
             words, name = joint.get("value", "").split(), _name(joint)
-            try:
-                numbers = [float(word) for word in words]
-            except ValueError:
-                numbers = []
-            if not numbers or not all(map(math.isfinite, numbers)):
-                raise ModelError(
-                    f"SRDF: state {state.get('name')!r}: joint {name!r} has no number as value, but {words}"
-                )
+            numbers = [plain_number(word) for word in words]
+            if not numbers or not all(abs(number) <= MOST for number in numbers):
+                where = f"state {shortened(state.get('name'))!r}: joint {shortened(name)!r}"
+                raise ModelError(f"SRDF: {where} has no number as value, but {shortened(words)}")
             if len(numbers) == 1:
                 self._known("joint", joint)
                 values[name] = numbers[0]
         return values
 
     def _disabled_pairs(self) -> dict[tuple[str, str], str]:
-        pairs = {}
+        pairs: dict[tuple[str, str], str] = {}
         for element in self.root.findall("disable_default_collisions"):
             link = self._known("link", element, "link")
             if link is not None:
+                self._count(len(self.links))
                 pairs.update({_sorted_pair(link, other): "Default" for other in self.links - {link}})
         for element in self.root.findall("enable_collisions"):
             first, second = self._known("link", element, "link1"), self._known("link", element, "link2")
@@ -157,17 +160,37 @@ class _Reader:
             pairs[pair] = element.get("reason", "")
         return pairs
 
-    def _members(self, group: str, above: tuple[str, ...] = ()) -> set[str]:
+    def _members(self, group: str) -> set[str]:
         """Return the joints of a group, whose sub-groups may stand anywhere in the text."""
-        if group in self.members:
-            return self.members[group]
-        if group in above:
-            raise ModelError(f"SRDF: group {group!r} holds itself: {' > '.join((*above, group))}")
+        above: dict[str, None] = {}  # those whose sub-groups are being read, the outermost first
+        waiting = [group]
+        while waiting:
+            name = waiting[-1]
+            open_subs = [sub for sub in self._sub_groups(name) if sub not in self.members]
+            if name in self.members or not open_subs:
+                if name not in self.members:
+                    self.members[name] = self._own_members(name)
+                waiting.pop()
+                above.pop(name, None)
+                continue
+            above[name] = None
+            for sub in open_subs:
+                if sub in above:
+                    raise ModelError(f"SRDF: group {sub!r} holds itself: {' > '.join((*above, sub))}")
+            waiting += open_subs
+        return self.members[group]
+
+    def _sub_groups(self, group: str) -> list[str]:
+        """Return the groups that are named in a group."""
+        names = (self._known("group", sub) for sub in self.groups[group].findall("group"))
+        return [name for name in names if name is not None]
+
+    def _own_members(self, group: str) -> set[str]:
+        """Return the joints of a group whose sub-groups are known."""
         element = self.groups[group]
         members = {name for joint in element.findall("joint") if (name := self._known("joint", joint))}
-        for sub in element.findall("group"):
-            name = self._known("group", sub)
-            members |= set() if name is None else self._members(name, (*above, group))
+        for sub in self._sub_groups(group):
+            members |= self.members[sub]
         for chain in element.findall("chain"):
             base, tip = self._known("link", chain, "base_link"), self._known("link", chain, "tip_link")
             if base is not None and tip is not None:
@@ -176,7 +199,7 @@ class _Reader:
         for link in element.findall("link"):
             joint = self.parent_joint.get(self._known("link", link) or "")
             members |= set() if joint is None else {joint.name}
-        self.members[group] = members
+        self._count(len(members))
         return members
 
     def _joints_above(self, link: str) -> set[str]:
@@ -185,6 +208,7 @@ class _Reader:
             joint = self.parent_joint[link]
             joints.add(joint.name)
             link = joint.parent
+        self._count(len(joints))
         return joints
 
 

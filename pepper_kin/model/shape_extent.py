@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_reading import plain_number, read_bytes
 from pepper_kin.model.tolerant_urdf import LinkFacts, ShapeFacts
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -46,8 +48,8 @@ def _extent(shape: ShapeFacts) -> NDArray[np.float64] | None:
 def mesh_points(path: Path) -> NDArray[np.float64] | None:
     """Return the corners of an STL or OBJ mesh, (k, 3), in the file's unit; None where it cannot be read."""
     try:
-        content = path.read_bytes()
-    except OSError:
+        content = read_bytes(path)
+    except FileFormatError:
         return None
     if path.suffix.lower() == ".obj":
         return _numbers_after(content, b"v")
@@ -63,7 +65,8 @@ def mesh_points(path: Path) -> NDArray[np.float64] | None:
 
 def _numbers_after(content: bytes, keyword: bytes) -> NDArray[np.float64] | None:
     lines = [line.split() for line in content.splitlines()]
-    try:
-        return np.array([[float(v) for v in x[1:4]] for x in lines if x and x[0] == keyword]).reshape(-1, 3)
-    except ValueError:
+    rows = [[plain_number(v.decode("latin-1")) for v in x[1:4]] for x in lines if x and x[0] == keyword]
+    if any(len(row) != 3 for row in rows):
         return None
+    points = np.array(rows).reshape(-1, 3)
+    return points if np.isfinite(points).all() else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.frozen_arrays import kept_read_only, read_only
+from pepper_kin.model.joint_vectors import as_finite, check_positive
 
 __all__ = [
     "Box",
@@ -29,9 +31,23 @@ __all__ = [
 ]
 
 
-def _positive(quantity: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
-        raise InvalidValueError(quantity, value, "a finite number above 0 [m]")
+def _check_positive(shape: object, *names: str) -> None:
+    """Set attributes of a frozen shape to floats above zero.
+
+    Raises:
+        InvalidValueError: naming shape and attribute.
+    """
+    for name in names:
+        quantity = f"{type(shape).__name__.lower()} {name}"
+        object.__setattr__(shape, name, check_positive(quantity, getattr(shape, name), "[m]"))
+
+
+def _three(quantity: str, value: ArrayLike, allowed: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = as_finite(value, quantity, (3,)).tolist()
+    except InvalidValueError as error:
+        raise InvalidValueError(quantity, value, allowed) from error
+    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -45,9 +61,10 @@ class Box:
     size: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        size = tuple(float(v) for v in self.size)
-        if len(size) != 3 or not all(math.isfinite(v) and v > 0 for v in size):
-            raise InvalidValueError("box size", self.size, "three finite lengths above 0 [m]")
+        allowed = "three finite lengths above 0 [m]"
+        size = _three("box size", self.size, allowed)
+        if not all(v > 0 for v in size):
+            raise InvalidValueError("box size", self.size, allowed)
         object.__setattr__(self, "size", size)
 
 
@@ -62,7 +79,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        _positive("sphere radius", self.radius)
+        _check_positive(self, "radius")
 
 
 @dataclass(frozen=True)
@@ -78,8 +95,7 @@ class Cylinder:
     length: float
 
     def __post_init__(self) -> None:
-        _positive("cylinder radius", self.radius)
-        _positive("cylinder length", self.length)
+        _check_positive(self, "radius", "length")
 
 
 @dataclass(frozen=True)
@@ -95,8 +111,7 @@ class Capsule:
     length: float
 
     def __post_init__(self) -> None:
-        _positive("capsule radius", self.radius)
-        _positive("capsule length", self.length)
+        _check_positive(self, "radius", "length")
 
 
 @dataclass(frozen=True)
@@ -110,6 +125,12 @@ class Mesh:
 
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.path, str | os.PathLike):
+            raise InvalidValueError("mesh path", repr(self.path), "the name of a file")
+        object.__setattr__(self, "path", Path(self.path))
+        object.__setattr__(self, "scale", _three("mesh scale", self.scale, "three finite factors"))
 
 
 Geometry: TypeAlias = Box | Sphere | Cylinder | Capsule | Mesh

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import ModelError
+from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.file_reading import plain_number
 from pepper_kin.model.fault import Fault
 from pepper_kin.model.shapes import transform
-from pepper_kin.model.urdf_document import MOVING_TYPES, refuse_document_types
+from pepper_kin.model.urdf_document import MOST, MOVING_TYPES
 from pepper_kin.model.urdf_shapes import resolve_mesh
+from pepper_kin.model.xml_source import parse_xml
 
 SIZES = {
     "box": ("size",),
@@ -78,13 +81,9 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
     """
     facts = UrdfFacts()
     try:
-        refuse_document_types(text, "URDF")
-        root = ET.fromstring(text)
-    except (ModelError, ET.ParseError) as error:
+        root = parse_xml(text, "URDF")
+    except ModelError as error:
         facts.faults.append(Fault("xml", "the file", str(error).removeprefix("URDF: ")))
-        return facts
-    if root.tag != "robot":
-        facts.faults.append(Fault("xml", "the file", f"the root element is <{root.tag}>, expected <robot>"))
         return facts
     facts.name = root.get("name", "(no name)")
     reader = _Reader(facts.faults, package_dirs)
@@ -118,12 +117,9 @@ class _Reader:
         text = None if element is None else element.get(name)
         if text is None:
             return np.array(default)
-        try:
-            values = np.array([float(v) for v in text.split()])
-        except ValueError:
-            values = np.empty(0)
-        if values.shape != (len(default),) or not np.isfinite(values).all():
-            self.fault("number", where, f"{name}={text!r} is not {len(default)} finite numbers")
+        values = np.array([plain_number(v) for v in text.split()])
+        if values.shape != (len(default),) or not (np.abs(values) <= MOST).all():
+            self.fault("number", where, f"{name}={shortened(text)!r} is not {len(default)} finite numbers")
             return np.array(default)
         return values
 
@@ -132,12 +128,9 @@ class _Reader:
         text = None if element is None else element.get(name)
         if text is None:
             return None
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            self.fault("number", where, f"{name}={text!r} is not a finite number")
+        value = plain_number(text)
+        if not abs(value) <= MOST:
+            self.fault("number", where, f"{name}={shortened(text)!r} is not a finite number")
             return None
         return value
 
@@ -198,19 +191,21 @@ class _Reader:
         if item.tag == "mesh":
             name = item.get("filename", "")
             path = resolve_mesh(name, self.package_dirs)
-            if not name or not path.is_file():
-                self.fault("mesh", where, f"{name!r} is not there" if name else "the mesh has no file name")
+            if not name or not os.path.isfile(path):
+                missing = f"{shortened(name)!r} is not there" if name else "the mesh has no file name"
+                self.fault("mesh", where, missing)
             scale = self.vector(item, "scale", (1.0, 1.0, 1.0), where)
             return ShapeFacts("mesh", {"scale": tuple(scale)}, pose, path)
         if item.tag not in SIZES:
-            self.fault("geometry", where, f"unknown geometry <{item.tag}>")
+            self.fault("geometry", where, f"unknown geometry <{shortened(item.tag)}>")
             return None
         sizes = {}
         for key in SIZES[item.tag]:
             default = (0.0, 0.0, 0.0) if key == "size" else (0.0,)
             sizes[key] = tuple(float(v) for v in self.vector(item, key, default, where))
             if min(sizes[key]) <= 0:
-                self.fault("geometry", where, f"{item.tag}: {key}={item.get(key)!r} is not above zero")
+                value = shortened(item.get(key))
+                self.fault("geometry", where, f"{item.tag}: {key}={value!r} is not above zero")
                 return None
         return ShapeFacts(item.tag, sizes, pose)
 
@@ -221,7 +216,8 @@ class _Reader:
         if not name:
             self.fault("structure", "a joint", "it has no name")
         if kind not in JOINT_TYPES:
-            self.fault("structure", where, f"type {kind!r} is none of {', '.join(JOINT_TYPES)}")
+            known = ", ".join(JOINT_TYPES)
+            self.fault("structure", where, f"type {shortened(kind)!r} is none of {known}")
         ends = {}
         for tag in ("parent", "child"):
             end = element.find(tag)

@@ -10,11 +10,11 @@ def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
     below: dict[str, list[Joint]] = {}
     for joint in sorted(document.joints, key=lambda joint: joint.name, reverse=True):
         below.setdefault(joint.parent, []).append(joint)
-    waiting, order = below.get(document.root, []), []
+    waiting, order = list(below.get(document.root, ())), []
     while waiting:
         joint = waiting.pop()
         order.append(joint)
-        waiting = waiting + below.get(joint.child, [])
+        waiting += below.get(joint.child, ())
     return tuple(order)
 
 

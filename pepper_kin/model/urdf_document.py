@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin.exceptions import ModelError
+from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.file_reading import plain_number
+from pepper_kin.model.xml_source import parse_xml
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
     from pepper_kin.model.wheels import Wheels
 
 MOST = 1e30
-"""Largest limit, mass [kg] or moment of inertia [kg m^2]: products of larger ones overflow."""
+"""Largest number of a description, such as a limit or a mass [kg]: products of larger ones overflow."""
+MOST_MOVING = 4000
+"""Joints that move, at most: matrices grow with the square of their number."""
+LONGEST_CHAIN = 3000
+"""Joints between the root and a link, at most: Pinocchio reads them in one another, on a stack that ends."""
+XACRO = "xacro"
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
@@ -120,27 +126,20 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     Raises:
         ModelError: naming the element that is malformed, missing, doubled or disconnected.
     """
-    refuse_document_types(text, "URDF")
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise ModelError(f"URDF: not well-formed XML: {error}") from error
-    if root.tag != "robot":
-        raise ModelError(f"URDF: the root element is <{root.tag}>, expected <robot>")
+    root = parse_xml(text, "URDF")
+    _refuse_xacro(root)
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))
     joints = tuple(_joint(element) for element in root.findall("joint"))
     _check_tree(links, joints)
     return UrdfDocument(root.get("name", "robot"), text, links, joints, tuple(package_dirs))
 
 
-def refuse_document_types(text: str, what: str) -> None:
-    """Refuse XML with a document type or entities, which can read files or multiply content.
-
-    Raises:
-        ModelError: naming `what` the text is.
-    """
-    if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise ModelError(f"{what}: document type declarations and entities are not allowed")
+def _refuse_xacro(root: ET.Element) -> None:
+    """Refuse xacro sources: without what their macros stand for they would be another robot."""
+    for element in root.iter():
+        space, brace, tag = str(element.tag).rpartition("}")
+        if (brace and XACRO in space) or tag.startswith(f"{XACRO}:"):
+            raise ModelError(f"URDF: holds <xacro:{tag}>; expand it first: xacro FILE > robot.urdf")
 
 
 def attribute_of(element: ET.Element, name: str, what: str) -> str:
@@ -159,14 +158,14 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
     """Return an attribute as a number, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` where it is not a number.
+        ModelError: naming `what` where it is not a number, or beyond MOST.
     """
     text = element.get(name)
     if text is None:
         return default
     value = plain_number(text)
-    if not math.isfinite(value):
-        raise ModelError(f"URDF: {what}: {name}={cut(text)} is not a finite number")
+    if not abs(value) <= MOST:
+        raise ModelError(f"URDF: {what}: {name}={cut(text)} is not a finite number up to {MOST:g}")
     return value
 
 
@@ -177,18 +176,9 @@ def positive_of(element: ET.Element, name: str, default: float, what: str) -> fl
         ModelError: naming `what` and the value, where it is negative, no number, or above MOST.
     """
     value = number_of(element, name, default, what)
-    if value < 0.0 or MOST < value < math.inf:
-        allowed = "at least 0" if value < 0.0 else f"at most {MOST:g}"
-        raise ModelError(f"URDF: {what}: {name} is {value:g}, expected {allowed}")
+    if value < 0.0:
+        raise ModelError(f"URDF: {what}: {name} is {value:g}, expected at least 0")
     return value
-
-
-def plain_number(text: str) -> float:
-    """Return the number that a text states in ASCII digits; NaN for anything else, such as 1_0 or \u0661."""
-    try:
-        return float(text) if text.isascii() and "_" not in text else math.nan
-    except ValueError:
-        return math.nan
 
 
 def cut(text: str) -> str:
@@ -198,7 +188,7 @@ def cut(text: str) -> str:
 
 
 def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
-    """Return a text as `size` finite numbers, or `default` where there is no text.
+    """Return a text as `size` numbers up to MOST, or `default` where there is no text.
 
     Raises:
         ModelError: naming `what` where it is anything else.
@@ -207,12 +197,12 @@ def vector_of(text: str | None, size: int, default: Sequence[float], what: str) 
 
 
 def numbers_of(text: str | None, size: int, default: Sequence[float], what: str) -> Sequence[float]:
-    """Return a text as `size` finite numbers, as `vector_of` does."""
+    """Return a text as `size` numbers, as `vector_of` does."""
     if text is None:
         return default
     values = [plain_number(v) for v in text.split()]
-    if len(values) != size or not all(map(math.isfinite, values)):
-        raise ModelError(f"URDF: {what}: {cut(text)} is not {size} finite numbers")
+    if len(values) != size or not all(abs(value) <= MOST for value in values):
+        raise ModelError(f"URDF: {what}: {cut(text)} is not {size} finite numbers up to {MOST:g}")
     return values
 
 
@@ -221,7 +211,8 @@ def _joint(element: ET.Element) -> Joint:
     kind = attribute_of(element, "type", f"joint {name}")
     if kind not in (*MOVING_TYPES, "fixed"):
         raise ModelError(
-            f"URDF: joint {name} has type {kind!r}; supported: {', '.join((*MOVING_TYPES, 'fixed'))}"
+            f"URDF: joint {name} has type {shortened(repr(kind))}; "
+            f"supported: {', '.join((*MOVING_TYPES, 'fixed'))}"
         )
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
@@ -283,13 +274,27 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
         raise ModelError(
             f"URDF: expected one root link, found {len(roots)}: {', '.join(roots) or '(a loop)'}"
         )
-    for link in links:
-        steps = 0
-        while link in parent_of:
-            link, steps = parent_of[link], steps + 1
-            if steps > len(links):
-                raise ModelError(f"URDF: link {link!r} is part of a loop")
+    _check_depth(links, parent_of, roots[0])
     moving = {joint.name for joint in joints if joint.type != "fixed"}
+    if len(moving) > MOST_MOVING:
+        raise ModelError(f"URDF: {len(moving)} joints move, at most {MOST_MOVING} are read")
     for joint in joints:
         if joint.mimic is not None and joint.mimic[0] not in moving:
             raise ModelError(f"URDF: joint {joint.name} mimics an unknown joint {joint.mimic[0]!r}")
+
+
+def _check_depth(links: tuple[str, ...], parent_of: dict[str, str], root: str) -> None:
+    """Refuse loops, and chains that are too long; each link is looked at once."""
+    depth = {root: 0}
+    for link in links:
+        chain = []
+        while link not in depth:
+            chain.append(link)
+            link = parent_of[link]
+            if len(chain) > len(links):
+                raise ModelError(f"URDF: link {link!r} is part of a loop")
+        for below in reversed(chain):
+            depth[below] = depth[parent_of[below]] + 1
+            if depth[below] > LONGEST_CHAIN:
+                reason = f"hangs on a chain of more than {LONGEST_CHAIN} joints"
+                raise ModelError(f"URDF: link {below!r} {reason}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import ModelError
+from pepper_kin.exceptions import InvalidValueError, ModelError, shortened
 from pepper_kin.model.expanded_urdf import urdf_folder
 from pepper_kin.model.shapes import (
     NO_COLOR,
@@ -79,7 +80,11 @@ def _shapes(
             if material is not None:
                 named = materials.get(material.get("name", ""), color)
                 color = _color(material) if material.find("color") is not None else named
-            shapes.append(Shape(name, link_name, _geometry(geometry[0], name, package_dirs), pose, color))
+            try:
+                solid = _geometry(geometry[0], name, package_dirs)
+            except InvalidValueError as error:
+                raise ModelError(f"URDF: {kind} {name} of link {link_name}: {error}") from error
+            shapes.append(Shape(name, link_name, solid, pose, color))
     return shapes
 
 
@@ -97,7 +102,7 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
         x, y, z = numbers_of(element.get("scale"), 3, (1.0, 1.0, 1.0), f"scale of mesh {name}")
         path = resolve_mesh(attribute_of(element, "filename", name), package_dirs)
         return Mesh(path, (x, y, z))
-    raise ModelError(f"URDF: shape {name} has an unknown geometry <{element.tag}>")
+    raise ModelError(f"URDF: shape {name} has an unknown geometry <{shortened(element.tag)}>")
 
 
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
@@ -108,14 +113,14 @@ def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
     if filename.startswith("package://"):
         rest = filename.removeprefix("package://")
         for folder in package_dirs:
-            if (folder / rest).exists():
+            if os.path.exists(folder / rest):  # Path.exists raises for names that are too long
                 return folder / rest
         own = "pepper_kin/urdf/"
         if rest.startswith(own):
             return urdf_folder() / rest.removeprefix(own)
         return Path(rest)
     path = Path(filename.removeprefix("file://"))
-    found = (folder / path for folder in package_dirs if (folder / path).exists())
+    found = (folder / path for folder in package_dirs if os.path.exists(folder / path))
     return path if path.is_absolute() else next(found, path)
 
 

@@ -6,7 +6,8 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pepper_kin.exceptions import FileFormatError, ModelError
+from pepper_kin.exceptions import ModelError
+from pepper_kin.file_reading import read_text
 from pepper_kin.model.pepper_model import PepperModel
 
 
@@ -20,10 +21,7 @@ def read_source(source: PepperModel | str | Path) -> str:
         return source.urdf
     if isinstance(source, str) and is_text(source):
         return source.lstrip("\ufeff \t\r\n")
-    try:
-        return Path(source).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise FileFormatError(source, f"cannot be read as text: {error}") from error
+    return read_text(source)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
+from xml.sax.saxutils import quoteattr
 
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.model.joint_vectors import check_choice, check_positive
@@ -14,6 +16,8 @@ BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 WHEEL_FRAMES = ("BaseWheelLeft", "BaseWheelRight")
 """Frames where the wheels of a differential base stand."""
 
+_END = re.compile(r"</robot\s*>\s*(?:<!--.*?-->\s*|<\?.*?\?>\s*)*\Z", re.DOTALL)
+"""The end of a description: what comments hold that follow the robot is not it."""
 _KINDS = (("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))
 
 
@@ -108,7 +112,7 @@ def on_planar_base(
         limits: Greatest speed and acceleration of the joints; no limit where there is none.
     """
     links = [_free_name(document, f"{prefix}_{name}") for name in ("world", "x", "y")]
-    joints, elements = [], [f'  <link name="{name}"/>' for name in links]
+    joints, elements = [], [f"  <link name={quoteattr(name)}/>" for name in links]
     children = (*links[1:], document.root)
     for name, (kind, axis), parent, child in zip(BASE_JOINTS, _KINDS, links, children, strict=True):
         bound = reach if kind == "prismatic" else math.inf
@@ -119,10 +123,9 @@ def on_planar_base(
         attributes = (
             f' velocity="{speed!r}" acceleration="{acceleration!r}"' if name in limits else ' velocity="1e3"'
         )
-        elements.append(
-            f'  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<axis xyz="{axis}"/><limit lower="{-reach}" upper="{reach}" effort="1e6"{attributes}/></joint>'
-        )
+        ends = f"<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>"
+        limit = f'<limit lower="{-reach}" upper="{reach}" effort="1e6"{attributes}/>'
+        elements.append(f'  <joint name="{name}" type="{kind}">{ends}<axis xyz="{axis}"/>{limit}</joint>')
     moving = _extended(document, elements)
     return replace(moving, links=(*links, *document.links), joints=(*joints, *document.joints))
 
@@ -134,7 +137,7 @@ def _with_wheel_frames(document: UrdfDocument, root: str, track: float) -> UrdfD
         joints.append(Joint(joint, "fixed", root, name, 0.0, 0.0, math.inf, math.inf, math.inf, mimic=None))
         elements += [
             f'  <link name="{name}"/>',
-            f'  <joint name="{joint}" type="fixed"><parent link="{root}"/><child link="{name}"/>'
+            f'  <joint name="{joint}" type="fixed"><parent link={quoteattr(root)}/><child link="{name}"/>'
             f'<origin xyz="0 {y!r} 0"/></joint>',
         ]
     extended = _extended(document, elements)
@@ -142,8 +145,10 @@ def _with_wheel_frames(document: UrdfDocument, root: str, track: float) -> UrdfD
 
 
 def _extended(document: UrdfDocument, elements: list[str]) -> UrdfDocument:
-    head, tail = document.text.rsplit("</robot>", 1)
-    return replace(document, text="\n".join([head.rstrip(), *elements, f"</robot>{tail}"]))
+    end = _END.search(document.text)
+    assert end is not None  # the text was parsed
+    head, tail = document.text[: end.start()], document.text[end.start() :]
+    return replace(document, text="\n".join([head.rstrip(), *elements, tail]))
 
 
 def _free_name(document: UrdfDocument, name: str) -> str:

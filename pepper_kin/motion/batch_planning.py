@@ -126,7 +126,7 @@ def plan_batch(
 ) -> PlanBatch:
     """Plan many problems on all cores.
 
-    Each plan is what `plan` returns for that problem alone, to the bit but for its `time`, unless time runs
+    Each plan is what `plan` returns for that problem alone, to the bit except its `time`, unless time runs
     out.  This process works on them as well; helpers, which are separate processes, join in as soon as
     they have started, in about a second, and stay for the next call.  What cannot be sent to them (a task
     class of the main script, say) is solved here.

@@ -44,11 +44,11 @@ class CartesianStatus(ResultStatus):
 
     DONE = "done", "Time the path with retime()."
     START_INVALID = "start_invalid", "Start from a posture that is free and that the joints can hold."
-    OUT_OF_REACH = "out_of_reach", "Shorten the way, let more joints move, or move the base."
+    OUT_OF_REACH = "out_of_reach", "Shorten the line, let more joints move, or move the base."
     BLOCKED_BY_LIMITS = "blocked_by_limits", "Start from another posture, or let more joints move."
-    IN_COLLISION = "in_collision", "Move the way or the obstacle, or plan with plan(), which goes round it."
+    IN_COLLISION = "in_collision", "Move the line or the obstacle, or plan with plan(), which goes around it."
     TORQUE_LIMIT = "torque_limit", "Start from another posture, or keep the hand nearer to the body."
-    JUMP = "jump", "Start from another posture: from this one the arm has to turn over on the way."
+    JUMP = "jump", "Start from another posture: from this one the arm would have to change its configuration."
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,19 @@ def _as_curves(curves: HandCurve | Sequence[HandCurve]) -> tuple[HandCurve, ...]
 
 
 class _Follower:
-    """Goes from stop to stop."""
+    """Goes from stop to stop.
+
+    Args:
+        pepper: The robot.
+        hand: "left" or "right".
+        frame: The hand's frame.
+        direction: Where the hand should point in the world, a unit vector, shape (3,); None leaves it open.
+        scene: The world; None for the robot alone.
+        joints: Joints that may move, by joints and groups; None for all.
+        margin: Distance requested to all things [m].
+        tolerance: Of the hand's position [m].
+        least_step: Stops are no closer together than this [m].
+    """
 
     def __init__(
         self,
@@ -245,7 +257,12 @@ class _Follower:
         )
 
     def _step(self, before: Array, point: Array) -> Array | tuple[CartesianStatus, str]:
-        """Return the joint positions at the next stop, or why there are none."""
+        """Return the joint positions [rad or m] at the next stop, shape (n,), or why there are none.
+
+        Args:
+            before: Joint positions at the last stop [rad or m], shape (n,).
+            point: The hand's next position in the world [m], shape (3,).
+        """
         tasks: list[ik.Task] = [
             ik.HandPosition(self.hand, point, tolerance=self.tolerance, hard=True),
             ik.JointPosture(before, weight=STAY_WEIGHT, tolerance=np.inf),
@@ -267,7 +284,10 @@ class _Follower:
         return next((r for r in reasons if any(name in r[1] for name in objects)), reasons[0])
 
     def _turned(self, before: Array) -> Array:
-        """Return the next target direction: as far toward the final one as a stop may turn the hand."""
+        """Return the next target direction, shape (3,), from joint positions `before` [rad or m], shape (n,).
+
+        It is as far toward the final one as a stop may turn the hand.
+        """
         now = frame_pose(self.pepper, before, self.frame)[:3, 0]
         direction_task = cast("Array", self.direction)
         angle = float(np.arccos(np.clip(now @ direction_task, -1.0, 1.0)))
@@ -279,6 +299,7 @@ class _Follower:
         return np.asarray(np.cos(TURN) * now + np.sin(TURN) * across / np.linalg.norm(across))
 
     def _fault(self, result: ik.IKResult, before: Array) -> tuple[CartesianStatus, str] | None:
+        """Return what is wrong with a step from joint positions `before` [rad or m], shape (n,), or None."""
         if not result.hard_met:
             limited = result.status is ik.IKStatus.CLOSEST_LIMITS
             status = CartesianStatus.BLOCKED_BY_LIMITS if limited else CartesianStatus.OUT_OF_REACH
@@ -294,6 +315,7 @@ class _Follower:
         return self._contact(result.q)
 
     def _contact(self, q: Array) -> tuple[CartesianStatus, str] | None:
+        """Return which contact or torque forbids the joint positions q [rad or m], shape (n,), or None."""
         if self.checker.in_collision(q):
             fault = fault_of(self.exact, q, "next stop")
             if fault is not None:

@@ -1,4 +1,4 @@
-"""Which configurations a motion may pass through: collision checks at any margin, and torques that hold."""
+"""Validity of the configurations of a motion: collision checks at any margin, and torques that hold."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
-from pepper_kin.collision.checker import LEVER
+from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.fast import CompiledValidity, StaticLoads, fast_checker_for
 from pepper_kin.collision.fast.tables import tables_of
+from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
+from pepper_kin.collision.mesh_changes import as_on_disk
 from pepper_kin.core.collision.check import row_verdicts, valid_steps
 from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins, sound_ends
 from pepper_kin.core.collision.gjk import CONTACT, TIE
-from pepper_kin.core.collision.layout import EDGE_NUMBERS, ROOM
+from pepper_kin.core.collision.layout import EDGE_NUMBERS, STATES_AT_ONCE
 from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.static_limits import StaticLimits
 
 Array = NDArray[np.float64]
@@ -74,7 +76,7 @@ class Checks:
     def along(
         self, standing: Array, moving: NDArray[np.int64], margins: tuple[float, float]
     ) -> Callable[[Array], NDArray[np.bool_]]:
-        """Return what tells of states of one motion, shape (m, n), what `free` does.
+        """Return a function of states of one motion, shape (m, n), that answers as `free` does.
 
         What stands is looked at once.
 
@@ -89,6 +91,7 @@ class Checks:
         code = self._moving(standing, moving).at(*margins)
 
         def test(states: Array) -> NDArray[np.bool_]:
+            """Return which whole configurations [rad or m], shape (m, n), are free, shape (m,)."""
             verdicts = code.verdicts(states)
             if (verdicts == TIE).any():
                 self.answer(states, verdicts, margins)
@@ -136,16 +139,25 @@ class Checks:
         return found
 
     def _motion_check(self, still: Array, moves: Array, standing: Array, loads: StaticLoads) -> MotionCheck:
-        """Return what compiled functions take, with this thread's room."""
+        """Return what compiled functions take, with this thread's workspace.
+
+        Args:
+            still: The block that compares what stands, shape (s,).
+            moves: The block that compares what moves, shape (t,).
+            standing: Where the joints stand that do not move [rad or m], shape (n,).
+            loads: What is carried, and edges that the robot must not tip over.
+        """
         heads, tables, _ = tables_of(self.pepper)
-        states, given, asked, work = _rooms_of(standing.size, loads)
+        states, inputs, torques, work = _workspace_of(standing.size, loads)
         return MotionCheck(
             verdicts=int(row_verdicts.address) if self.compiled else 0,
             ask=_ASK_ADDRESS,
-            load=loads.kernel.batch_address,
+            load=loads.kernel.address_of(
+                "batch", inputs=inputs.shape[1], outputs=torques.shape[1], work=work.size
+            ),
             quick=self.quick,
             least=self._fast.resting_margin if self.compiled else np.inf,
-            lever=LEVER,
+            radius=RANGE_RADIUS,
             still=still,
             moving=moves,
             standing=standing,
@@ -156,9 +168,9 @@ class Checks:
             tables=tables,
             held_step=self.statics.step,
             states=states,
-            given=given,
-            asked=asked,
-            answers=np.empty(ROOM, np.int64),
+            inputs=inputs,
+            torques=torques,
+            answers=np.empty(STATES_AT_ONCE, np.int64),
             margins=np.empty(2),
             work=work,
             words=np.empty(8, np.int64),
@@ -224,6 +236,7 @@ class Checks:
             checker = fast_checker_for(self.pepper, self.scene, *margins)
 
             def valid(states: Array) -> NDArray[np.bool_]:
+                """Return which states of the free joints [rad or m], shape (m, k), are valid, shape (m,)."""
                 q = np.tile(frozen, (len(states), 1))
                 q[:, free] = states
                 ok = self.holds(q)
@@ -236,7 +249,12 @@ class Checks:
         return planners.CompiledMotionValidator(made.address, int(free.size), made.memory, keep_alive=made)
 
     def _moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
-        """Return the validity without margins of what some joints move, made once for one motion."""
+        """Return the validity without margins of what some joints move, made once for one motion.
+
+        Args:
+            frozen: A whole configuration [rad or m], shape (n,).
+            free: Places of the joints that move, shape (k,).
+        """
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
         if found is None:
@@ -266,6 +284,12 @@ class Checks:
         """Return what `margins` does where all ends touch nothing and can be held, and else None.
 
         It takes one call of machine code; None as well where that cannot answer.
+
+        Args:
+            start: Start configuration [rad or m], shape (n,).
+            goals: Goals [rad or m], shape (m, n).
+            free: Places of the joints in which they may differ, shape (k,).
+            margin: The margin requested [m].
         """
         if not self.compiled or self.statics.balance is not None or not free.size:
             return None
@@ -275,34 +299,38 @@ class Checks:
         return float(kept[0]), float(kept[1])
 
 
-@functools.lru_cache(maxsize=16)
 def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
     """Return the checks of a robot in a scene, made once and kept, with their arrays, for the next call."""
+    return _checks_for(pepper, as_on_disk(scene), statics)
+
+
+@kept_for_robot(most=16, most_bytes=MOST_BYTES, size_of=checker_size)
+def _checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
     return Checks(pepper, scene, statics)
 
 
 _NO_BLOCKS = np.empty(0), np.empty(0)
 
 
-class _Rooms(threading.local):
+class _Workspaces(threading.local):
     """Arrays of each thread that its checks of curves share, by their sizes."""
 
     def __init__(self) -> None:
         self.kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
 
 
-_rooms = _Rooms()
+_workspaces = _Workspaces()
 
 
-def _rooms_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
-    """Return this thread's room for states of n joints, and for what is asked of a kernel of loads."""
+def _workspace_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
+    """Return this thread's arrays for states, and for inputs, torques and work of a kernel of loads."""
     size = n, loads.masses.size, len(loads.edges), loads.kernel.work_size
-    found = _rooms.kept.get(size)
+    found = _workspaces.kept.get(size)
     if found is None:
-        asked = n + (EDGE_NUMBERS if len(loads.edges) else 0)
-        sizes = n, n + loads.masses.size, asked
-        states, given, torques = (np.empty((ROOM, size)) for size in sizes)
-        found = _rooms.kept[size] = states, given, torques, np.empty(loads.kernel.work_size + 8)
+        outputs = n + (EDGE_NUMBERS if len(loads.edges) else 0)
+        sizes = n, n + loads.masses.size, outputs
+        states, inputs, torques = (np.empty((STATES_AT_ONCE, size)) for size in sizes)
+        found = _workspaces.kept[size] = states, inputs, torques, np.empty(loads.kernel.work_size + 8)
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
-from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there, load_code_for
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
@@ -94,13 +95,13 @@ def plan_constrained(
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
-    begin = time.perf_counter()
-    ended = Ending(pepper, begin, seed, PLANNER, margin)
+    asked = with_constraints(goal, tasks)
+    load_code_for(checks, asked, "constraints")
+    ended = Ending(pepper, begin := time.perf_counter(), seed, PLANNER, margin)
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start, margins[1])
     if fault is not None:
         return ended(*fault)
-    asked = with_constraints(goal, tasks)
-    goals, ik, fault = goals_of(checks, q_start, asked, joints, margins, seed, timeout)
+    goals, ik, fault = goals_of(checks, q_start, asked, joints, margins, seed, begin + timeout)
     faults = [_off(pepper, tasks, q, "goal") for q in goals]
     goals = goals[[k for k, off in enumerate(faults) if off is None]]
     if not len(goals):
@@ -112,13 +113,14 @@ def plan_constrained(
     manifold, states = manifold_of(pepper, tasks, q_start, free), 0
     for problem, share in falling_problems(checks, q_start, goals, free, margins):
         left = max(share * timeout - (time.perf_counter() - begin), 1e-3)
-        result = planners.cbirrt(problem.problem, manifold, seed=seed, timeout=left)
+        result = planners.cbirrt(problem.search_problem, manifold, seed=seed, timeout=left)
         states += result.states_checked
         if result.path is not None:
             break
     said = {"ik": ik, "states_checked": states}
     if result.path is None:
-        return ended(*why_no_path(problem, result, seed, manifold), **said)
+        whole = replace(result, states_checked=states, time=time.perf_counter() - begin)
+        return ended(*why_no_path(problem, whole, seed, manifold), **said)
     along = _Along(checks, problem, manifold, tasks, seed, timeout / 2)
     path = along.shortest(result.path)
     if priced is not None:
@@ -146,7 +148,7 @@ class _Along:
         """Shorten and round a path; return way-points whose spline is valid, shape (m, n), or None."""
         problem, manifold, timeout = self._problem, self._manifold, self._timeout
         short = planners.constrained_shortcut(
-            problem.problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
+            problem.search_problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
         )
         rounded = planners.constrained_smooth(problem.relaxed, manifold, short, timeout=timeout)
         return self._waypoints((rounded, short, path))
@@ -169,7 +171,7 @@ class _Along:
         def descended(one: planners.Path, steps: int) -> planners.Path:
             left = max(end - time.perf_counter(), 1e-3)
             return planners.descend_cost(
-                problem.problem,
+                problem.search_problem,
                 price,
                 one,
                 manifold=self._manifold,
@@ -193,7 +195,7 @@ class _Along:
         if timeout < _LITTLE:
             return None
         result = planners.cbirrt(
-            self._problem.problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
+            self._problem.search_problem, self._manifold, seed=seed, timeout=timeout / SEARCHES,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
         return result.path
@@ -225,7 +227,7 @@ class _Along:
 
 
 def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:
-    """Return which constraint a configuration does not meet, or None."""
+    """Return which constraint a configuration q [rad or m], shape (n,), does not meet, or None."""
     for task in tasks:
         if task.error(pepper, q) > task.tolerance * (1.0 + 1e-9):
             status = PlanStatus.START_OFF_CONSTRAINT if what == "start" else PlanStatus.GOAL_OFF_CONSTRAINT
@@ -239,6 +241,7 @@ def _keeps(tasks: Sequence[Task], errors: Sequence[float]) -> bool:
 
 
 def _words(tasks: Sequence[Task], path: Array, errors: Sequence[float]) -> str:
+    """Return a sentence on a path, shape (m, n), and how much of its tolerance the worst task uses."""
     worst = max(range(len(tasks)), key=lambda k: errors[k] / tasks[k].tolerance)
     used = 100 * errors[worst] / tasks[worst].tolerance
     return f"Path of {len(path)} way-points; {tasks[worst].name} uses {used:.0f} % of its tolerance."

@@ -69,7 +69,10 @@ def _spline_holds(
     spline: CubicPath,
     moving: NDArray[np.int64],
 ) -> bool:
-    """Return whether a spline keeps constraints and bounds and is valid at the problem's resolution."""
+    """Return whether a spline keeps constraints and bounds and is valid at the problem's resolution.
+
+    The spline is that of whole configurations; `moving` are the places of the joints that move, shape (k,).
+    """
     spans = np.diff(spline.breaks)
     ends = spline.at(np.arange(spans.size), spans)
     lengths = problem.metric.distance(spline.coefficients[:, 0][:, moving], ends[:, moving])

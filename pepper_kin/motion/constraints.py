@@ -55,7 +55,12 @@ def with_equalities(task: Task) -> Task:
 
 
 def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
-    """Return a goal; if it is made of tasks, together with constraints as hard ones."""
+    """Return a goal; if it is made of tasks, together with constraints as hard ones.
+
+    Args:
+        goal: Joint positions [rad or m], shape (n,) or (m, n), which stay as they are; or tasks.
+        constraints: The constraints.
+    """
     if not isinstance(goal, Sequence) or not goal or not isinstance(goal[0], (Task, TaskGroup)):
         return goal
     parts: list[Any] = []
@@ -126,6 +131,7 @@ def residuals_of(
     targets = np.concatenate([target_of(task) for task in tasks])
 
     def evaluate(states: Array) -> tuple[Array, Array]:
+        """Return residuals, shape (m, r), and Jacobians, shape (m, r, k), at states, shape (m, k)."""
         numbers = np.asarray(kernel(python.whole(states), targets))
         rows = numbers.shape[1] // (1 + pepper.n)
         return numbers[:, :rows], numbers[:, rows:].reshape(len(states), rows, pepper.n)[:, :, free]
@@ -134,7 +140,14 @@ def residuals_of(
 
 
 class InPython:
-    """Tasks of a user's own classes, state by state."""
+    """Tasks of a user's own classes, state by state.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks.
+        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        free: Indices of the joints that move, shape (k,).
+    """
 
     def __init__(
         self, pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
@@ -180,12 +193,22 @@ def structure_of_kind(task: Task) -> Structure:
 def _machine_code(
     pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
 ) -> planners.CompiledManifold:
+    """Return tasks of known kinds as a manifold in machine code.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks.
+        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        free: Indices of the joints that move, shape (k,).
+    """
     from pepper_kin.ik.fast.structure import target_of
 
     kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
     kernel_input = np.concatenate([frozen, *[target_of(task) for task in tasks]])
+    (written,), work = kernel.signature.output_sizes, kernel.work_size
+    address = kernel.address_of("single", inputs=kernel_input.size, outputs=written, work=work)
     return planners.CompiledManifold(
-        kernel.single_address, kernel_input, free, free, pepper.n, kernel.work_size, keep_alive=kernel
+        address, kernel_input, free, free, pepper.n, work, keep_alive=kernel, size=written
     )
 
 

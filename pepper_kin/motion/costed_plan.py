@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
 from pepper_kin.motion.driving import refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.goals import ends_of, load_code_for
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
@@ -96,9 +97,10 @@ def plan_costed(
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
+    load_code_for(checks, goal, "costs")
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER, margin)
-    ends = ends_of(ended, checks, q_start, goal, joints, margins, timeout)
+    ends = ends_of(ended, checks, q_start, goal, joints, margins, begin + timeout)
     if isinstance(ends, Plan):
         return ends
     ik, states = ends.ik, 0
@@ -109,7 +111,8 @@ def plan_costed(
             break
     said: dict[str, Any] = {"ik": ik, "states_checked": states}
     if found.first is None:
-        return ended(*why_no_path(problem, found.result, seed), **said)
+        whole = replace(found.result, states_checked=states, time=time.perf_counter() - begin)
+        return ended(*why_no_path(problem, whole, seed), **said)
     path, figures, before = found.cheapest()
     if path is None or figures is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, found.first), **said)
@@ -120,7 +123,7 @@ def plan_costed(
 
 
 def words(path: Array, found: Figures, before: Figures | None) -> str:
-    """Say what a path costs, and what it costs more than one that is short only."""
+    """Return what a path, shape (m, n), costs, and what it costs more than one that is short only."""
     text = f"Path of {len(path)} way-points; its costs are {found.integrals.sum():.3g} m"
     if before is None:
         return f"{text}."
@@ -151,7 +154,7 @@ class _Search:
         self._problem, self._costs, self._seed, self._deadline = problem, costs, seed, deadlines[0]
         self._price = costs.for_planner(problem.start, problem.free)
         self.states_checked = 0
-        self.result = planners.rrt_connect(problem.problem, seed=seed, timeout=self._left)
+        self.result = planners.rrt_connect(problem.search_problem, seed=seed, timeout=self._left)
         self.first = next(iter(self._path(self.result)), None)
         self._deadline = deadlines[1]
 
@@ -183,7 +186,7 @@ class _Search:
 
     def _paths(self, first: planners.Path) -> list[planners.Path]:
         """Return the first path and those of further searches, with regard to the price and without."""
-        problem, found = self._problem.problem, [first]
+        problem, found = self._problem.search_problem, [first]
         for seed in range(self._seed, self._seed + SEARCHES):
             options: dict[str, Any] = {"seed": seed, "max_iterations": MOST_ITERATIONS}
             if self._left > _LITTLE:
@@ -202,7 +205,7 @@ class _Search:
 
     def _descended(self, path: planners.Path, iterations: int = 200) -> planners.Path:
         return planners.descend_cost(
-            self._problem.problem,
+            self._problem.search_problem,
             self._price,
             path,
             seed=self._seed,
@@ -222,6 +225,7 @@ class _Search:
         return best
 
     def _figures(self, points: Array) -> Figures:
+        """Return length and costs of the spline through way-points [rad or m], shape (m, n)."""
         return figures_of(self._problem, self._costs, points)
 
 

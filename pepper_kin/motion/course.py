@@ -1,4 +1,4 @@
-"""From the ends of a motion to an examined curve, in machine code."""
+"""Search, short-cuts, rounding and examination of a motion, in machine code."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
 """Short-cuts tried on the way that is rounded, after how many in a row without a gain no more are, and what
 each has to save as a part of the length."""
 FEWEST, MOST = 6, 48
-"""Pieces of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
+"""Segments of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
 
 # Where a call begins, and goes on after it has ended early.
 SEARCH, BEGIN, SHORTEN, ROUNDING = range(4)
 
 # How a call ends.
-DONE, SEARCH_ENDED, OUT_OF_TIME, NO_ROOM, LEAVES_LIMITS, NOT_CLEAR = range(6)
+DONE, SEARCH_ENDED, OUT_OF_TIME, TOO_MANY_POINTS, LEAVES_LIMITS, NOT_CLEAR = range(6)
 
 # Places in `progress`.
-STAGE, PIECES, GOAL, FOUND_SIZE, ENDED, COMPARED = range(6)
+STAGE, SEGMENTS, GOAL, FOUND_SIZE, ENDED, COMPARED = range(6)
 
 
 class Course(NamedTuple):
@@ -69,18 +69,18 @@ class Course(NamedTuple):
         space: Box, metric and validity of the k joints that move, of which the memory is `check.moving`.
         trees: Of the search.
         line: The path that is shortened.
-        check: Tells of whole configurations.
+        check: Checks of whole configurations.
         start: Start, shape (k,).
         goals: Goals, shape (m, k).
         order: Goals in the order in which they are tried, shape (m,).
-        found: Receives the path of the search, progress[FOUND_SIZE] points, as much room as `line` has.
+        found: Receives the path of the search, progress[FOUND_SIZE] points, as many rows as `line` has.
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
         margins: Kept by the path to the scene and to the robot itself [m].
         relaxed: Kept by the curve [m].
         strictly: Whether its margin to the scene is to be proven at every point.
-        points: Receives way-points, progress[PIECES] + 1 of them, shape (MOST + 1, n).
+        points: Receives way-points, progress[SEGMENTS] + 1 of them, shape (MOST + 1, n).
         breaks: Receives the breaks of the spline through them, shape (MOST + 1,).
         coefficients: Receives its coefficients, shape (MOST, 4, n).
         cost: Receives the length of the path that was found, in the metric, shape (1,).
@@ -165,19 +165,19 @@ def _compare_goals(course: Course, seconds: float, key: np.uint64) -> None:
 
 
 @compiled
-def _write_waypoints(course: Course, pieces: int, size: int) -> None:
+def _write_waypoints(course: Course, segments: int, size: int) -> None:
     """Write the way-points of the rounded path; see `rounded_waypoints`."""
     line, lengths, points, check = course.line, course.line.lengths[0], course.points, course.check
-    breaks, abscissae = np.empty(pieces + 1), np.empty(pieces + 3)
-    coefficients = np.empty((pieces, 4, course.free.size))
-    for i in range(pieces + 1):
-        breaks[i] = lengths[size - 1] * i / pieces
+    breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
+    coefficients = np.empty((segments, 4, course.free.size))
+    for i in range(segments + 1):
+        breaks[i] = lengths[size - 1] * i / segments
     schoenberg_spline(line.points[:size], lengths[:size], breaks, abscissae, coefficients)
-    for i in range(pieces + 1):
+    for i in range(segments + 1):
         for j in range(check.standing.size):
             points[i, j] = check.standing[j]
         for j in range(course.free.size):
-            value = line.points[size - 1, j] if i == pieces else coefficients[i, 0, j]
+            value = line.points[size - 1, j] if i == segments else coefficients[i, 0, j]
             low = course.space.lower[j]
             points[i, course.free[j]] = min(max(value, low), low + course.space.extent[j])
 
@@ -188,13 +188,13 @@ def _round(course: Course) -> int:
     line, progress, check = course.line, course.progress, course.check
     size, relaxed = line.counters[SIZE], course.relaxed
     measure(line.points, size, course.space.weights, line.lengths[0])
-    while progress[PIECES] <= MOST:
-        pieces = progress[PIECES]
-        _write_waypoints(course, pieces, size)
+    while progress[SEGMENTS] <= MOST:
+        segments = progress[SEGMENTS]
+        _write_waypoints(course, segments, size)
         points, breaks, coefficients = (
-            course.points[: pieces + 1],
-            course.breaks[: pieces + 1],
-            course.coefficients[:pieces],
+            course.points[: segments + 1],
+            course.breaks[: segments + 1],
+            course.coefficients[:segments],
         )
         low, high = course.limits[0], course.limits[1]
         if bounded_cubic_spline(points, low, high, SAME, breaks, coefficients) > LIMIT_TOLERANCE:
@@ -202,7 +202,7 @@ def _round(course: Course) -> int:
         kept, kept_self, strictly = relaxed[0], relaxed[1], course.strictly
         if is_clear(check, breaks, coefficients, course.reach, kept, kept_self, True, strictly):
             return DONE
-        progress[PIECES] *= 2
+        progress[SEGMENTS] *= 2
     return NOT_CLEAR
 
 
@@ -211,19 +211,19 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
     """Search a path, shorten and round it, and examine the curve; go on where the last call has ended.
 
     Args:
-        course: What is planned, and how far it has come: progress[STAGE] tells where to begin.
+        course: What is planned, and how far it has come: progress[STAGE] is where to begin.
         seconds: Time budget of search and short-cuts [s].
         key: Of the stream of random numbers of the search.
         shortcut_key: Of that of the short-cuts.
 
     Returns:
-        DONE, with progress[PIECES] + 1 way-points; SEARCH_ENDED where the search has to go on elsewhere or
-        found nothing (progress[ENDED] is how it ended); OUT_OF_TIME or NO_ROOM while it shortens;
+        DONE, with progress[SEGMENTS] + 1 way-points; SEARCH_ENDED where the search has to go on elsewhere or
+        found nothing (progress[ENDED] is how it ended); OUT_OF_TIME or TOO_MANY_POINTS while it shortens;
         LEAVES_LIMITS where the spline through the way-points does; NOT_CLEAR where none of the splines is.
     """
     progress, line = course.progress, course.line
     check, margins = course.check, course.margins
-    set_margins(check.moving, margins[0], margins[1], check.lever)
+    set_margins(check.moving, margins[0], margins[1], check.radius)
     if progress[STAGE] == SEARCH:
         if blocked(check, margins[0], margins[1]):
             return SEARCH_ENDED
@@ -249,6 +249,6 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         if ended == TIME_UP:
             return OUT_OF_TIME
         if ended == LINE_FULL:
-            return NO_ROOM
+            return TOO_MANY_POINTS
         progress[STAGE] = ROUNDING
     return _round(course)

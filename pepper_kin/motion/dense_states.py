@@ -89,7 +89,14 @@ def reach_along(pepper: PepperModel, scene: Scene | None, curve: CubicPath) -> A
 def dense_states(
     pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory, step: float = SHORTEST
 ) -> DenseStates:
-    """Return states, ends included, between which no point of the body moves more than a step [m]."""
+    """Return states, ends included, between which no point of the body moves more than a step [m].
+
+    Args:
+        pepper: The robot.
+        scene: The world, with what the robot holds; None for the robot alone.
+        path: Way-points [rad or m], shape (k, n); a curve or a trajectory.
+        step: The greatest distance that a point moves [m].
+    """
     if isinstance(path, Trajectory):
         return _of_trajectory(pepper, scene, path, step)
     if not isinstance(path, CubicPath):
@@ -99,7 +106,7 @@ def dense_states(
     reach = reach_along(pepper, scene, path)
     parts = cut(path.breaks, path.coefficients, reach, step)
     last = len(path.breaks) - 2
-    segment = np.append(parts.piece, last)
+    segment = np.append(parts.segment, last)
     local = np.append(parts.begin, path.breaks[-1] - path.breaks[-2])
     return DenseStates(path.at(segment, local), path.breaks[segment] + local)
 

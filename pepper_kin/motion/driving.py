@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import fault_of
@@ -43,7 +43,7 @@ _Said: TypeAlias = Callable[[], tuple[PlanStatus, str]]
 _Curve: TypeAlias = tuple[CubicPath | None, int, _Said]
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def base_places(pepper: PepperModel) -> NDArray[np.int64]:
     """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
     if pepper.wheels is None or not pepper.wheels.differential:
@@ -54,7 +54,7 @@ def base_places(pepper: PepperModel) -> NDArray[np.int64]:
 
 
 def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
-    """Whether the base of a robot that goes where it points is among the joints that move."""
+    """Return whether the base of a robot that goes where it points is among joints, shape (k,), that move."""
     base = base_places(pepper)
     return bool(base.size and np.isin(base, free).any())
 
@@ -129,7 +129,7 @@ def plan_drive(
 
 
 def _blocked(checks: Checks, q: Array) -> str:
-    """Return a sentence on why the body cannot be held so while the base drives."""
+    """Return a sentence on why the body cannot be held as in q, shape (n,), while the base drives."""
     fault = fault_of(checks.exact, q, "body held so", checks.statics)
     return "" if fault is None else f" {fault[1]}"
 
@@ -137,7 +137,15 @@ def _blocked(checks: Checks, q: Array) -> str:
 def _held(
     checks: Checks, start: Array, goal: Array, base: NDArray[np.int64], free: NDArray[np.int64]
 ) -> list[Array]:
-    """Return the configurations whose bodies may be held along a drive, each body once."""
+    """Return the configurations, shape (n,) each, whose bodies may be held along a drive, each body once.
+
+    Args:
+        checks: The robot in its scene.
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configuration [rad or m], shape (n,).
+        base: Places of the base's joints, shape (3,).
+        free: Places of the joints that move, shape (k,).
+    """
     pepper, body = checks.pepper, np.setdiff1d(free, base)
     held = [start, goal]
     if body.size:
@@ -152,7 +160,14 @@ def _held(
 
 
 def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> list[tuple[Array, Array]]:
-    """Return ends of the body's motion, of a drive with it held, and of its motion then, if any."""
+    """Return ends of the body's motion, of a drive with it held, and of its motion then, if any.
+
+    Args:
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configuration [rad or m], shape (n,).
+        base: Places of the base's joints, shape (3,).
+        held: A configuration with the body as it is held [rad or m], shape (n,).
+    """
     before, after = held.copy(), held.copy()
     before[base], after[base] = start[base], goal[base]
     legs = [(start, before), (before, after), (after, goal)]
@@ -160,6 +175,7 @@ def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> li
 
 
 def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
+    """Return what ends of legs, shape (n,) each, say of the body; base: places of its joints, shape (3,)."""
     if len(legs) == 1:
         return " with the body held"
     if len(legs) == 3:
@@ -174,6 +190,7 @@ def _end(path: CubicPath) -> Array:
 
 
 def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
+    """Return the length of a curve in the plane [m]; base: places of x, y and yaw, shape (3,)."""
     ends = np.vstack([path.coefficients[:, 0], _end(path)])[:, base[:2]]
     return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
 
@@ -206,7 +223,7 @@ class _Leg(NamedTuple):
     def _moved(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the body's motion with the base held."""
         problem = problem.finer()
-        result = planners.rrt_connect(problem.problem, seed=self.seed, timeout=timeout)
+        result = planners.rrt_connect(problem.search_problem, seed=self.seed, timeout=timeout)
         if result.path is None:
             return None, result.states_checked, partial(why_no_path, problem, result, self.seed)
         way = way_along(problem, result.path, seed=self.seed, timeout=timeout)
@@ -220,8 +237,8 @@ class _Leg(NamedTuple):
         assert wheels is not None
         for closer in (problem, problem.finer()):
             found = planners.car_connect(
-                closer.problem, _WIDER * wheels.turning_radius, backward=wheels.backward, seed=self.seed,
-                timeout=timeout,
+                closer.search_problem, _WIDER * wheels.turning_radius, backward=wheels.backward,
+                seed=self.seed, timeout=timeout,
             )  # fmt: skip
             checked += found.states_checked
             if found.curve is None:
@@ -262,7 +279,7 @@ def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spac
         control = np.tile(problem.start, (count + 3, 1))
         control[:, problem.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
         if drive is drives[-1]:
-            goal = problem.problem.goals[0].copy()  # met to the last bit, but for full turns
+            goal = problem.search_problem.goals[0].copy()  # met to the last bit, but for full turns
             goal[2] += 2.0 * math.pi * round((control[-1, problem.free[2]] - goal[2]) / (2.0 * math.pi))
             control[-1, problem.free] = goal
         coefficients = np.empty((count, 4, control.shape[1]))

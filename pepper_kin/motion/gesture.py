@@ -106,7 +106,13 @@ def _authored(pepper: PepperModel, score: Score, side: str, amplitude: float, te
 
 
 def _at_starts(curve: Any, times: Array, power: int) -> Array:
-    """Return a derivative of a piecewise cubic at the start of each interval, as it is inside it."""
+    """Return a derivative of a piecewise cubic at the start of each interval, as it is inside it, shape (k,).
+
+    Args:
+        curve: The piecewise cubic, of one joint's position [rad or m].
+        times: The ends of all intervals [s], shape (k + 1,), rising.
+        power: Which derivative; 0 for the position.
+    """
     derivative = curve.derivative(power) if power else curve
     return np.asarray(derivative(times[:-1]))
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.collision.curve_check import MotionCheck, _held, _look, blocked, kept_margins
+from pepper_kin.core.collision.curve_check import MotionCheck, _check_states, _held, blocked, kept_margins
 from pepper_kin.core.collision.gjk import FREE
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
@@ -121,13 +121,13 @@ def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_
     Args:
         check: Tells of states.
         rows: Configurations, of which the first are asked about, shape (>= count, n).
-        count: How many, ROOM at most.
+        count: How many, STATES_AT_ONCE at most.
         margin: To the scene [m].
         self_margin: To the robot itself [m].
     """
     if count == 0 or blocked(check, margin, self_margin):
         return 0
-    _look(check, rows, count, (margin, self_margin), False)
+    _check_states(check, rows, count, (margin, self_margin), False)
     found = 0
     for i in range(count):
         if check.answers[i] == FREE:

@@ -5,8 +5,8 @@ Goals that are tasks are solved from many starts in machine code; of the solutio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+import time
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, TaskGroup, solve
-from pepper_kin.model import PepperModel
+from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
+from pepper_kin.motion.planners_code import load_code_of
 from pepper_kin.motion.static_limits import StaticLimits
-from pepper_kin.motion.task_goals import clear_goals
+from pepper_kin.motion.task_goals import clear_goals, load_tasks
 
 Array = NDArray[np.float64]
 
@@ -73,6 +75,27 @@ class Ends(NamedTuple):
     kept: tuple[float, float] | None = None
 
 
+def load_code_for(checks: Checks, goal: ArrayLike | Sequence[Any], planner: str) -> None:
+    """Load, or compile, what a goal that is tasks and a planner need, before any clock starts.
+
+    Args:
+        checks: The robot in its scene.
+        goal: Joint positions [rad or m], shape (n,) or (m, n), or tasks; see `plan`.
+        planner: See `load_code_of`.
+
+    Raises:
+        InvalidValueError: for tasks and other things mixed.
+    """
+    load_code_of(planner)
+    if not _are_tasks(goal):
+        return
+    tasks = flatten_tasks(checks.pepper, cast("Sequence[Task]", goal))
+    if _are_known_to_fast(tasks):
+        load_tasks(checks.pepper, tasks)
+        if checks.statics.balance is not None:
+            load_tasks(checks.pepper, [*tasks, *checks.statics.tasks()])
+
+
 def ends_of(
     ended: Ending,
     checks: Checks,
@@ -80,7 +103,7 @@ def ends_of(
     goal: ArrayLike | Sequence[Any],
     joints: str | Sequence[str] | None,
     margins: tuple[float, float],
-    timeout: float,
+    deadline: float,
 ) -> Ends | Plan:
     """Return the ends of a path; a plan where there can be none, or the start is a goal.
 
@@ -91,7 +114,7 @@ def ends_of(
         goal: See `plan`.
         joints: Joints that may move, see `plan`.
         margins: What is kept where the ends allow it, and what they have to keep [m].
-        timeout: Time budget [s], of which inverse kinematics takes a third at most.
+        deadline: When planning has to end, on the clock of `time.perf_counter` [s].
     """
     tasks = _are_tasks(goal)
     fast = tasks and _are_known_to_fast(cast("Sequence[Any]", goal))
@@ -101,13 +124,13 @@ def ends_of(
     found = None
     if fast:  # which looks at the start as well
         sought = cast("Sequence[Task]", goal)
-        found = clear_goals(checks, start, sought, joints, margins[0], ended.seed, timeout / 3)
+        found = clear_goals(checks, start, sought, joints, margins[0], ended.seed, _left(deadline) / 3)
     if found is None or margins[1] > 0.0:
         fault = fault_of_start(checks, start, margins[1])
         if fault is not None:
             return ended(*fault)
     if found is None:
-        goals, ik, fault = goals_of(checks, start, goal, joints, margins, ended.seed, timeout, tried=fast)
+        goals, ik, fault = goals_of(checks, start, goal, joints, margins, ended.seed, deadline, tried=fast)
     else:
         goals, ik, fault = _far_enough(checks, found.goals, found.ik, None, margins[1])
     if fault is not None:
@@ -121,7 +144,15 @@ def ends_of(
 def _sound(
     checks: Checks, start: Array, goal: Any, joints: str | Sequence[str] | None, margin: float
 ) -> Ends | None:
-    """Return the ends of a path where a look at all of them at once says that none is at fault, else None."""
+    """Return the ends of a path where a look at all of them at once says that none is at fault, else None.
+
+    Args:
+        checks: The robot in its scene.
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configurations [rad or m], shape (n,) or (m, n).
+        joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
+        margin: Distance requested to all things [m].
+    """
     goals = _candidates(checks.pepper, goal)
     try:
         free = free_joints(checks.pepper, joints, start, goals)
@@ -140,6 +171,8 @@ def _candidates(pepper: PepperModel, goal: Any) -> Array:
         raise InvalidValueError(
             "goal", f"shape {candidates.shape}", f"shape ({pepper.n},) or (m, {pepper.n})"
         )
+    if not len(candidates):
+        raise InvalidValueError("goal", "no configuration", f"one or more, shape (m, {pepper.n}), m >= 1")
     check_within_limits(pepper, candidates, "goal")
     return candidates.reshape(-1, pepper.n)
 
@@ -151,21 +184,22 @@ def goals_of(
     joints: str | Sequence[str] | None,
     margins: tuple[float, float],
     seed: int,
-    timeout: float,
+    deadline: float,
     *,
     tried: bool = False,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
     """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
 
     Of the margins [m] the first is preferred, and the second has to be kept.  With `tried`, `clear_goals`
-    has found none.
+    has found none.  The deadline is on the clock of `time.perf_counter` [s].
 
     Tasks are solved with the margin to the scene first, and without it where that fails;
-    several solutions are looked for at once.
+    several solutions are looked for at once.  Without a goal there is no path to search: all of the time is
+    used for finding one.
     """
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
-        found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, timeout, tried)
+        found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, deadline, tried)
         return _far_enough(checks, *found, margins[1])
     candidates = _candidates(checks.pepper, goal)
     return _far_enough(checks, *_good_ones(checks, candidates, None), margins[1])
@@ -174,7 +208,7 @@ def goals_of(
 def _far_enough(
     checks: Checks, goals: Array, ik: IKResult | None, fault: tuple[PlanStatus, str] | None, least: float
 ) -> tuple[Array, IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return the goals that keep a least margin [m], or what the first is too near to."""
+    """Return the goals, of shape (m, n), that keep a least margin [m], or what the first is too near to."""
     said = [checks.too_near(q, "goal", least) for q in goals] if least > 0.0 and fault is None else []
     far = goals[[not near for near in said]] if said else goals
     if len(far) or not said:
@@ -189,20 +223,21 @@ def _goals_of_tasks(
     joints: str | Sequence[str] | None,
     margin: float,
     seed: int,
-    timeout: float,
+    deadline: float,
     tried: bool,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return what `goals_of` does, for a goal that is tasks."""
+    """Return what `goals_of` does, for a goal that is tasks, from a start [rad or m], shape (n,)."""
     pepper, checker, more = checks.pepper, checks.exact, checks.statics.tasks()
     fast = _are_known_to_fast(tasks)
     for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
-        clear = clear_goals(checks, start, sought, joints, margin, seed, timeout / 3)
+        clear = clear_goals(checks, start, sought, joints, margin, seed, _left(deadline) / 3)
         if clear is not None:
             return clear.goals, clear.ik, None
-    for scene in (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene):
+    scenes = (checker.scene,) if fast else (checker.scene.padded(margin), checker.scene)
+    for scene in scenes:
         ik = solve(
             pepper, tasks, start=start, solver="fast" if fast else OTHER_SOLVER, scene=scene, seed=seed,
-            joints=joints, timeout=timeout / 3,
+            joints=joints, timeout=_left(deadline) / (1 if scene is scenes[-1] else 3),
         )  # fmt: skip
         if ik.success and fault_of(checker, ik.q, "goal", checks.statics) is None:
             break
@@ -211,10 +246,15 @@ def _goals_of_tasks(
     return _good_ones(checks, ik.q[None], ik)
 
 
+def _left(deadline: float) -> float:
+    """Return the time that is left [s], above zero."""
+    return max(deadline - time.perf_counter(), 1e-3)
+
+
 def _good_ones(
     checks: Checks, candidates: NDArray[np.float64], ik: IKResult | None
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return the candidates that can be ends of a path, or what is wrong with the first."""
+    """Return the candidates, of shape (m, n), that can be ends of a path, or what is wrong with the first."""
     good = candidates[checks.holds(candidates) & checks.free(candidates)]
     if len(good):
         return good, ik, None
@@ -274,7 +314,8 @@ def free_joints(
     moved = np.flatnonzero(differ)
     if joints is None:
         return moved
-    allowed = _places_of(pepper, joints if isinstance(joints, str) else tuple(joints))
+    listed = tuple(joints) if isinstance(joints, Iterable) and not isinstance(joints, str) else joints
+    allowed = _places_of(pepper, listed)
     differ[allowed] = False
     if differ.any():
         locked = [pepper.joint_names[j] for j in np.flatnonzero(differ)]
@@ -284,7 +325,7 @@ def free_joints(
     return allowed if moved.size else moved
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np.int64]:
     places = np.array(sorted(map(pepper.joint_index, pepper.resolve_joints(joints))), dtype=np.int64)
     places.setflags(write=False)

@@ -99,11 +99,13 @@ class PlanInLegs:
             raise InvalidValueError(
                 "plan",
                 f"Leg {len(self.plans)} of {self.count}: {self.plans[-1].message}",
-                "one that is solved",
+                "a solved plan",
             )
         moving = [one for one in self.plans if one.curve is not None]
         if not moving:
-            raise InvalidValueError("plan", "legs in which nothing moves", "one that moves")
+            raise InvalidValueError(
+                "plan", "legs in which nothing moves", "a plan in which at least one joint moves"
+            )
         trajectory = retime(pepper, moving[0], **options)
         for one in moving[1:]:
             trajectory = trajectory.then(retime(pepper, one, **options))
@@ -133,7 +135,7 @@ def plan_legs(
 
     Where legs meet, the configuration meets the constraints of both: goals that are tasks are solved with
     them.  Every leg has a curve that was examined as `plan` does, for its constraints too; the robot rests
-    in between.  Where there is no way on from a goal's solution, the legs are planned anew from other seeds.
+    in between.  Where there is no way on from a goal's solution, the legs are planned again from other seeds.
 
     Args:
         pepper: The robot.

@@ -1,8 +1,7 @@
-"""Margins along a path: how they give way where no path keeps them, and what a curve is proven to keep."""
+"""Margins along a path: how they are relaxed where no path keeps them, and what a curve is proven to keep."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -15,9 +14,16 @@ from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, hull_of
-from pepper_kin.motion.problem import RESOLUTION, PathProblem, checked_margin, held_by, path_problem
+from pepper_kin.motion.problem import (
+    RESOLUTION,
+    PathProblem,
+    checked_margin,
+    held_by,
+    path_problem,
+)
 from pepper_kin.trajectory.path import CubicPath
 
 Array = NDArray[np.float64]
@@ -42,7 +48,7 @@ def checked_least(margin: float, least: float) -> float:
         InvalidValueError: for what is no distance from 0 to the margin, or a margin that is none.
     """
     checked_margin(margin)
-    if isinstance(least, bool) or not (math.isfinite(least) and 0.0 <= least <= margin):
+    if not 0.0 <= as_real(least) <= margin:
         raise InvalidValueError("least_margin", least, f"a distance from 0 to margin, {margin:g} [m]")
     return float(least)
 

@@ -41,10 +41,10 @@ def why_no_path(
     if result.frontier is None:
         return status, message
     if manifold is None:
-        states = planners.first_invalid_states(problem.problem, result.frontier, _STATES, seed=seed)
+        states = planners.first_invalid_states(problem.search_problem, result.frontier, _STATES, seed=seed)
         return status, message + in_the_way(problem, problem.embed(states))
     states, ended = planners.first_blocked_states(
-        problem.problem, manifold, result.frontier, _STATES, seed=seed
+        problem.search_problem, manifold, result.frontier, _STATES, seed=seed
     )
     return status, message + in_the_way(problem, problem.embed(states), ended)
 

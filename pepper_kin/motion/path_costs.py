@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -143,6 +143,8 @@ class PathCosts:
                 a task with several targets, or one of infinite tolerance.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
+        if not isinstance(requested, (PathCost, Task, TaskGroup, Iterable)) or isinstance(requested, str):
+            raise InvalidValueError("costs", repr(requested), "a list of PathCost and tasks")
         items = [requested] if isinstance(requested, (PathCost, Task, TaskGroup)) else list(requested)
         costs = tuple(item for item in items if isinstance(item, PathCost))
         for cost in costs:
@@ -182,8 +184,10 @@ class PathCosts:
             return planners.StateCost(self._in_python(frozen, free), int(free.size))
         kernel, kernel_input = self._kernel, np.concatenate([frozen, self._numbers])
         width = self.pepper.n + len(self.labels)  # the single prices follow the gradient
+        (written,), work = kernel.signature.output_sizes, kernel.work_size
+        address = kernel.address_of("single", inputs=kernel_input.size, outputs=written, work=work)
         code = planners.CompiledManifold(
-            kernel.single_address, kernel_input, free, free, width, kernel.work_size, keep_alive=kernel
+            address, kernel_input, free, free, width, work, keep_alive=kernel, size=written
         )
         return planners.StateCost(code, int(free.size))
 
@@ -242,10 +246,19 @@ class PathCosts:
         return known[sources, structures]
 
     def _in_python(self, frozen: Array, free: NDArray[np.int64]) -> Callable[[Array], tuple[Array, Array]]:
+        """Return the function from states [rad or m], shape (m, k), to prices and their gradients.
+
+        The prices have shape (m, 1), the gradients shape (m, 1, k).
+
+        Args:
+            frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+            free: Indices of the joints that move, shape (k,).
+        """
         tasks = [InPython(self.pepper, (task,), frozen, free) for task in self.tasks]
         whole = tasks[0].whole
 
         def evaluate(states: Array) -> tuple[Array, Array]:
+            """Return prices, shape (m, 1), and gradients, shape (m, 1, k), at states, shape (m, k)."""
             price, slope = np.zeros((len(states), 1)), np.zeros((len(states), 1, free.size))
             for cost in self.costs:
                 both = [values_and_slopes(cost.source)(x) for x in whole(states)]

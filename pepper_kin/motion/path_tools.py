@@ -21,7 +21,7 @@ from pepper_kin.motion.goals import STAYS, free_joints
 from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.pipeline import way_along
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
+from pepper_kin.motion.problem import RESOLUTION, checked_margin, checked_timeout, path_problem
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
 from pepper_kin.trajectory import Trajectory
@@ -72,7 +72,7 @@ def simplify_path(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    check_positive("timeout", timeout, "[s]")
+    checked_timeout(timeout)
     checked_margin(margin)
     checks, followed = (
         checks_for(pepper, scene, static_limits(pepper, balance, payload)),
@@ -104,7 +104,15 @@ def simplify_path(
 
 
 def _margin_of(checks: Checks, points: Array, states: Array, free: NDArray[np.int64], margin: float) -> float:
-    """Return a margin that all states between way-points keep, halved until they do [m]."""
+    """Return a margin that all states between way-points keep, halved until they do [m].
+
+    Args:
+        checks: The robot in its scene.
+        points: Way-points [rad or m], shape (k, n).
+        states: States between them [rad or m], shape (m, n).
+        free: Places of the joints that move, shape (j,).
+        margin: The margin requested [m].
+    """
     while margin > LEAST_MARGIN:
         kept = checks.margins(points[0], points[1:], free, margin)
         if checks.free(states, *kept).all():
@@ -144,7 +152,7 @@ def interpolate_path(
     """
     if (step is None) == (count is None):
         amount = "neither" if step is None else "both"
-        raise InvalidValueError("step and count", amount, "one of them")
+        raise InvalidValueError("step and count", amount, "exactly one of them")
     if isinstance(path, PlannedPath):
         path = planned_curve(path)
     if isinstance(path, PiecewiseCubic):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -39,7 +40,10 @@ class PlanStatus(ResultStatus):
         "Start with the center of mass nearer to the middle of the wheels, carry less, or reduce balance.",
     )
     START_TOO_NEAR = "start_too_near", "Move the robot or the obstacle apart, or reduce least_margin."
-    GOAL_IN_COLLISION = "goal_in_collision", "Give another goal, or IK tasks: free goals are then sought."
+    GOAL_IN_COLLISION = (
+        "goal_in_collision",
+        "Give another goal, or IK tasks: collision-free goals are then searched.",
+    )
     GOAL_TORQUE_LIMIT = "goal_torque_limit", "Give a goal that the joints can hold against gravity."
     GOAL_TIPS_OVER = (
         "goal_tips_over",
@@ -70,6 +74,7 @@ class PlanStatus(ResultStatus):
 
 
 TIMED = "Examine its trajectory with check()."
+RESTS = "Nothing has to move, so there is nothing to time."
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,11 +153,16 @@ class Plan:
     @property
     def advice(self) -> str:
         """What to try, in a sentence."""
+        if self.success and self.curve is None:
+            return RESTS
         return self.status.advice if self.trajectory is None else TIMED
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""
-        suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if self.success else ""
+        suffix = ""
+        if self.success:
+            near = math.isfinite(self.clearance)
+            suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if near else " Nothing is near it."
         return f"{self.message}{suffix} {self.advice}"
 
 
@@ -217,7 +227,15 @@ def length_of(path: NDArray[np.float64]) -> float:
 def _proven_margin(
     pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None, most: float
 ) -> float:
-    """Return what `margins.proven_margin` does, which is loaded when it is asked for."""
+    """Return what `margins.proven_margin` does, which is loaded when it is asked for.
+
+    Args:
+        pepper: The robot.
+        scene: The world around it, with what it holds.
+        path: Way-points [rad or m], shape (k, n).
+        curve: The curve; None where the robot stays at the only way-point.
+        most: The most that is asked for [m].
+    """
     from pepper_kin.motion.margins import proven_margin
 
     return proven_margin(pepper, scene, path, curve, most)
@@ -226,7 +244,14 @@ def _proven_margin(
 def _clearance_along(
     pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None
 ) -> float:
-    """Return the smallest distance along a curve through way-points, four times between any two [m]."""
+    """Return the smallest distance along a curve through way-points, four times between any two [m].
+
+    Args:
+        pepper: The robot.
+        scene: The world around it, with what it holds.
+        path: Way-points [rad or m], shape (k, n).
+        curve: The curve; None for the way-points only.
+    """
     dense = path
     if curve is not None:
         segments = np.arange(len(curve.breaks) - 1)

@@ -1,4 +1,4 @@
-"""From start, goal and scene to a collision-free path."""
+"""Planning of a collision-free path from a start to a goal in a scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.goals import ends_of, load_code_for
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
@@ -29,6 +29,7 @@ from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_s
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import Way
+from pepper_kin.planners.vectors import whole_number
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -72,7 +73,7 @@ def plan(
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
         costs: Soft costs that are made small together with the length; `plan_costed` then plans.
         margin: Distance requested to all things [m]; less where start or goal are nearer than that, or where
-            no path keeps it: then it gives way, and the message says to what.
+            no path keeps it: then it is relaxed, and the message says to what.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
@@ -132,11 +133,14 @@ def _planned(
     balance: float | None,
     payload: Mapping[str, float] | None,
 ) -> Plan:
-    """Return a plan without its timing; see `plan`."""
+    """Return a plan without its timing, from a start [rad or m], shape (n,), to a goal; see `plan`."""
+    if not isinstance(pepper, PepperModel):
+        raise InvalidValueError("pepper", repr(pepper), "a robot, such as load_pepper() returns")
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
     _check_gap(planner, gap)
+    seed = whole_number("seed", seed)
     margins = margin, checked_least(margin, least_margin)
     common: dict[str, Any] = {"joints": joints, "margin": margin, "least_margin": least_margin, "seed": seed}
     common |= {"timeout": timeout, "balance": balance, "payload": payload}
@@ -159,11 +163,15 @@ def _unguided(
     margins: tuple[float, float],
     how: tuple[str, float | None, int, float],
 ) -> Plan:
-    """Return what `plan` does, without constraints and costs; `how` are planner, gap, seed and timeout."""
+    """Return what `plan` does, without constraints and costs; `how` are planner, gap, seed and timeout.
+
+    Start: configuration [rad or m], shape (n,).  Goal: shape (n,) or (m, n), or tasks.  Margins: [m].
+    """
     planner, gap, seed, timeout = how
+    load_code_for(checks, goal, planner)
     begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
     ended = Ending(checks.pepper, begin, seed, planner, margins[0])
-    ends = ends_of(ended, checks, q_start, goal, joints, margins, timeout)
+    ends = ends_of(ended, checks, q_start, goal, joints, margins, begin + timeout)
     if isinstance(ends, Plan):
         return ends
     ik, goals, free = ends.ik, ends.goals, ends.free
@@ -172,20 +180,21 @@ def _unguided(
         return made if ik is None else replace(made, ik=ik)
     coarse = planner == PLANNERS[0]
     spacing, states = COARSE if coarse else RESOLUTION, 0
-    for room, share in falling_problems(checks, q_start, goals, free, margins, spacing, ends.kept):
+    for problem, share in falling_problems(checks, q_start, goals, free, margins, spacing, ends.kept):
         end = share if planner in PLANNERS else 1.0  # OMPL's planners take all of the time
         search = _Search(planner, gap, seed, begin, end * timeout, timeout)
-        result, way = search(room, ik is not None, coarse)
+        result, way = search(problem, ik is not None, coarse)
         states += result.states_checked
         if way is not None or end == 1.0:
             break
     said: dict[str, Any] = {"ik": ik, "states_checked": states, "search": result}
     if result.path is None:
-        return ended(*why_no_path(room, result, seed), **said)
+        whole = replace(result, states_checked=states, time=time.perf_counter() - begin)
+        return ended(*why_no_path(problem, whole, seed), **said)
     if way is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(room, result.path), **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **said)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += relaxation_sentence(room, way.curve, margins[0])
+    message += relaxation_sentence(problem, way.curve, margins[0])
     return ended.solved(checks.exact, way.points, message, way.curve, **said)
 
 
@@ -219,30 +228,32 @@ class _Search(NamedTuple):
     first: float
     timeout: float
 
-    def __call__(self, room: PathProblem, compare: bool, coarse: bool) -> tuple[planners.Result, Way | None]:
+    def __call__(
+        self, problem: PathProblem, compare: bool, coarse: bool
+    ) -> tuple[planners.Result, Way | None]:
         """Return what a search found, and the way along it; None where no spline is clear.
 
         What was searched coarsely is searched again, closely, where its spline turns out to touch something.
         """
         left = _left(self.begin, self.first)
-        if self.planner == PLANNERS[0] and room.checks.compiled and not _drives(room):
-            result, way = Pipeline(room, self.seed, left).searched(compare)
+        if self.planner == PLANNERS[0] and problem.checks.compiled and not _drives(problem):
+            result, way = Pipeline(problem, self.seed, left).searched(compare)
         else:
             result = find_path(
-                room.problem, self.planner, seed=self.seed, timeout=left, compare=compare, gap=self.gap,
-                improve=_left(self.begin, self.timeout),
+                problem.search_problem, self.planner, seed=self.seed, timeout=left, compare=compare,
+                gap=self.gap, total=_left(self.begin, self.timeout),
             )  # fmt: skip
             time_left = max(_left(self.begin, self.timeout), self.timeout / 20)
             path = result.path
-            way = None if path is None else way_along(room, path, seed=self.seed, timeout=time_left)
+            way = None if path is None else way_along(problem, path, seed=self.seed, timeout=time_left)
         if way is None and result.path is not None and coarse:
-            return self(room.finer(), compare, False)
+            return self(problem.finer(), compare, False)
         return result, way
 
 
-def _drives(room: PathProblem) -> bool:
-    names = room.checks.pepper.joint_names
-    return any(names[j] in BASE_JOINTS for j in room.free.tolist())
+def _drives(problem: PathProblem) -> bool:
+    names = problem.checks.pepper.joint_names
+    return any(names[j] in BASE_JOINTS for j in problem.free.tolist())
 
 
 def _left(begin: float, timeout: float) -> float:
@@ -295,7 +306,7 @@ def find_path(
     timeout: float,
     compare: bool,
     gap: float | None = None,
-    improve: float | None = None,
+    total: float | None = None,
 ) -> planners.Result:
     """Search a path.
 
@@ -306,16 +317,16 @@ def find_path(
         timeout: Time budget [s] in which a path has to be found.
         compare: Whether the path is shortened and ends at another goal where that is nearer from a way-point.
         gap: Of "aorrtc", see `plan`.
-        improve: Time budget of "aorrtc" in all [s]; None: the same.
+        total: Time budget of "aorrtc", the first path included [s]; None: `timeout`.
     """
     begin = time.perf_counter()
-    if planner == "aorrtc" and improve in (None, timeout):
+    if planner == "aorrtc" and total in (None, timeout):
         return planners.aorrtc(problem, seed=seed, timeout=timeout, gap=gap)
     if planner == "aorrtc":
         found = planners.rrt_connect(problem, seed=seed, timeout=timeout)
         if found.path is None:
             return found
-        left = _left(begin, float(improve or timeout))
+        left = _left(begin, float(total or timeout))
         return _to_a_goal(planners.aorrtc(problem, found.path, seed=seed, timeout=left, gap=gap), found)
     if planner != "rrt_connect":
         return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)

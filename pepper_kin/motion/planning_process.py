@@ -1,7 +1,7 @@
 """Processes that plan for others, and how problems and plans travel to and from them.
 
 Threads would not do: half of a plan's time is Python, which one thread at a time can run.  The processes are
-started anew, not forked, and do not run the main script; they read problems from a pipe until it is closed.
+new ones, not forked, and do not run the main script; they read problems from a pipe until it is closed.
 The robot and the scene travel once for all problems of a piece, and plans without them.
 """
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import planners
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import (
+    as_joint_vectors,
+    as_real,
+    check_positive,
+    check_within_limits,
+    shown,
+)
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, hull_of
 from pepper_kin.trajectory.path import CubicPath
@@ -66,7 +73,7 @@ class PathProblem:
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:
-        """Half the margins: a curve that rounds the corners of a path along a margin's edge needs room."""
+        """Half the margins: a curve that rounds the corners of a path along a margin's edge leaves it."""
         return max(self.margins[0] / 2, self.least), self.margins[1] / 2
 
     @property
@@ -90,7 +97,7 @@ class PathProblem:
         return np.ascontiguousarray(inside)
 
     @cached_property
-    def problem(self) -> planners.Problem:
+    def search_problem(self) -> planners.Problem:
         """The problem as planners take it."""
         names = self.checks.pepper.joint_names
         return planners.Problem(
@@ -107,7 +114,9 @@ class PathProblem:
     @cached_property
     def relaxed(self) -> planners.Problem:
         """The problem with half the margins."""
-        return self.problem.with_validity(self.checks.validity(self.start, self.free, self.relaxed_margins))
+        return self.search_problem.with_validity(
+            self.checks.validity(self.start, self.free, self.relaxed_margins)
+        )
 
     def is_clear(self, curve: CubicPath, margins: tuple[float, float]) -> bool:
         """Whether margins are kept all along a curve of the joints that move; see `Examiner.is_clear`."""
@@ -178,14 +187,14 @@ def path_problem(
     )
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[Array, bool, Array]:
     """Return the limits of all joints, shape (2, n), whether all have some, and `motion_bounds`."""
     limits = np.stack([pepper.lower_limits, pepper.upper_limits])
     return limits, bool(np.isfinite(limits).all()), motion_bounds(pepper, held=held)
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def _within_limits(
     pepper: PepperModel, held: tuple[tuple[str, float], ...], free: bytes
 ) -> tuple[Array, float, planners.Metric]:
@@ -210,7 +219,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
         InvalidValueError: for a start of wrong shape or with NaN, a margin or timeout that is none.
         LimitError: for a start outside the joint limits.
     """
-    check_positive("timeout", timeout, "[s]")
+    checked_timeout(timeout)
     checked_margin(margin)
     q_start = as_joint_vectors(pepper, start, "start")
     if q_start.ndim != 1:
@@ -225,6 +234,22 @@ def checked_margin(margin: float) -> float:
     Raises:
         InvalidValueError: for what is none.
     """
-    if not (math.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    return margin
+    if not 0.0 <= as_real(margin) < math.inf:
+        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
+    return float(margin)
+
+
+def checked_timeout(timeout: float) -> float:
+    """Return a time budget [s].
+
+    Raises:
+        InvalidValueError: for what is none.
+    """
+    if not is_number(timeout):
+        raise InvalidValueError("timeout", repr(timeout), "a finite number above 0 [s]")
+    return check_positive("timeout", timeout, "[s]")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is one real number: no truth value, no text, no list."""
+    return isinstance(value, Real) and not isinstance(value, bool | np.bool_)

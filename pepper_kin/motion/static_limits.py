@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque, total_mass
 from pepper_kin.ik import CenterOfMassOverWheels, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model import PepperModel, RobotMemory, kept_for_robot, robot_digest
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import (
     balance_margin,
@@ -54,6 +54,7 @@ _WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments
 _GRAVITY = 9.81  # [m/s^2]
 _UNITS = {"rad": "N m", "m": "N"}
 
+_SOURCES = "pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.trajectory.balance"
 _kept: RobotMemory[tuple[tuple[str, ...], bool], Kernel] = RobotMemory()
 
 
@@ -85,7 +86,7 @@ class StaticLimits:
         known = _kept.of(self.pepper)
         found = known.get((frames, balanced))
         if found is None:
-            sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
+            sources = source_digest(*_SOURCES, __name__)
             key = f"static load {frames} {balanced} of {robot_digest(self.pepper)} by {sources}"
             found = known[frames, balanced] = compile_function(
                 lambda: _static_load(self.pepper, frames, balanced), key=key
@@ -250,7 +251,7 @@ def static_limits(
     return _kept_limits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def _kept_limits(pepper: PepperModel, balance: float | None, payload: AtFrames) -> StaticLimits:
     """Return the limits, which are made once."""
     return StaticLimits(pepper, balance, payload)

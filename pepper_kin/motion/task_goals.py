@@ -16,8 +16,9 @@ from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import CompiledTasks, SearchBuffers, compiled_tasks
 from pepper_kin.ik.fast.search import STATUSES, search_compiled
-from pepper_kin.ik.priorities import balanced, is_ordered
+from pepper_kin.ik.priorities import equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
+from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.goal_search import (
@@ -37,6 +38,7 @@ from pepper_kin.motion.goal_search import (
     take_known,
     take_spare,
 )
+from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.sampling import stream_key
 
 Array = NDArray[np.float64]
@@ -106,6 +108,12 @@ def _arrays_of(ready: CompiledTasks) -> _Arrays:
         )  # fmt: skip
 
 
+def load_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> None:
+    """Load, or compile, what `clear_goals` runs for tasks that the fast solver knows, groups taken apart."""
+    compiled_tasks(pepper, equally_weighted(tuple(tasks)))
+    load_code(search_nearby, search_anywhere, take_known, take_spare)
+
+
 def clear_goals(
     checks: Checks,
     start: Array,
@@ -138,7 +146,17 @@ def clear_goals(
 
 
 class _Search:
-    """Solutions of tasks from many starts, examined together; see `clear_goals`."""
+    """Solutions of tasks from many starts, examined together; see `clear_goals`.
+
+    Args:
+        checks: The robot in its scene.
+        start: Where the motion starts [rad or m], shape (n,).
+        parts: Tasks that the fast solver knows.
+        movable: Which joints may move, shape (n,); None for all.
+        margin: Distance to the scene that is preferred [m].
+        seed: Draws the starts.
+        timeout: Time budget [s].
+    """
 
     def __init__(
         self,
@@ -151,7 +169,7 @@ class _Search:
         timeout: float,
     ) -> None:
         self._checks, self._start, self._parts, self._movable = checks, start, parts, movable
-        self._tasks, self._margin, self._seed = balanced(parts), margin, seed
+        self._tasks, self._margin, self._seed = equally_weighted(parts), margin, seed
         self._timeout = timeout
 
     def goals(self) -> TaskGoals | None:

@@ -42,9 +42,9 @@ class ValidationStatus(ResultStatus):
         "tips_over",
         "Keep the center of mass nearer to the middle of the wheels' triangle, or use retime(balance=).",
     )
-    VELOCITY_LIMIT = "velocity_limit", "Time its path anew with retime()."
-    ACCELERATION_LIMIT = "acceleration_limit", "Time its path anew with retime()."
-    TORQUE_LIMIT = "torque_limit", "Time its path anew with retime()."
+    VELOCITY_LIMIT = "velocity_limit", "Time its path again with retime()."
+    ACCELERATION_LIMIT = "acceleration_limit", "Time its path again with retime()."
+    TORQUE_LIMIT = "torque_limit", "Time its path again with retime()."
 
 
 @dataclass(frozen=True, eq=False)

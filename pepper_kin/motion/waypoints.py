@@ -1,4 +1,4 @@
-"""From a planner's polyline to way-points whose spline is collision-free, where rounding it evenly is not."""
+"""Way-points along a planner's polyline whose spline is collision-free, where rounding it evenly is not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 Array = NDArray[np.float64]
 
-_PIECES = 6
+_SEGMENTS = 6
 _MOST_WAYPOINTS = 400
 _DENSE = (0.01, 0.0025)  # distances of way-points that follow a polyline [m], in the metric
 
@@ -31,49 +31,49 @@ class Way(NamedTuple):
     curve: CubicPath
 
 
-def way_near(room: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
+def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
     """Return the way along one of some polylines that keeps as near to it as it has to; None without any.
 
     `retime` draws a spline through way-points; so the spline itself is examined, and way-points are added
     until it is valid everywhere, as `Examiner.is_clear` says, which looks far more closely than a search.
 
     Args:
-        room: The planning problem, of the joints that move.
+        problem: The planning problem, of the joints that move.
         paths: Valid polylines of those joints, the best first.
     """
     found = None
     for path in paths:
-        found = _smooth(room, path) if found is None else found
-    return _followed(room, paths) if found is None else found
+        found = _smooth(problem, path) if found is None else found
+    return _followed(problem, paths) if found is None else found
 
 
-def way_through(room: PathProblem, points: Array, margins: tuple[float, float]) -> Way | None:
+def way_through(problem: PathProblem, points: Array, margins: tuple[float, float]) -> Way | None:
     """Return the spline through way-points, shape (m, n), if margins are kept all along it."""
-    curve = as_cubic_path(room.checks.pepper, points)
-    return Way(points, curve) if room.is_clear(curve, margins) else None
+    curve = as_cubic_path(problem.checks.pepper, points)
+    return Way(points, curve) if problem.is_clear(curve, margins) else None
 
 
-def _smooth(room: PathProblem, path: planners.Path) -> Way | None:
+def _smooth(problem: PathProblem, path: planners.Path) -> Way | None:
     """Return the fewest equidistant points of a rounded path whose spline is clear; None where none are."""
     try:
-        curve = planners.smooth(room.relaxed, path, spacing=path.length / _PIECES, resolution=RESOLUTION)
+        curve = planners.smooth(problem.relaxed, path, spacing=path.length / _SEGMENTS, resolution=RESOLUTION)
     except InfeasibleError:
         return None
-    pieces = _PIECES
-    while pieces <= _MOST_WAYPOINTS:
-        points = room.embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], pieces + 1)))
-        found = way_through(room, points, room.relaxed_margins)
+    segments = _SEGMENTS
+    while segments <= _MOST_WAYPOINTS:
+        points = problem.embed(curve(np.linspace(curve.breaks[0], curve.breaks[-1], segments + 1)))
+        found = way_through(problem, points, problem.relaxed_margins)
         if found is not None:
             return found
-        pieces *= 2
+        segments *= 2
     return None
 
 
-def _followed(room: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
-    """Return points so dense that their spline follows a polyline that has no room to round its corners."""
+def _followed(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
+    """Return points so dense that their spline follows a polyline whose corners cannot be rounded."""
     for path in paths:
         for apart in _DENSE:
-            found = way_through(room, room.embed(path.resample(apart).points), (0.0, 0.0))
+            found = way_through(problem, problem.embed(path.resample(apart).points), (0.0, 0.0))
             if found is not None:
                 return found
     return None

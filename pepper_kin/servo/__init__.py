@@ -1,9 +1,9 @@
 """Continuous inverse kinematics: one tick at a time, within every limit.
 
-    Servo, ServoState, ServoStatus            follows targets and twists that move while it runs
+    Servo, ServoState, ServoStatus            follows targets and twists that may change at every tick
     differential_step, DifferentialStep       one tick as a plain function
 
-The caller keeps time: a tick is one call of `step`.
+The caller is responsible for real time: a tick is one call of `step`.
 """
 
 from pepper_kin.servo.differential import DifferentialStep, differential_step

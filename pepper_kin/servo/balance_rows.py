@@ -61,21 +61,37 @@ class BalanceRows:
         return VelocityRows(matrix, least, ("balance",) * len(least))
 
     def _center_rate(self, q: Array, pose: Array, center: Array) -> Array:
-        """Return the Jacobian of the center of mass as seen from the base, shape (3, n)."""
+        """Return the Jacobian of the center of mass as seen from the base, shape (3, n).
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            pose: Of the base in the world, shape (4, 4).
+            center: Center of mass in the world [m], shape (3,).
+        """
         base = frame_jacobian(self._pepper, q, BASE)
         carried = base[:3] + np.cross(base[3:], center - pose[:3, 3], axisa=0, axisc=0)
         return center_of_mass_jacobian(self._pepper, q) - carried
 
     def _floor(self, q: Array, v: Array, center: Array) -> tuple[Array, Array, float, Array]:
-        """Return (-n_y, n_x) and f_z of the floor without acceleration, and their derivatives by it."""
+        """Return (-n_y, n_x) and f_z of the floor without acceleration, and their derivatives by it.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            center: Center of mass in the world [m], shape (3,).
+
+        Returns:
+            Moments [N m], shape (2,), their derivatives, shape (2, n), force [N] and its derivatives, shape
+            (n,).
+        """
         import pinocchio
 
         pepper, model, data = self._pepper, self._pepper.inner_model, self._pepper.pinocchio_data
         share, still = share_of_moving(pepper)
         v_full = pepper.rate_to_full(v)
         pinocchio.dccrba(model, data, pepper.to_full(q), v_full)
-        momentum = np.array(data.Ag) @ pepper.full_map
-        bias = np.array(data.dAg) @ v_full
+        momentum = pepper.columns_from_full(np.array(data.Ag))
+        bias = np.array(data.dAg).reshape(6, -1) @ v_full
         lever = pinocchio.skew((center - still) / share if share > 0 else center)
         weight = total_mass(pepper) * np.asarray(model.gravity.linear)
         moment = bias[3:] + lever @ bias[:3] - np.cross(center, weight)

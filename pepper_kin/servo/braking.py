@@ -10,11 +10,18 @@ from pepper_kin.ik.tasks.task import Array
 KINDS = ("acceleration", "velocity", "position", "lock")
 
 
-def braked(bounds: VelocityInterval, joints: np.ndarray) -> VelocityInterval:
-    """Return bounds that make some joints, shape (n,) of bool, brake."""
+def braked(bounds: VelocityInterval, joints: np.ndarray, gentle: Array) -> VelocityInterval:
+    """Return bounds that make some joints brake.
+
+    Args:
+        bounds: The bounds.
+        joints: Which, shape (n,) of bool.
+        gentle: Velocities of the gentlest brake that will do [rad/s or m/s], shape (n,).
+    """
+    low, high = np.minimum(bounds.brake, gentle), np.maximum(bounds.brake, gentle)
     return bounds._replace(
-        low=np.where(joints, bounds.brake, bounds.low),
-        high=np.where(joints, bounds.brake, bounds.high),
+        low=np.where(joints, low, bounds.low),
+        high=np.where(joints, high, bounds.high),
         low_kind=np.where(joints, LOCKED, bounds.low_kind),
         high_kind=np.where(joints, LOCKED, bounds.high_kind),
     )

@@ -67,7 +67,14 @@ class ClearanceGuard:
         self._hard = HARD * clearance
 
     def look(self, q: Array, bounds: VelocityInterval, acceleration: Array, dt: float) -> NearPairs:
-        """Return the pairs that matter at q for any velocity within bounds."""
+        """Return the pairs that matter at q for any velocity within bounds.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            bounds: Of the next velocity.
+            acceleration: Of the brake [rad/s^2 or m/s^2], shape (n,).
+            dt: Length of a tick [s].
+        """
         fastest = np.maximum(np.abs(bounds.low), np.abs(bounds.high))
         damped = self._clearance + float(self._motion_bounds @ fastest) / self._gain
         last = np.array([ticks_to_rest(fastest, acceleration, dt)])

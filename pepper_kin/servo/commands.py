@@ -38,7 +38,7 @@ class Twist:
     tick: int
 
     def demand(self, pepper: PepperModel, q: Array, v: Array, pace: Pace) -> Demand:
-        """Return what it asks for at q, shape (n,) [rad or m], after velocity v, shape (n,)."""
+        """Return the demand at q, shape (n,) [rad or m], after velocity v, shape (n,) [rad/s or m/s]."""
         jacobian = frame_jacobian(pepper, q, self.frame)
         parts = [self.linear] if self.angular is None else [self.linear, self.angular]
         if self.in_hand_axes:
@@ -87,7 +87,15 @@ class Targets:
         self.tasks, self.tick, self._lasting = tuple(tasks), tick, ticks
 
     def demands(self, pepper: PepperModel, q: Array, v: Array, tick: int, pace: Pace) -> list[Demand]:
-        """Return what the tasks ask for; a target that has not come again as expected counts as resting."""
+        """Return what the tasks ask for; a target that has not come again as expected counts as resting.
+
+        Args:
+            pepper: The robot.
+            q: Joint positions [rad or m], shape (n,).
+            v: The last velocity [rad/s or m/s], shape (n,).
+            tick: Number of the tick.
+            pace: How fast to go.
+        """
         moving = tick - self.tick < self._lasting
         known = self._residuals if tick == self.tick else (None,) * len(self.tasks)
         return [
@@ -97,5 +105,6 @@ class Targets:
 
 
 def _drift(change: Array, time: float) -> Array | None:
+    """Return change / time [m/s or rad/s] for a change [m or rad], shape (m,); None where it is too fast."""
     drift: Array = change / time
     return drift if float(np.sqrt(drift @ drift)) <= FASTEST_DRIFT else None

@@ -62,7 +62,7 @@ def task_demand(
     pace: Pace,
     residual: Array | None = None,
 ) -> Demand:
-    """Return what a task asks for: dr/dt = -s r, with a rate s that lets every joint brake in time.
+    """Return the demand of a task: dr/dt = -s r, with a rate s that lets every joint brake in time.
 
     With dq the damped Gauss-Newton step to the target, every joint covers its part of it at the speed
     s |dq_i|.  s is the greatest rate up to the gain at which no joint exceeds its velocity limit or the speed
@@ -73,9 +73,10 @@ def task_demand(
         task: The task.
         q: Joint positions [rad or m], shape (n,).
         v: The last velocity [rad/s or m/s], shape (n,).
-        drift: How fast a moving target changes the residual by itself; None for a target that rests.
+        drift: How fast a moving target changes the residual by itself [m/s or rad/s], shape (m,); None for a
+            target that rests.
         pace: How fast to go.
-        residual: The task's residual at q, where it is known.
+        residual: The task's residual at q [m or rad], shape (m,), where it is known.
     """
     residual = task.residual(pepper, q) if residual is None else residual
     jacobian = task.jacobian(pepper, q)
@@ -88,7 +89,16 @@ def task_demand(
 
 
 def rate_demand(jacobian: Array, rate: Array, v: Array, weight: float, label: str, pace: Pace) -> Demand:
-    """Return the demand of a commanded rate (a twist), slowed down near singularities."""
+    """Return the demand of a commanded rate (a twist), slowed down near singularities.
+
+    Args:
+        jacobian: J, shape (m, n).
+        rate: The wanted rate [m/s or rad/s], shape (m,).
+        v: The last velocity [rad/s or m/s], shape (n,).
+        weight: Weight in the sum of squares.
+        label: What moves, in words.
+        pace: How fast to go.
+    """
     share = _rates(jacobian, rate, pace)[1]
     damping = curvature_damping(share * rate, jacobian @ v, weight, pace.dt)
     return Demand(jacobian, share * rate, weight, label, share, damping, 0.0)
@@ -114,6 +124,13 @@ def curvature_damping(rate: Array, motion: Array, weight: float, dt: float) -> f
 
 
 def _rates(jacobian: Array, wanted: Array, pace: Pace) -> tuple[float, float]:
+    """Return the rate of approach [1/s] and the share of speed that singularities leave.
+
+    Args:
+        jacobian: J, shape (m, n).
+        wanted: The residual [m or rad] or the wanted rate [m/s or rad/s], shape (m,).
+        pace: How fast to go.
+    """
     return approach_rate(
         np.ascontiguousarray(jacobian), wanted, pace.dearness, pace.limits, pace.dt, pace.gain,
         pace.singularity,

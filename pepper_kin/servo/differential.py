@@ -12,6 +12,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
+from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
 from pepper_kin.ik.tasks.task import Array
@@ -38,7 +39,7 @@ class DifferentialStep:
         q: q + dt v [rad or m], shape (n,), read-only.
         scale: Share of the speed that singularities leave, of the task that suffers most.
         limited_by: What v touches, in words.
-        relaxed: What had to give way to braking, in words; joint limits never do.
+        relaxed: Limits that were relaxed for braking, in words; joint limits never are.
         blocked: Whether v only brakes, because nothing else is known to be able to stop clear.
     """
 
@@ -74,8 +75,8 @@ def differential_step(
         |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
         dd/dt >= -approach (d - margin) for all near pairs;  balance.
 
-    The hardest brake always keeps the first line; rows of the second that it breaks give way and are named.
-    `Servo` does the same from tick to tick, with the solver kept warm; use it for loops.
+    The hardest braking always keeps the first line; violated rows of the second are relaxed and named.
+    `Servo` does the same from tick to tick, with a warm-started solver; use it for loops.
 
     Args:
         pepper: The robot.
@@ -110,12 +111,14 @@ def differential_step(
     world = checked_world(scene, collisions)
     guard = None if world is None else ClearanceGuard(pepper, world, free, rate)
     rows = None if balance is None else BalanceRows(pepper, float(as_finite(balance, "balance", ())))
-    demands = [task_demand(pepper, task, state, last, None, pace) for task in flatten_tasks(pepper, tasks)]
+    parts = balanced(flatten_tasks(pepper, tasks))
+    demands = [task_demand(pepper, task, state, last, None, pace) for task in parts]
     tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)
     return _answer(state, dt, tick, demands)
 
 
 def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> DifferentialStep:
+    """Return the result of a tick of length dt [s] from q [rad or m], shape (n,)."""
     lost = tuple(f"singularity of {demand.label}" for demand in demands if demand.scale < 1)
     return DifferentialStep(
         v=read_only(tick.v),
@@ -128,7 +131,15 @@ def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> Different
 
 
 def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: JointLimits, dt: float) -> None:
-    """Refuse a velocity beyond its limit, or from which even braking at once would leave the joint limits."""
+    """Refuse a velocity beyond its limit, or from which even braking at once would leave the joint limits.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        v: The velocity [rad/s or m/s], shape (n,).
+        limits: Of the joints.
+        dt: Length of a tick [s].
+    """
     reach = limits.acceleration * dt
     high, low = limits.velocity.copy(), -limits.velocity
     for i, a in enumerate(limits.acceleration):

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from pepper_kin.collision.motion_tree import bounds_anywhere
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.shapes import read_only
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def frame_motion_bounds(pepper: PepperModel) -> Array:
     """Return R, shape (n,) [m/rad or 1]: no point of the body moves by more than sum_i R_i |dq_i|."""
     return read_only(bounds_anywhere(pepper))

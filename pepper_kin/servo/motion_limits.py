@@ -9,6 +9,7 @@ import numpy as np
 from pepper_kin.core.braking import JointLimits
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.model.shapes import read_only
 
 # The command stays this far inside the robot's limits, so that rounding cannot leave them: relative for
@@ -57,10 +58,7 @@ def _places(pepper: PepperModel, names: str | Iterable[str]) -> np.ndarray:
 
 
 def _share(quantity: str, value: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
+    number = as_real(value)
     if not 0 < number <= 1:
         raise InvalidValueError(quantity, value, "a share above 0 and up to 1")
     return number

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.core.velocity_dampers import RangeTable, range_holds_between, write_range_rows
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.servo.half_spaces import VelocityRows
 
 # How far beyond the joint's limits a curve stands for "no matter" or "never" [rad].
@@ -85,7 +84,7 @@ class RangeRows:
         return None
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def range_rows(pepper: PepperModel) -> RangeRows:
     """Return the rows of a robot, made once."""
     return RangeRows(pepper)

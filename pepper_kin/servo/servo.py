@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
 from pepper_kin.ik.tasks.hands import hand_frame
@@ -151,7 +152,7 @@ class Servo:
             InvalidValueError: for no task, something that is none, or several targets in one task.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
-        flat = flatten_tasks(self.pepper, tasks)
+        flat = balanced(flatten_tasks(self.pepper, tasks))
         self._targets.replace(self.pepper, self._q, flat, self._tick, self._dt)
 
     def set_twist(

@@ -15,15 +15,15 @@ class ServoStatus(ResultStatus):
     FOLLOWING = "following", "It follows the command; nothing to do."
     LIMITED = (
         "limited",
-        "It follows as well as the limits named allow: ask for slower or nearer motion where that matters.",
+        "It follows as well as the named limits allow: command a slower or nearer motion if that matters.",
     )
     ARRIVED = "arrived", "Every task is within its tolerance."
     BLOCKED = (
         "blocked",
-        "Joints brake, because they would not stop clear if they went on: command another way, or "
+        "Joints brake, because they could not stop before a collision: command another direction, or "
         "accept a smaller margin.",
     )
-    STOPPING = "stopping", "No command is fresh, so it brakes: command more often than `command_timeout`."
+    STOPPING = "stopping", "No recent command, so it brakes: command more often than `command_timeout`."
     RESTING = "resting", "It stands still and waits for a command."
 
 

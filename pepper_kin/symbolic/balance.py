@@ -1,4 +1,4 @@
-"""What the floor does to the robot: base wrench and zero-moment point."""
+"""Wrench of the floor on the robot, and the zero-moment point."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def base_wrench(pepper: PepperModel) -> casadi.Function:
     """Return the function (q, v, a) -> wrench that the floor exerts on the robot.
 
-    The rate of the momentum of all links about the world's origin, less their weight; links fixed to the
-    floor included.
+    It is the rate of change of the momentum of all links about the world's origin minus the wrench of
+    gravity; links fixed to the floor are included.
 
     Args:
         pepper: The robot.
@@ -42,8 +42,8 @@ def base_wrench(pepper: PepperModel) -> casadi.Function:
 def zero_moment_point(pepper: PepperModel) -> casadi.Function:
     """Return the function (q, v, a) -> zero-moment point (-n_y, n_x) / f_z of the base wrench (f, n).
 
-    Where the floor would have to pull (f_z <= 0) there is no such point; the function then returns what
-    the formula gives, without a warning.
+    Where the floor would have to pull (f_z <= 0) there is no such point; the function then returns the value
+    of the formula without a warning.
 
     Args:
         pepper: The robot.
@@ -60,6 +60,7 @@ def zero_moment_point(pepper: PepperModel) -> casadi.Function:
 
 
 def _floor_wrench(state: State) -> Wrench:
+    """Return force [N] and moment about the world's origin [N m], in world axes."""
     _, (force, torque) = collect(state, body_wrenches(state))
     resting = world_motion(state.tree.gravity)
     for inertia in (state.tree.ground, state.tree.still):

@@ -50,6 +50,6 @@ def numbers(array: NDArray[np.float64]) -> tuple:
 
 
 def clean(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an array without the rounding errors that stand for zeros."""
+    """Return an array with entries that are only rounding errors set to zero."""
     size = np.abs(array).max() if array.size else 0.0
     return np.where(np.abs(array) <= 1e-15 * size, 0.0, array)

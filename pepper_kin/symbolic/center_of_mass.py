@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pepper_kin.exceptions import ModelError
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import first_moments
 from pepper_kin.symbolic.functions import make_function
@@ -60,8 +61,15 @@ def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
 
 
 def total_mass(tree: Tree) -> float:
-    """Return the mass of all links [kg]."""
-    return tree.moving_mass + tree.still.mass
+    """Return the mass of all links [kg].
+
+    Raises:
+        ModelError: for a robot without mass, which has no center of mass.
+    """
+    mass = float(tree.moving_mass + tree.still.mass)
+    if not mass > 0.0:
+        raise ModelError("no link has mass, so the robot has no center of mass")
+    return mass
 
 
 def center_of_all(state: State) -> Vector:

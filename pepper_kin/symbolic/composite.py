@@ -1,4 +1,4 @@
-"""Composite bodies: each body with all that it carries, as if their joints were locked."""
+"""Composite bodies: each body with all its descendants, as if their joints were locked."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def coupled_entries(state: State, entries: dict[tuple[int, int], Value]) -> dict
         for a, gain_a in gains[i]:
             for b, gain_b in gains[j]:
                 place = (max(a, b), min(a, b))
-                # Above the diagonal stands the same value once more.
+                # The same value stands above the diagonal as well.
                 twice = 2.0 if i != j and a == b else 1.0
                 result[place] = result.get(place, 0.0) + (twice * gain_a * gain_b) * value
     return {place: value for place, value in result.items() if not isinstance(value, float) or value}

@@ -1,4 +1,4 @@
-"""M = L^T D L with the zeros of the tree kept, and what follows from it."""
+"""Factorization M = L^T D L that keeps the zeros of the tree, and solutions by it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Factors:
     inverse_diagonal: tuple[Value, ...]
 
     def solve(self, right: Sequence[Value]) -> list[Value]:
-        """Return M^-1 b; leading zeros of what is not reached stay zeros."""
+        """Return M^-1 b; leading zeros remain structural zeros."""
         x = list(right)
         for i in reversed(range(len(x))):
             for j, value in self.lower[i].items():

@@ -1,4 +1,4 @@
-"""Forward dynamics: the motion that torques cause."""
+"""Forward dynamics: the accelerations that torques cause."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
 
     Args:
         pepper: The robot.
-        contact_frame: A frame that an outer force acts on; the function then has a fourth input `wrench`
+        contact_frame: A frame that an external force acts on; the function then has a fourth input `wrench`
             (6) [N, N m], as in `inverse_dynamics`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""From a graph of scalars to a CasADi function."""
+"""Conversion of a graph of scalars to a CasADi function."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_function(
 
     Args:
         name: Name of the function.
-        graph: Where the scalars live.
+        graph: The graph of the scalars.
         inputs: Input name -> its scalars, all inputs of the graph in the order in which they were made.
         outputs: Output name -> rows of values, all rows of one length.
 
@@ -78,6 +78,7 @@ def _needed(graph: Graph, outputs: Mapping[str, Rows]) -> list[int]:
 
 
 def _output(rows: Rows, expressions: dict[int, casadi.SX]) -> casadi.SX:
+    """Return an output as a matrix whose known zeros are structural zeros."""
     import casadi
 
     columns = len(rows[0])

@@ -1,4 +1,4 @@
-"""Inverse dynamics: the torques that a motion needs."""
+"""Inverse dynamics: the torques of a motion."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
 
     Args:
         pepper: The robot.
-        contact_frame: A frame that an outer force acts on.  The function then has a fourth input
+        contact_frame: A frame that an external force acts on.  The function then has a fourth input
             `wrench` (6) [N, N m]: force on the robot at the frame's origin, then moment, in world axes;
-            tau is less by J^T wrench.
+            J^T wrench is subtracted from tau.
 
     Returns:
         Function of q, v, a (n each); output `tau` (n) [N m or N].
@@ -81,7 +81,7 @@ def gravity_torque(pepper: PepperModel) -> casadi.Function:
 
 
 def body_wrenches(state: State) -> list[Wrench]:
-    """Return the wrench that moves each body, in its own axes about its origin."""
+    """Return the net wrench on each body, in the body's axes about its origin."""
     moved = zip(motions(state), state.tree.bodies, strict=True)
     return [force_and_moment(motion, body.inertia) for motion, body in moved]
 
@@ -99,7 +99,7 @@ def full_torques(
 
 
 def add_contact(state: State, wrenches: list[Wrench], frame: str, wrench: Sequence[Value]) -> None:
-    """Take an outer wrench (in world axes at a frame's origin) off what a body needs from its joint."""
+    """Subtract an external wrench (in world axes at a frame's origin) from a body's wrench."""
     body, _, place = state.tree.anchor(frame)
     if body < 0:
         return

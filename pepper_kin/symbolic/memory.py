@@ -1,8 +1,9 @@
-"""Functions are built once for each robot as it is."""
+"""Cache of functions, each built once for a robot and its parameters."""
 
 from __future__ import annotations
 
 import inspect
+import os
 import threading
 from collections.abc import Callable, Hashable
 from functools import wraps
@@ -18,10 +19,20 @@ _lock = threading.RLock()
 _memory: RobotMemory[Hashable, Any] = RobotMemory()
 
 
-def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
-    """Make a builder return what it built before for the same robot and arguments.
+def _free_lock() -> None:
+    """Free the lock in a forked child, where the thread that held it does not exist."""
+    global _lock
+    _lock = threading.RLock()
 
-    A robot that is no longer used takes what was built for it along; so does a change of its masses.
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_free_lock)
+
+
+def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
+    """Cache the results of a builder by robot and arguments.
+
+    Results are dropped with their robot, and when its masses change.
 
     Args:
         build: Takes a robot and hashable arguments.

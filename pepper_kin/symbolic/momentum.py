@@ -70,7 +70,7 @@ def centroidal_map(pepper: PepperModel) -> casadi.Function:
 
 
 def velocities(state: State) -> list[tuple[Vector, Vector]]:
-    """Return the angular velocity of every body and the velocity of its origin, in its own axes."""
+    """Return the angular velocity of every body and the velocity of its origin, in the body's axes."""
     result: list[tuple[Vector, Vector]] = []
     parts = zip(state.tree.bodies, state.turns, state.translations, state.v, strict=True)
     for body, turn, r, v in parts:

@@ -13,7 +13,7 @@ from pepper_kin.symbolic.vectors import ZERO, Matrix, Vector, add, cross, scale,
 
 @dataclass(frozen=True)
 class Motion:
-    """How a body turns and accelerates, in its own axes.
+    """Rotation and acceleration of a body, in the body's axes.
 
     A point at x of the body accelerates with a + U x, where U = [alpha]x + [omega]x [omega]x.  Velocities of
     origins are never needed: dynamics does not change between frames that move uniformly.
@@ -40,7 +40,7 @@ class Motion:
 
 
 def world_motion(gravity: Vector) -> Motion:
-    """Return the motion of the world: it does not turn, and "falls upwards" to stand for gravity."""
+    """Return the motion of the world: no rotation, and an acceleration of -g that stands for gravity."""
     return Motion(ZERO, ZERO, (-gravity[0], -gravity[1], -gravity[2]))
 
 
@@ -68,7 +68,7 @@ def motions(state: State, gravity: Vector | None = None) -> list[Motion]:
 
 
 def force_and_moment(motion: Motion, inertia: Inertia) -> tuple[Vector, Vector]:
-    """Return what moves a body: f = m a + U h and n = h x a + moment(U, Sigma) about its origin."""
+    """Return the wrench of a motion: f = m a + U h and n = h x a + moment(U, Sigma) about the origin."""
     force = add(scale(inertia.mass, motion.a), times(motion.field(), inertia.first))
     return force, add(cross(inertia.first, motion.a), moment(motion, inertia.second))
 
@@ -92,10 +92,10 @@ def collect(
 
     Args:
         state: The state.
-        wrenches: (force, moment about the origin) of each body in its own axes.
+        wrenches: (force [N], moment about the origin [N m]) of each body in the body's axes.
 
     Returns:
-        For each body the sum over all that it carries, and the sum at the origin of the world.
+        For each body the sum over it and its descendants, and the sum at the origin of the world.
     """
     totals = list(wrenches)
     world: tuple[Vector, Vector] = (ZERO, ZERO)
@@ -117,7 +117,7 @@ def to_parent(state: State, i: int, force: Vector, torque: Vector) -> tuple[Vect
 
 
 def along_joints(state: State, wrenches: Sequence[tuple[Vector, Vector]]) -> list[Value]:
-    """Return the part of each wrench that acts along the body's joint."""
+    """Return the component of each wrench along the body's joint."""
     bodies = state.tree.bodies
     return [f[2] if body.slides else n[2] for body, (f, n) in zip(bodies, wrenches, strict=True)]
 

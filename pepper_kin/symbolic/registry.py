@@ -54,7 +54,7 @@ _BUILDERS: tuple[Callable[..., casadi.Function], ...] = (
 QUANTITIES: MappingProxyType[str, Callable[..., casadi.Function]] = MappingProxyType(
     {builder.__name__: builder for builder in _BUILDERS}
 )
-"""Name -> builder of every quantity of this room."""
+"""Name -> builder of every quantity of this package."""
 
 
 def function(pepper: PepperModel, quantity: str, *args: object, **keywords: object) -> casadi.Function:
@@ -70,7 +70,7 @@ def function(pepper: PepperModel, quantity: str, *args: object, **keywords: obje
         The same object as the builder returns.
 
     Raises:
-        UnknownNameError: for a quantity or a frame that is not known.
+        UnknownNameError: for an unknown quantity or frame.
     """
     try:
         builder = QUANTITIES[quantity]

@@ -55,11 +55,11 @@ def regressor(pepper: PepperModel) -> casadi.Function:
 
 
 def _parameter_wrenches(motion: Motion, axes: Array) -> list[Wrench]:
-    """Return the wrench that moves a body whose one parameter is one, for each of the ten.
+    """Return the wrench of a body with one inertial parameter of 1 and the others 0, for each of the ten.
 
     Args:
-        motion: How the body moves, in its own axes.
-        axes: Its axes in the joint's frame, in which the parameters are stated.
+        motion: Motion of the body, in the body's axes.
+        axes: The body's axes in the joint's frame, in which the parameters are stated, shape (3, 3).
     """
     wrenches: list[Wrench] = [(motion.a, ZERO)]
     for k in range(3):

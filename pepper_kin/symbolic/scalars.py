@@ -1,10 +1,10 @@
 """Scalars that fold constants, share equal operations and carry their sign for free.
 
-The algorithms of this room work on numbers that are either Python floats (constants of the model) or
-`Scalar`s (what depends on the inputs).  Zeros and ones vanish, equal operations are one node however often
-they are written, and a minus sign costs nothing until it must be stored.  Nothing here knows CasADi; the
-finished graph is turned into `SX` by `functions.py`, which is several times quicker than building `SX`
-expressions operator by operator.
+The algorithms of this package work on numbers that are either Python floats (constants of the model) or
+`Scalar`s (values that depend on the inputs).  Zeros and ones vanish, equal operations are one node however
+often they are written, and a minus sign costs nothing until it must be stored.  Nothing here depends on
+CasADi; the finished graph is converted to `SX` by `functions.py`, which is several times faster than building
+`SX` expressions operator by operator.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TypeAlias, Union
 
 Value: TypeAlias = Union["Scalar", float]
-"""What the algorithms compute with: a float is known when the expression is written."""
+"""A number in an algorithm: a float is known when the expression is built."""
 
 
 class Graph:
@@ -48,7 +48,7 @@ class Scalar:
     Attributes:
         graph: The graph.
         place: Place of the node.
-        negative: Whether minus the node is meant.
+        negative: Whether the scalar is minus the node.
     """
 
     __slots__ = ("graph", "negative", "place")

@@ -1,4 +1,4 @@
-"""The robot at a symbolic state: what every recursion starts from."""
+"""Symbolic states of the robot, from which every recursion starts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class State:
 
     Attributes:
         tree: The robot.
-        cosines: Cosine of each coordinate; the value is not used where a joint slides.
+        cosines: Cosine of each coordinate; not used for prismatic joints.
         sines: Sine of each coordinate.
-        q: Coordinates; used where a joint slides only.
-        v: Velocities.
-        a: Accelerations.
+        q: Coordinates [rad or m]; used for prismatic joints only.
+        v: Velocities [rad/s or m/s].
+        a: Accelerations [rad/s^2 or m/s^2].
     """
 
     tree: Tree
@@ -63,9 +63,9 @@ def make_state(
 
     Args:
         tree: The robot.
-        q: Positions; there is one sine and one cosine for each different angle.
-        v: Velocities, zero by default.
-        a: Accelerations, zero by default.
+        q: n positions [rad or m]; there is one sine and one cosine for each different angle.
+        v: n velocities [rad/s or m/s], zero by default.
+        a: n accelerations [rad/s^2 or m/s^2], zero by default.
     """
     still = [0.0] * len(q)
     full_q = follow(tree.full_map, q, tree.full_offset)

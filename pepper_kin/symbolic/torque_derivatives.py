@@ -1,19 +1,19 @@
 """Analytical derivatives of inverse dynamics, in body frames.
 
-A small change of joint j moves all that it carries as one composite body, so its wrench answers with the
+A small change of joint j moves everything outboard of it as one composite body, so the wrench changes by the
 composite's inertia.  Let h, Sigma be the composite's first and second moments about the origin of body j, and
-primes rates relative to body j, which its own joints cause: h' = sum(m x'), Pi = sum(m x' x^T).  To changes
-d_omega, d_alpha, d_a of the motion of body j (with the speeds of the joints further out kept) the composite
-answers with
+let primes be rates relative to body j, caused by the composite's inner joints: h' = sum(m x'),
+Pi = sum(m x' x^T).  For changes d_omega, d_alpha, d_a of the motion of body j (at constant velocities of the
+joints further out) the wrench of the composite changes by
 
     d_f = m d_a + d_alpha x h + d_omega x (omega x h) + omega x (d_omega x h) + 2 d_omega x h'
     d_n = h x d_a + J d_alpha + (Sigma omega) x d_omega + (Sigma d_omega) x omega + 2 (tr(Pi) - Pi) d_omega
 
-where J = tr(Sigma) - Sigma.  Turning joint j by d is the same as turning what comes in from the parent by -d
-and the answer by d:  d_omega = omega x z, d_alpha = alpha x z, d_a = a x z.  A change of its speed is
-d_omega = z, d_alpha = omega x z.  Carried inward these give the rows of the joints that carry j ("columns").
-For the joints that j carries the roles swap: the linear form that maps (d_omega, d_alpha, d_a) of a body
-further in to the torque of a joint is carried inward ("forms").  The result is that of Carpentier and
+where J = tr(Sigma) - Sigma.  Rotating joint j by d is equivalent to rotating the motion of the parent by -d
+and the resulting wrench by d:  d_omega = omega x z, d_alpha = alpha x z, d_a = a x z.  A change of its
+velocity is d_omega = z, d_alpha = omega x z.  Propagated inward these give the rows of the ancestors of j
+("columns").  For the descendants of j the roles swap: the linear form that maps (d_omega, d_alpha, d_a) of a
+body further in to the torque of a joint is propagated inward ("forms").  The result is that of Carpentier and
 Mansard, Analytical derivatives of rigid body dynamics algorithms (2018), with fewer operations, because
 classical instead of spatial accelerations make linear velocities disappear.
 """
@@ -52,13 +52,13 @@ Entries = dict[tuple[int, int], Value]
 
 @dataclass(frozen=True)
 class TorqueDerivatives:
-    """Derivatives of the torques of all coordinates of `pinocchio_model`; what is left out is zero.
+    """Derivatives of the torques of all coordinates of `pinocchio_model`; missing entries are zero.
 
     Attributes:
-        tau: The torques.
+        tau: The torques [N m or N].
         wrt_q: (i, j) -> d tau_i / d q_j.
         wrt_v: (i, j) -> d tau_i / d v_j.
-        mass: (i, j) with i carried by j -> M_ij.
+        mass: (i, j) with j an ancestor of i, or i -> M_ij.
     """
 
     tau: list[Value]
@@ -73,7 +73,7 @@ class _Composite:
 
     Attributes:
         slides: Whether its joint is prismatic.
-        motion: How body j moves.
+        motion: Motion of body j.
         inertia: m, h, Sigma.
         first_rate: h'.
         second_rate: Pi.
@@ -85,14 +85,14 @@ class _Composite:
     first_rate: Vector
     second_rate: Matrix
 
-    def answer(self, d_omega: Vector, d_alpha: Vector, d_a: Vector) -> Wrench:
-        """Return (d_f, d_n)."""
+    def wrench_change(self, d_omega: Vector, d_alpha: Vector, d_a: Vector) -> Wrench:
+        """Return (d_f, d_n) of a change of the motion."""
         h, omega, second = self.inertia.first, self.motion.omega, self.inertia.second
-        swing = add(cross(omega, h), scale(2.0, self.first_rate))
+        rate = add(cross(omega, h), scale(2.0, self.first_rate))
         force = add(
             scale(self.inertia.mass, d_a),
             cross(d_alpha, h),
-            cross(d_omega, swing),
+            cross(d_omega, rate),
             cross(omega, cross(d_omega, h)),
         )
         tensor = subtract(scale(trace(second), d_alpha), times(second, d_alpha))
@@ -103,18 +103,18 @@ class _Composite:
         return force, add(cross(h, d_a), tensor, gyro, rates)
 
     def form(self) -> tuple[Vector, Vector, Vector]:
-        """Return (f, n, d) with d tau_j = f . d_a + n . d_alpha + d . d_omega for this body's own joint."""
+        """Return (f, n, d) with d tau_j = f . d_a + n . d_alpha + d . d_omega for the joint of this body."""
         f, n = unit_wrench(self.slides, self.inertia)
         h, omega = self.inertia.first, self.motion.omega
         if self.slides:
             # z . d_f as a form in d_omega.
-            swing = add(cross(omega, h), scale(2.0, self.first_rate))
-            return f, n, add(cross(swing, Z), cross(h, cross(Z, omega)))
+            first_rate = add(cross(omega, h), scale(2.0, self.first_rate))
+            return f, n, add(cross(first_rate, Z), cross(h, cross(Z, omega)))
         second, rate = self.inertia.second, self.second_rate
         across = cross(omega, Z)
-        own = add(z_cross(times(second, omega)), times(second, across))
-        spread = scale(2.0, subtract(scale(trace(rate), Z), times_transposed(rate, Z)))
-        return f, n, add(own, spread)
+        gyroscopic = add(z_cross(times(second, omega)), times(second, across))
+        relative = scale(2.0, subtract(scale(trace(rate), Z), times_transposed(rate, Z)))
+        return f, n, add(gyroscopic, relative)
 
 
 def torque_derivatives(state: State) -> TorqueDerivatives:
@@ -162,18 +162,18 @@ def _composites(state: State, moving: list[Motion]) -> list[_Composite]:
 
 
 def _columns(state: State, j: int, composite: _Composite, wrench: Wrench, result: TorqueDerivatives) -> None:
-    """Add the derivatives with respect to joint j of its own torque and of those further in."""
+    """Add the derivatives with respect to joint j of its torque and of those of its ancestors."""
     motion = composite.motion
     if composite.slides:
-        # Sliding by d shifts the point of the parent that body j sits on, and the lever of its wrench.
-        by_q = composite.answer(ZERO, ZERO, times(motion.field(), Z))
+        # Sliding by d shifts the point of the parent that carries body j, and the moment arm of its wrench.
+        by_q = composite.wrench_change(ZERO, ZERO, times(motion.field(), Z))
         by_q = (by_q[0], add(by_q[1], z_cross(wrench[0])))
-        by_v = composite.answer(ZERO, ZERO, scale(2.0, cross(motion.omega, Z)))
+        by_v = composite.wrench_change(ZERO, ZERO, scale(2.0, cross(motion.omega, Z)))
     else:
         across = cross(motion.omega, Z)
-        by_q = composite.answer(across, cross(motion.alpha, Z), cross(motion.a, Z))
+        by_q = composite.wrench_change(across, cross(motion.alpha, Z), cross(motion.a, Z))
         by_q = (add(by_q[0], z_cross(wrench[0])), add(by_q[1], z_cross(wrench[1])))
-        by_v = composite.answer(Z, across, ZERO)
+        by_v = composite.wrench_change(Z, across, ZERO)
     i = j
     while i >= 0:
         part = 0 if state.tree.bodies[i].slides else 1
@@ -183,7 +183,7 @@ def _columns(state: State, j: int, composite: _Composite, wrench: Wrench, result
 
 
 def _forms(state: State, i: int, composites: list[_Composite], result: TorqueDerivatives) -> None:
-    """Add the derivatives of the torque of joint i with respect to the joints further in, and M."""
+    """Add the derivatives of the torque of joint i with respect to its ancestors, and M."""
     f, n, d = composites[i].form()
     result.mass[i, i] = f[2] if composites[i].slides else n[2]
     child, j = i, state.tree.bodies[i].parent
@@ -205,7 +205,7 @@ def _forms(state: State, i: int, composites: list[_Composite], result: TorqueDer
 def _carried(
     state: State, child: int, omega: Vector, form: tuple[Vector, Vector, Vector]
 ) -> tuple[Vector, Vector, Vector]:
-    """Return a form in changes of the motion of a body as one in those of its parent, which turns at omega.
+    """Return a form in changes of the motion of a body as one in those of its parent, rotating at omega.
 
     From d_omega_c = R^T d_omega, d_alpha_c = R^T d_alpha + d_omega_c x z v and
     d_a_c = R^T (d_a + d_alpha x r + d_omega x (omega x r) + omega x (d_omega x r)) (+ 2 d_omega_c x z v where

@@ -1,4 +1,4 @@
-"""The moving tree as plain numbers: frames, translations and inertias, ready to be folded in."""
+"""The kinematic tree as plain numbers: frames, translations and inertias."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """A robot as its expressions see it.
+    """The kinematic tree from which expressions are built.
 
     Attributes:
         bodies: Parents before children; body i is moved by coordinate i of `pinocchio_model`.
-        ground: Mass that moving bodies carry on their axes through to the world (see `regrouping.py`).
+        ground: Inertia of moving bodies that base parameters assign to the world (see `regrouping.py`).
         still: Links fixed to the world.
         alignments: Frame of each body relative to its joint's frame in `pinocchio_model`.
         gravity: Gravity vector [m/s^2].
@@ -74,11 +74,11 @@ class Tree:
 
 @remembered
 def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
-    """Read the moving tree of a robot.
+    """Read the kinematic tree of a robot.
 
     Args:
         pepper: The robot.
-        compact: Whether origins may move along joint axes and masses on joint axes go to the parent, for
+        compact: Whether origins may move along joint axes and masses on joint axes move to the parent, for
             the shortest expressions of dynamics; otherwise each body keeps its joint's origin and its mass.
     """
     model = pepper.inner_model

@@ -1,4 +1,4 @@
-"""Rotations from body to parent: a constant one after one about z."""
+"""Rotations from body to parent: a constant rotation times one about z."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _tip_motion(state: State, frame: str) -> tuple[tuple, tuple]:
     """Return velocity and acceleration of a frame, linear first.
 
     From the frame inward, rho, velocity, omega, acceleration and alpha are those of the frame relative to the
-    body at hand, in its axes; each joint adds what it does to all that is further out.  So no orientation
+    current body, in its axes; each joint adds its contribution to everything further out.  So no orientation
     in the world is needed.
     """
     body, _, rho = state.tree.anchor(frame)

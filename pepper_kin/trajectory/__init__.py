@@ -10,7 +10,7 @@
     Timeline, JointCurve, Key, Handle         an animation by keys
     import_timeline, ImportedMotion           such an animation as a trajectory within the limits
 
-Files of trajectories are in the room `pepper_kin.files`.
+Files of trajectories are in the package `pepper_kin.files`.
 """
 
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits

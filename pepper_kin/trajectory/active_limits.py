@@ -15,7 +15,7 @@ from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygo
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
 from pepper_kin.trajectory.payload import at_frames, hand_speeds
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory, examination_step, sample_times
 
 Array = NDArray[np.float64]
 
@@ -82,9 +82,8 @@ def active_limits(
     Returns:
         Time, names and shares.
     """
-    time = (
-        sample_times(trajectory.duration, 0.001) if t is None else np.atleast_1d(np.asarray(t, dtype=float))
-    )
+    step = examination_step(trajectory.duration)
+    time = sample_times(trajectory.duration, step) if t is None else np.atleast_1d(np.asarray(t, dtype=float))
     q, v, a = trajectory(time)
     held = at_frames(pepper, "payload", payload, "kg")
     speeds = hand_speeds(pepper, hand_speed)
@@ -126,7 +125,7 @@ def _joints(pepper: PepperModel) -> list[tuple[int, str]]:
 
 
 def _inner_radius(polygon: Array) -> float:
-    """Return the radius of the circle inside a triangle [m]: twice its area over its perimeter."""
+    """Return the radius of the circle inside a triangle [m], corners of shape (3, 2): 2 area / perimeter."""
     edge = np.roll(polygon, -1, axis=0) - polygon
     area = abs(edge[0, 0] * edge[1, 1] - edge[0, 1] * edge[1, 0]) / 2
     return float(2 * area / np.linalg.norm(edge, axis=1).sum())

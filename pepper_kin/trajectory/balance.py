@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.model.shapes import read_only
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.payload import AtFrames, payload_wrench
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def support_polygon(pepper: PepperModel) -> Array | None:
     """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
 
@@ -42,7 +41,7 @@ def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
     """
     if balance is None:
         return None
-    if isinstance(balance, bool) or not (np.isfinite(balance) and balance >= 0):
+    if not 0.0 <= as_real(balance) < np.inf:
         raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
     if support_polygon(pepper) is None:
         raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 class LimitCheck:
     """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
 
+    Position, velocity, acceleration and jerk are polynomials, of which the extremes are found, wherever they
+    are.  Torques are known at the states examined, and between them to `resolution`.
+
     Attributes:
         quantity: "position", "velocity", "acceleration", "jerk" or "torque".
         joint_names: The joints.
@@ -27,6 +30,8 @@ class LimitCheck:
         upper: Upper limits.
         time: The instant [s].
         tolerance: Violation that is taken for rounding.
+        resolution: What the quantity may use more of its limit between the states examined, proven; zero
+            where extremes are found.
     """
 
     quantity: str
@@ -38,9 +43,10 @@ class LimitCheck:
     upper: Array
     time: Array
     tolerance: Array
+    resolution: Array
 
     def __post_init__(self) -> None:
-        for name in ("margin", "value", "lower", "upper", "time", "tolerance"):
+        for name in ("margin", "value", "lower", "upper", "time", "tolerance", "resolution"):
             object.__setattr__(self, name, kept_read_only(getattr(self, name)))
 
     @property
@@ -66,10 +72,11 @@ class LimitCheck:
         if not np.isfinite(self.margin[j]):
             return f"{self.quantity}: no joint has a limit"
         word = "inside" if self.margin[j] >= -self.tolerance[j] else "OUTSIDE"
+        between = _between(float(self.resolution[j]), self.units[j], "more")
         return (
             f"{self.quantity}: {self.joint_names[j]} reaches {self.value[j]:.4g} {self.units[j]} "
             f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {self.units[j]} {word} "
-            f"[{self.lower[j]:.4g}, {self.upper[j]:.4g}]"
+            f"[{self.lower[j]:.4g}, {self.upper[j]:.4g}]{between}"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -82,6 +89,7 @@ class LimitCheck:
                 "upper": _plain(self.upper[j]),
                 "unit": self.units[j],
                 "time": float(self.time[j]),
+                "resolution": _plain(self.resolution[j]),
             }
             for j, name in enumerate(self.joint_names)
         }
@@ -99,6 +107,7 @@ class ScalarCheck:
         time: The instant [s].
         unit: Unit.
         detail: What the value means, in words.
+        resolution: What the value may be worse by between the states examined, proven [unit].
     """
 
     quantity: str
@@ -107,6 +116,7 @@ class ScalarCheck:
     time: float
     unit: str
     detail: str
+    resolution: float = 0.0
 
     @property
     def success(self) -> bool:
@@ -116,7 +126,9 @@ class ScalarCheck:
     def sentence(self) -> str:
         """Say the worst value and when it occurs."""
         word = "" if self.success else "VIOLATED: "
-        return f"{self.quantity}: {word}{self.value:.3g} {self.unit} {self.detail}, at {self.time:.3f} s"
+        between = _between(self.resolution, self.unit, "worse")
+        value = f"{word}{self.value:.3g} {self.unit}"
+        return f"{self.quantity}: {value} {self.detail}, at {self.time:.3f} s{between}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; None stands for infinity."""
@@ -126,6 +138,7 @@ class ScalarCheck:
             "value": _plain(self.value),
             "unit": self.unit,
             "time": self.time,
+            "resolution": _plain(self.resolution),
         }
 
 
@@ -135,7 +148,7 @@ class Certificate:
 
     Attributes:
         duration: Of the trajectory [s].
-        samples: Number of states examined.
+        samples: Number of states examined for torque, balance and speeds.
         step: Time between the regular ones [s]; both sides of every knot come on top.
         position: Against the position limits.
         velocity: Against the velocity limits.
@@ -149,6 +162,9 @@ class Certificate:
         jerk: Against jerk limits; None if none were given.
         acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
         hand_speed: Speeds of frames against their limits; None if none were given.
+        wheel_speed: The wheel of a planar base that uses most of its speed; None for other robots.
+        wheel_acceleration: The wheel that uses most of its acceleration.
+        base_speed: The speed of a planar base.
     """
 
     duration: float
@@ -165,6 +181,9 @@ class Certificate:
     jerk: LimitCheck | None = None
     acceleration_continuity: ScalarCheck | None = None
     hand_speed: ScalarCheck | None = None
+    wheel_speed: ScalarCheck | None = None
+    wheel_acceleration: ScalarCheck | None = None
+    base_speed: ScalarCheck | None = None
 
     @property
     def checks(self) -> dict[str, LimitCheck | ScalarCheck]:
@@ -181,6 +200,9 @@ class Certificate:
             "jerk": self.jerk,
             "acceleration_continuity": self.acceleration_continuity,
             "hand_speed": self.hand_speed,
+            "wheel_speed": self.wheel_speed,
+            "wheel_acceleration": self.wheel_acceleration,
+            "base_speed": self.base_speed,
         }
         return {name: check for name, check in found.items() if check is not None}
 
@@ -214,6 +236,15 @@ class Certificate:
             "step": self.step,
             **{name: check.as_dict() for name, check in self.checks.items()},
         }
+
+
+def _between(resolution: float, unit: str, word: str) -> str:
+    """Say what is known between the states examined; nothing where it is all."""
+    if resolution == 0.0:
+        return ""
+    if not np.isfinite(resolution):
+        return "; nothing is known between the states examined"
+    return f"; between the states examined at most {resolution:.2g} {unit} {word}"
 
 
 def _plain(value: float) -> float | None:

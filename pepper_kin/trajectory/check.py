@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +13,27 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
+from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, payload_torque, wheel_speeds
+from pepper_kin.trajectory.path import LIMIT_TOLERANCE
+from pepper_kin.trajectory.payload import (
+    AtFrames,
+    at_frames,
+    hand_speeds,
+    payload_torque,
+    payload_wrench,
+    wheel_speeds,
+)
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
+from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
+from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 Array = NDArray[np.float64]
 
-STEP = 0.001  # [s]
 JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]
-RELATIVE_TOLERANCE = 1e-7  # of a limit's range, for rounding
+RELATIVE_TOLERANCE = 1e-9  # of a limit, for rounding
+BALANCE_TOLERANCE = 1e-7  # [m]
 _TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
 
 
@@ -37,12 +48,15 @@ def check(
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Certificate:
-    """Examine a trajectory at every millisecond and on both sides of every knot.
+    """Examine a trajectory: polynomials at their extremes, all else closely and with bounds between.
 
-    Position, velocity and acceleration, evaluated here by NumPy, are compared with the robot's limits;
-    torques are computed by `pepper_kin.dynamics.newton_euler`: neither shares code with what times
-    trajectories.  Positions and velocities (and accelerations, where jerk is limited) must be continuous at
-    knots; the zero-moment point must lie in the triangle of the wheels.
+    Position, velocity, acceleration and jerk are compared with the robot's limits where they are extreme,
+    wherever that is (`pepper_kin.trajectory.extremes`).  Torques are computed by
+    `pepper_kin.dynamics.newton_euler`, like balance and the speeds of hands and wheels, every millisecond and
+    on both sides of every knot; what each may be worse by in between is proven and stated as `resolution`
+    (`pepper_kin.trajectory.rate_bounds`).  Nothing of this shares code with the core that times trajectories.
+    Positions and velocities (and accelerations, where jerk is limited) must be continuous at knots; the
+    zero-moment point must lie in the triangle of the wheels.
 
     Args:
         pepper: The robot.
@@ -72,60 +86,94 @@ def check(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
     world = checked_world(scene, collisions)
-    held, speeds = (
-        at_frames(pepper, "payload", payload, "kg"),
-        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
-    )
-    time, state = _states(trajectory)
-    lower, upper = pepper.lower_limits, pepper.upper_limits
-    torque = dynamics.newton_euler(pepper, *state) + payload_torque(pepper, held, *state)
+    held = at_frames(pepper, "payload", payload, "kg")
+    speeds = hand_speeds(pepper, hand_speed) + wheel_speeds(pepper)
+    examined = _examined(pepper, trajectory, held)
+    torque = dynamics.newton_euler(pepper, *examined.state) + payload_torque(pepper, held, *examined.state)
     polygon = None if balance is None else support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
+    wheels = wheel_limits(pepper)
 
-    def against(quantity: str, value: Array, lower: Array, upper: Array) -> LimitCheck:
-        return _limit_check(pepper, quantity, time, value, lower, upper)
+    def against(quantity: str, order: int, lower: Array, upper: Array) -> LimitCheck:
+        """Compare a derivative of the positions with its limits, shape (n,) each."""
+        return _at_extremes(pepper, quantity, trajectory, order, lower, upper)
 
-    v, a, tau = pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits
+    v, a = pepper.velocity_limits, pepper.acceleration_limits
     return Certificate(
         duration=trajectory.duration,
-        samples=time.size,
-        step=STEP,
-        position=against("position", state.position, lower, upper),
-        velocity=against("velocity", state.velocity, -v, v),
-        acceleration=against("acceleration", state.acceleration, -a, a),
-        torque=against("torque", torque, -tau, tau),
+        samples=examined.time.size,
+        step=examined.step,
+        position=against("position", 0, pepper.lower_limits, pepper.upper_limits),
+        velocity=against("velocity", 1, -v, v),
+        acceleration=against("acceleration", 2, -a, a),
+        torque=_torque(pepper, examined, torque),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
-        balance=None if polygon is None else _balance(pepper, polygon, time, state, balance or 0.0, held),
-        clearance=None if world is None else _clearance(pepper, trajectory, world),
-        jerk=None if rate is None else against("jerk", _jerks(trajectory), -rate, rate),
+        balance=None if polygon is None else _balance(pepper, polygon, examined, balance or 0.0, held),
+        clearance=None if world is None else _clearance(pepper, trajectory, examined, world),
+        jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
-        hand_speed=_speed(pepper, time, state, speeds) if speeds else None,
+        hand_speed=_speed(pepper, examined, speeds) if speeds else None,
+        **({} if wheels is None else _wheels(examined, wheels)),
     )
 
 
-def _states(trajectory: Trajectory) -> tuple[Array, State]:
-    """Return times (T,) and states (T, n): every millisecond, and both sides of every knot."""
-    time, segment, local = _sample_times(trajectory)
-    return time, State(*_derivatives(trajectory, segment, local, 3))
+class _Examined(NamedTuple):
+    """States of a motion that are examined, and bounds on how it goes on between them.
+
+    Attributes:
+        step: Time between the regular ones [s].
+        time: When [s], shape (T,).
+        state: Arrays of shape (T, n).
+        part: Of `rates`, to which each state belongs, shape (T,).
+        gap: Longest time between successive states of each piece [s], shape (m,).
+        bounds: Bounds on second derivatives on the pieces.
+        rates: Bounds on |dq/dt| there, shape (m, n).
+    """
+
+    step: float
+    time: Array
+    state: State
+    part: NDArray[np.intp]
+    gap: Array
+    bounds: RateBounds
+    rates: Array
+
+    def at_most(self, size: Array, second: Array) -> Array:
+        """Return a bound on a quantity over the whole motion.
+
+        Args:
+            size: Its absolute values at the states, shape (T, ...).
+            second: Bounds on its second derivative on the pieces, shape (m, ...).
+        """
+        highest = np.zeros_like(second)
+        np.maximum.at(highest, self.part, size)
+        rise = second * (self.gap**2 / 8).reshape(-1, *[1] * (second.ndim - 1))
+        return np.asarray((highest + rise).max(axis=0))
+
+    def between(self, size: Array, second: Array) -> Array:
+        """Return what a quantity may be greater by between the states than at all of them, shape (...).
+
+        Args:
+            size: Its absolute values at the states, shape (T, ...).
+            second: Bounds on its second derivative on the pieces, shape (m, ...).
+        """
+        return np.maximum(self.at_most(size, second) - size.max(axis=0), 0.0)
 
 
-def _jerks(trajectory: Trajectory) -> Array:
-    """Return the jerks at the times of `_states`, shape (T, n)."""
-    return _derivatives(trajectory, *_sample_times(trajectory)[1:], 4)[3]
-
-
-def _sample_times(trajectory: Trajectory) -> tuple[Array, NDArray[np.intp], Array]:
-    """Return times, and their pieces and times since the start of these, shape (T,)."""
-    knots = trajectory.knots
-    regular = sample_times(trajectory.duration, STEP)
-    inside = np.clip(np.searchsorted(knots, regular, side="right") - 1, 0, knots.size - 2)
-    segments, step = np.arange(knots.size - 1), np.diff(knots)
-    return (
-        np.concatenate([regular, knots[:-1], knots[1:]]),
-        np.concatenate([inside, segments, segments]),
-        np.concatenate([regular - knots[inside], 0 * step, step]),
-    )
+def _examined(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames) -> _Examined:
+    """Return states at every millisecond, and on both sides of every knot."""
+    step = examination_step(trajectory.duration)
+    parts = cut(trajectory, CUT * step)
+    regular, width = sample_times(trajectory.duration, step), np.diff(parts.breaks)
+    inside = np.clip(np.searchsorted(parts.breaks, regular, side="right") - 1, 0, width.size - 1)
+    every = np.arange(width.size)
+    part = np.concatenate([inside, every, every])
+    local = np.concatenate([regular - parts.breaks[inside], 0 * width, width])
+    time = np.concatenate([regular, parts.breaks[:-1], parts.breaks[1:]])
+    state = _derivatives(trajectory, parts.segment[part], parts.offset[part] + local, 3)
+    bounds = RateBounds(pepper, parts.rates, payload)
+    return _Examined(step, time, State(*state), part, np.minimum(width, step), bounds, parts.rates[1])
 
 
 def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
@@ -146,83 +194,185 @@ def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array
     return [total * math.factorial(k) for k, total in enumerate(sums)]
 
 
-def _limit_check(
-    pepper: PepperModel, quantity: str, time: Array, value: Array, lower: Array, upper: Array
+def _at_extremes(
+    pepper: PepperModel, quantity: str, trajectory: Trajectory, order: int, lower: Array, upper: Array
 ) -> LimitCheck:
-    distance = np.minimum(value - lower, upper - value)
-    at = np.argmin(distance, axis=0)
-    joints = np.arange(pepper.n)
+    """Compare a derivative of the positions with limits, shape (n,) each, where it is extreme."""
+    segments = derivative(trajectory.coefficients, order)
+    high, low = maxima(trajectory.breaks, segments), maxima(trajectory.breaks, -segments)
+    above = upper - high.value < -low.value - lower
+    value, time = np.where(above, high.value, -low.value), np.where(above, high.time, low.time)
+    margin = np.minimum(upper - high.value, -low.value - lower)
+    return _limit_check(pepper, quantity, (margin, value, time), lower, upper, np.zeros(pepper.n))
+
+
+def _torque(pepper: PepperModel, examined: _Examined, torque: Array) -> LimitCheck:
+    """Compare torques [N m or N] at the states, shape (T, n), with the effort limits."""
+    limit, joints = pepper.effort_limits, np.arange(pepper.n)
+    at = np.argmax(np.abs(torque), axis=0)
+    value = torque[at, joints]
+    worst = limit - np.abs(value), value, examined.time[at]
+    between = examined.between(np.abs(torque), examined.bounds.torque())
+    return _limit_check(pepper, "torque", worst, -limit, limit, np.where(np.isfinite(limit), between, 0.0))
+
+
+def _limit_check(
+    pepper: PepperModel,
+    quantity: str,
+    worst: tuple[Array, Array, Array],
+    lower: Array,
+    upper: Array,
+    resolution: Array,
+) -> LimitCheck:
+    """Return what was found; `worst` are margins, values and times, shape (n,) each."""
     units = tuple(unit_of(quantity, unit) for unit in pepper.joint_units)
     with np.errstate(invalid="ignore"):
         tolerance = np.where(np.isfinite(upper - lower), RELATIVE_TOLERANCE * (upper - lower) / 2, 0.0)
+    if quantity == "position":
+        tolerance = np.maximum(tolerance, LIMIT_TOLERANCE)
+    margin, value, time = worst
     return LimitCheck(
         quantity=quantity,
         joint_names=pepper.joint_names,
         units=units,
-        margin=distance[at, joints],
-        value=value[at, joints],
+        margin=margin,
+        value=value,
         lower=lower,
         upper=upper,
-        time=time[at],
+        time=time,
         tolerance=tolerance,
+        resolution=resolution,
     )
 
 
-def _continuity(trajectory: Trajectory, derivative: int) -> ScalarCheck:
-    quantity = ("position", "velocity", "acceleration")[derivative]
+def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
+    quantity = ("position", "velocity", "acceleration")[order]
     step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = _derivatives(trajectory, segments[:-1], step[:-1], derivative + 1)[-1]
-    after = _derivatives(trajectory, segments[1:], 0.0 * step[1:], derivative + 1)[-1]
+    before = _derivatives(trajectory, segments[:-1], step[:-1], order + 1)[-1]
+    after = _derivatives(trajectory, segments[1:], 0.0 * step[1:], order + 1)[-1]
     jumps = np.abs(after - before)
     worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
     if jumps.size:
         knot, index = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
         worst, time = float(jumps[knot, index]), float(trajectory.knots[knot + 1])
         joint = trajectory.joint_names[index]
-    unit = ("rad or m", "rad/s or m/s", "rad/s^2 or m/s^2")[derivative]
+    unit = ("rad or m", "rad/s or m/s", "rad/s^2 or m/s^2")[order]
     detail = f"is the greatest jump at a knot ({joint})"
     return ScalarCheck(f"{quantity} continuity", JUMP_TOLERANCE - worst, worst, time, unit, detail)
 
 
 def _balance(
-    pepper: PepperModel, polygon: Array, time: Array, state: State, wanted: float, payload: AtFrames
+    pepper: PepperModel, polygon: Array, examined: _Examined, wanted: float, payload: AtFrames
 ) -> ScalarCheck:
-    margin = balance_margin(pepper, polygon, *state, payload)
+    """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
+    margin = balance_margin(pepper, polygon, *examined.state, payload)
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
-    return ScalarCheck("balance", worst - wanted + RELATIVE_TOLERANCE, worst, float(time[at]), "m", detail)
+    return ScalarCheck(
+        "balance", worst - wanted + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m", detail,
+        _balance_between(pepper, polygon, examined, payload, margin),
+    )  # fmt: skip
 
 
-def _speed(pepper: PepperModel, time: Array, state: State, speeds: AtFrames) -> ScalarCheck:
+def _balance_between(
+    pepper: PepperModel, polygon: Array, examined: _Examined, payload: AtFrames, margin: Array
+) -> float:
+    """Return what the zero-moment point may be nearer to an edge by between the states [m].
+
+    Its distance is h / f, of an edge moment over the floor's force, both of which lie between their values at
+    two states to b g^2 / 8, with b the bound on the second derivative and g the gap.  The quotient of the
+    lines between these values is nowhere below its lesser end d, so that the distance is at least
+    d - (e_h + |d| e_f) / (f - e_f).
+
+    Args:
+        pepper: The robot.
+        polygon: Corners of the support polygon [m], shape (3, 2).
+        examined: The states.
+        payload: Masses held, by frame [kg].
+        margin: Distances at the states [m], shape (T,).
+    """
+    from pepper_kin import dynamics
+
+    force = dynamics.base_wrench(pepper, *examined.state)[:, 2]
+    if payload:
+        force = force + payload_wrench(pepper, payload, *examined.state)[:, 2]
+    pull, moment = examined.bounds.floor()
+    reach = float(np.linalg.norm(polygon, axis=1).max())  # no edge is farther from the base's origin
+    share = examined.gap**2 / 8
+    edge_error, force_error = share * (moment + reach * pull), share * pull
+    nearest, lightest = np.full(share.size, np.inf), np.full(share.size, np.inf)
+    np.minimum.at(nearest, examined.part, margin)
+    np.minimum.at(lightest, examined.part, force)
+    left = lightest - force_error
+    if not (np.isfinite(nearest).all() and (left > 0).all()):
+        return float("inf")
+    least = nearest - (edge_error + np.abs(nearest) * force_error) / left
+    return max(float(margin.min() - least.min()), 0.0)
+
+
+def _speed(pepper: PepperModel, examined: _Examined, speeds: AtFrames) -> ScalarCheck:
     """Compare the speeds of frames, by Jacobians, with their limits; report the one that uses most."""
     from pepper_kin import kinematics
 
     found = []
     for frame, limit in speeds:
-        jacobian = kinematics.frame_jacobian(pepper, state.position, frame)[:, :3]
-        speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, state.velocity), axis=1)
+        jacobian = kinematics.frame_jacobian(pepper, examined.state.position, frame)[:, :3]
+        speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, examined.state.velocity), axis=1)
         at = int(np.argmax(speed))
-        found.append((float(speed[at]) / limit, float(speed[at]), limit, float(time[at]), frame))
-    _, value, limit, time_at, frame = max(found)
+        between = float(examined.between(speed, examined.bounds.frame_speed(frame)))
+        found.append(
+            (float(speed[at]) / limit, float(speed[at]), limit, float(examined.time[at]), frame, between)
+        )
+    _, value, limit, time_at, frame, between = max(found)
     margin = limit * (1 + RELATIVE_TOLERANCE) - value
-    return ScalarCheck(
-        "hand speed", margin, value, time_at, "m/s", f"of {frame}, whose limit is {limit:.4g} m/s"
-    )
+    detail = f"of {frame}, whose limit is {limit:.4g} m/s"
+    return ScalarCheck("hand speed", margin, value, time_at, "m/s", detail, between)
 
 
-def _clearance(pepper: PepperModel, trajectory: Trajectory, scene: Any) -> ScalarCheck:
-    """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no."""
+def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
+    """Compare speeds and accelerations of wheels, and the speed of the base, with their limits."""
+    q, v, a = examined.state
+    along, side = np.hypot(wheels.rows[:, 0], wheels.rows[:, 1]), np.abs(wheels.rows[:, 2])
+
+    def worst(name: str, size: Array, second: Array, limit: float, names: tuple[str, ...], unit: str) -> Any:
+        """Return the check of sizes, shape (T, w), with second derivatives of at most `second`, (m, w)."""
+        at, row = np.unravel_index(int(np.argmax(size)), size.shape)
+        value, between = float(size[at, row]), float(examined.between(size, second)[row])
+        margin = limit * (1 + RELATIVE_TOLERANCE) - value
+        detail = f"of {names[row]}, whose limit is {limit:.4g} {unit}"
+        return ScalarCheck(name, margin, value, float(examined.time[at]), unit, detail, between)
+
+    found = {}
+    for name, size, order, limit in (
+        ("wheel speed", np.abs(wheels.speeds(q, v)), 2, wheels.speed),
+        ("wheel acceleration", np.abs(wheels.accelerations(q, v, a)), 3, wheels.acceleration),
+    ):
+        linear, turning = examined.bounds.twist(order)
+        second = linear[:, None] * along + turning[:, None] * side
+        unit = f"{wheels.unit}/s" + ("^2" if order == 3 else "")
+        found[name.replace(" ", "_")] = worst(name, size, second, limit, wheels.names, unit)
+    linear, turning = examined.bounds.twist(2)
+    base, second = wheels.base_speeds(q, v)[:, None], (linear + wheels.lever * turning)[:, None]
+    found["base_speed"] = worst("base speed", base, second, wheels.base_speed, ("the base",), "m/s")
+    return found
+
+
+def _clearance(pepper: PepperModel, trajectory: Trajectory, examined: _Examined, scene: Any) -> ScalarCheck:
+    """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no.
+
+    A distance that shrinks at most with speed v is, between two states h apart, no more than v h / 2 below
+    the lesser of its values there.
+    """
     from pepper_kin import collision
 
-    time, segment, local = _sample_times(trajectory)
-    count = sample_times(trajectory.duration, STEP).size
-    positions = _derivatives(trajectory, segment[:count], local[:count], 1)[0]
-    found = collision.least_clearance(pepper, positions, scene)
+    count = sample_times(trajectory.duration, examined.step).size
+    found = collision.least_clearance(pepper, examined.state.position[:count], scene)
     worst, at = found.distance, found.index
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
     if found.forbidden is not None and worst > 0:
         worst, at = -_TOUCH, found.forbidden
         detail = "two neighboring links touch, by their joint ranges"
-    return ScalarCheck("clearance", worst, worst, float(time[at]), "m", detail)
+    between = 0.5 * examined.step * collision.approach_speed(pepper, examined.rates, scene)
+    return ScalarCheck("clearance", worst, worst, float(examined.time[at]), "m", detail, between)

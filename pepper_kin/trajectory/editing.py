@@ -96,23 +96,24 @@ def _check_meeting(first: Trajectory, second: Trajectory) -> None:
 
 
 def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+    """Return a trajectory with the same joints, breaks [s], shape (m + 1,), and coefficients, (m, k, n)."""
     return Trajectory(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
 
 def _padded(coefficients: Array, order: int) -> Array:
-    """Return the coefficients with zeros for higher powers."""
+    """Return coefficients, shape (m, k, n), with zeros for higher powers, shape (m, order, n)."""
     missing = order - coefficients.shape[1]
     return np.pad(coefficients, ((0, 0), (0, missing), (0, 0)))
 
 
 def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
-    """Return the part between the first and the last of some times, which include all breaks between."""
+    """Return the part over knots [s], shape (m + 1,), which include all breaks between both ends."""
     segments, by = _places(trajectory, knots)
     return _like(trajectory, knots - knots[0], shifted(trajectory.coefficients[segments], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the piece that holds each interval between knots, and the interval's start within it."""
+    """Return the piece of each interval between knots [s], shape (m + 1,), and its start there [s], (m,)."""
     middle = (knots[1:] + knots[:-1]) / 2
     segments = np.clip(
         np.searchsorted(trajectory.breaks, middle, side="right") - 1, 0, trajectory.breaks.size - 2
@@ -121,7 +122,17 @@ def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Arr
 
 
 def _extended(trajectory: Trajectory, knots: Array, order: int, starts: float) -> Array:
-    """Return coefficients between knots of a trajectory that rests before its start and after its end."""
+    """Return coefficients between knots of a trajectory that rests before its start and after its end.
+
+    Args:
+        trajectory: The trajectory.
+        knots: Rising [s], shape (m + 1,).
+        order: Number of coefficients k.
+        starts: Time on the knots' clock at which the trajectory starts [s].
+
+    Returns:
+        Constant term first, shape (m, k, n).
+    """
     segments, by = _places(trajectory, knots - starts)
     found = _padded(shifted(trajectory.coefficients[segments], by), order)
     middle = (knots[1:] + knots[:-1]) / 2 - starts

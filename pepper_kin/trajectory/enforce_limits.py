@@ -95,7 +95,17 @@ def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Ar
 
 
 def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
-    """Return points strictly between two positions, in the time of the quintic from rest to rest."""
+    """Return points strictly between two positions, in the time of the quintic from rest to rest.
+
+    Args:
+        pepper: The robot.
+        start: First position [rad or m], shape (n,).
+        end: Last position [rad or m], shape (n,).
+        h: Time between points, about [s].
+
+    Returns:
+        Positions [rad or m], shape (k, n).
+    """
     distance = np.abs(end - start)
     # Of q = d (10 u^3 - 15 u^4 + 6 u^5), u = t / T: |v| <= 1.875 d / T and |a| <= 5.774 d / T^2.
     time = max(
@@ -107,7 +117,13 @@ def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
 
 
 def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
-    """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded."""
+    """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded.
+
+    Args:
+        pepper: The robot.
+        s: Times on the curve, evenly spaced [s], shape (T,).
+        path: The curve's states there, shape (T, n) each.
+    """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import minimum_filter1d
 
@@ -130,7 +146,7 @@ def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
     raise InfeasibleError(
         "safe motion",
         f"after {_ROUNDS} rounds of slowing down a limit is still exceeded at {s[np.argmax(need)]:.3f} s",
-        "start from a motion with smaller joint torques, nearer to the middle of the wheels",
+        "start from a motion with smaller joint torques, its zero-moment point nearer to the wheels' middle",
     )
 
 
@@ -143,6 +159,13 @@ def _ceiling(pepper: PepperModel, path: State) -> Array:
 
 
 def _state(path: State, sigma: Array, slope: Array) -> State:
+    """Return the states of a curve that is run at another speed.
+
+    Args:
+        path: States of the curve over its own time s, shape (T, n) each.
+        sigma: Speed ds/dt there, shape (T,).
+        slope: d sigma / ds there [1/s], shape (T,).
+    """
     along, bend = sigma[:, None], (sigma * slope)[:, None]
     return State(path.position, path.velocity * along, path.acceleration * along**2 + path.velocity * bend)
 
@@ -164,7 +187,7 @@ def _use(pepper: PepperModel, state: State) -> Array:
 
 
 def _refuse_unholdable(pepper: PepperModel, position: Array) -> None:
-    """Raise where gravity alone needs more than a joint has, or tips the robot over."""
+    """Raise where gravity overloads a joint or tips the robot over: positions [rad or m], shape (T, n)."""
     from pepper_kin import dynamics
 
     still = np.zeros_like(position)
@@ -183,7 +206,7 @@ def _refuse_unholdable(pepper: PepperModel, position: Array) -> None:
 
 
 def _run(curve: Trajectory, s: Array, speed: Any) -> Trajectory:
-    """Return the curve run at its speed, met in position, velocity and acceleration at every point."""
+    """Return the curve run at its speed, met in position, velocity and acceleration at s [s], shape (T,)."""
     nodes, weights = _GAUSS
     half = np.diff(s)[:, None] / 2
     inside = s[:-1, None] + half * (nodes + 1.0)

@@ -47,15 +47,23 @@ def through_points(
 
     Returns:
         The trajectory; of degree 5 where all three are known.
+
+    Raises:
+        InvalidValueError: for points so near in time, or so far apart, that the polynomials overflow.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-    if velocity is not None and acceleration is not None:
-        return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
-    if velocity is None:
-        spline = CubicSpline(time, position, bc_type="clamped")
-    else:
-        spline = CubicHermiteSpline(time, position, velocity)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if velocity is not None and acceleration is not None:
+            return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
+        try:
+            if velocity is None:
+                spline = CubicSpline(time, position, bc_type="clamped")
+            else:
+                spline = CubicHermiteSpline(time, position, velocity)
+        except ValueError as error:  # slopes that overflow
+            far = f"{np.diff(time).min():.3g} s between two points"
+            raise InvalidValueError("times", far, "times between which finite speeds lie") from error
     return Trajectory(names, time, np.moveaxis(spline.c[::-1], 0, 1), units)
 
 
@@ -69,7 +77,11 @@ def from_positions(
     interpolation: str,
     overshoot: float,
 ) -> Trajectory:
-    """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors."""
+    """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors.
+
+    Times [s] have shape (T,), positions [rad or m] a column for each joint given, and `rest` [rad or m] has
+    shape (n,).
+    """
     time = as_finite(times, "times", (None,))
     check_choice("interpolation", interpolation, INTERPOLATIONS)
     allowed = check_positive("overshoot", overshoot, "rad or m")
@@ -78,7 +90,7 @@ def from_positions(
         pair = (
             [f"{value:.9g} s" for value in time[falls[:1] + np.arange(2)]] if falls.size else [str(time.size)]
         )
-        raise InvalidValueError("times", ", then ".join(pair), "two or more times that rise")
+        raise InvalidValueError("times", ", then ".join(pair), "two or more times that increase")
     names, place = _columns(pepper, joints)
     columns = as_finite(positions, "positions", (time.size, len(place)))
     if pepper is None:
@@ -114,7 +126,12 @@ def _monotone_slopes(time: Array, q: Array) -> Array:
 
     if time.size == 2:
         return np.zeros_like(q)
-    slopes: Array = PchipInterpolator(time, q).derivative()(time)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            slopes: Array = PchipInterpolator(time, q).derivative()(time)
+        except ValueError as error:
+            far = f"{np.diff(time).min():.3g} s between two points"
+            raise InvalidValueError("times", far, "times between which finite speeds lie") from error
     slopes[[0, -1]] = 0.0
     return slopes
 
@@ -122,7 +139,14 @@ def _monotone_slopes(time: Array, q: Array) -> Array:
 def _excesses(
     trajectory: Trajectory, q: Array, limits: tuple[Array, Array], allowed: float
 ) -> list[tuple[float, int, str]]:
-    """Return excess [rad or m], joint and sentence of each joint's worst position, the worst first."""
+    """Return excess [rad or m], joint and sentence of each joint's worst position, the worst first.
+
+    Args:
+        trajectory: The trajectory.
+        q: The samples [rad or m], shape (T, n).
+        limits: Lower and upper limits [rad or m], shape (n,) or () each.
+        allowed: Excess that is not reported [rad or m].
+    """
     step = np.diff(trajectory.breaks)
     segment, joint, local = turning_points(step, trajectory.coefficients)
     value = trajectory.at_segments(segment, local).position[np.arange(segment.size), joint]

@@ -16,19 +16,21 @@ Robotics 29, 2013.)  y is a quadratic spline in tau, so that jerk is smooth betw
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.extremes import maxima
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
-from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.path import CubicPath
+from pepper_kin.trajectory.path import LIMIT_TOLERANCE, CubicPath
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
+from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
 Array = NDArray[np.float64]
@@ -36,17 +38,17 @@ Array = NDArray[np.float64]
 _ITERATIONS = 12  # linear programs
 _ENOUGH = 1e-3  # gain of duration below which to stop
 _TRUST = 2.0  # factor by which y may change in one step
-_PARTS = 3  # polynomials for each piece of y
+_PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
 _WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up, and
 _SHARES = (0.05, 0.2, 0.6)  # of the duration without jerk limits: widths of the moving average to try
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
-_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that are looked at
+_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the programs look at
 
 
 @dataclass(frozen=True, eq=False)
 class _Rate:
-    """y and its derivatives in tau as quadratic splines over knots, in local powers, shape (K,)."""
+    """y and its derivatives in tau, shape (K,) each, at the starts of pieces between knots [s], (K + 1,)."""
 
     knots: Array
     value: Array
@@ -54,7 +56,7 @@ class _Rate:
     bend: Array
 
     def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array]:
-        """Return y, y' and y''."""
+        """Return y, y' [1/s] and y'' [1/s^2], shape (...), at local times [s] on pieces, which broadcast."""
         bend = self.bend[segment]
         slope = self.slope[segment] + local * bend
         return self.value[segment] + local * (self.slope[segment] + local * bend / 2), slope, bend
@@ -77,15 +79,12 @@ def limit_jerk(
         jerk: [rad/s^3 or m/s^3], inf for none, shape (n,).
 
     Returns:
-        The trajectory; limits hold at its knots and at every multiple of 1 ms.
+        The trajectory; see `_within` for where limits hold.
     """
-    inner = Limits(
-        limits.velocity * _SHARE_OF_MARGIN,
-        limits.acceleration * _SHARE_OF_MARGIN,
-        limits.torque,
-        limits.balance,
-        limits.payload,
-        limits.speed,
+    inner = replace(
+        limits,
+        velocity=limits.velocity * _SHARE_OF_MARGIN,
+        acceleration=limits.acceleration * _SHARE_OF_MARGIN,
     )
     best: tuple[float, SmoothTime, Rows, Array] | None = None
     for window in _windows(limits.acceleration, jerk, fastest.duration):
@@ -109,23 +108,42 @@ def limit_jerk(
         if gain < _ENOUGH:
             break
     rate = _Rate(base.knots, *rows.polynomials(y))
-    return _within(pepper, _trajectory(pepper, curve, base, rate), limits, jerk)
+    for parts in _PARTS:
+        trajectory = _trajectory(pepper, curve, base, rate, parts)
+        if _keeps_positions(pepper, trajectory):
+            break
+    return _within(pepper, trajectory, limits, jerk)
 
 
 def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
-    """Return widths of the moving average to try [s]."""
+    """Return widths of the moving average to try [s].
+
+    Args:
+        acceleration: Limits [rad/s^2 or m/s^2], shape (n,).
+        jerk: Limits [rad/s^3 or m/s^3], shape (n,).
+        duration: Of the motion without jerk limits [s].
+    """
     both = np.isfinite(acceleration) & np.isfinite(jerk)
     build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.1 * duration
     widths = [share * build_up for share in _WINDOWS] + [share * duration for share in _SHARES]
     return [width for width in widths if 0.02 * duration < width < duration]  # never empty: the last two
 
 
-def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate) -> Trajectory:
-    """Return quintics in time through states at the knots of y and some instants between."""
+def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
+    """Whether quintics, which lie on the path at their ends, keep the position limits between these too."""
+    highest, lowest = (maxima(trajectory.breaks, sign * trajectory.coefficients).value for sign in (1, -1))
+    outside = np.maximum(highest - pepper.upper_limits, lowest + pepper.lower_limits)
+    return bool(outside.max() <= LIMIT_TOLERANCE)
+
+
+def _trajectory(
+    pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate, parts: int
+) -> Trajectory:
+    """Return quintics in time through states at the knots of y and instants that cut each piece in parts."""
     step = np.diff(base.knots)
-    segment = np.repeat(np.arange(step.size), _PARTS)
-    width = step[segment] / _PARTS
-    start = np.tile(np.arange(_PARTS), step.size) * width
+    segment = np.repeat(np.arange(step.size), parts)
+    width = step[segment] / parts
+    start = np.tile(np.arange(parts), step.size) * width
     node, weight = np.polynomial.legendre.leggauss(4)
     inside = start[:, None] + width[:, None] * (node + 1) / 2
     y = rate.at(segment[:, None], inside)[0]
@@ -140,15 +158,16 @@ def _trajectory(pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits, jerk: Array) -> Trajectory:
-    """Slow down, where need be, until all limits hold at the knots and at every multiple of 1 ms."""
-    segments = np.arange(trajectory.breaks.size - 1)
+    """Slow down, where need be, until all limits hold.
+
+    Those of velocity, acceleration and jerk at every instant, the others at the knots and at every multiple
+    of 1 ms.  Jerk limits [rad/s^3 or m/s^3] have shape (n,).
+    """
+    trajectory = trajectory.scaled(stretch_at_extremes(trajectory, limits, jerk))
     for _ in range(50):
-        step = np.diff(trajectory.breaks)
+        refuse_long(trajectory.duration)
         state = trajectory(np.concatenate([sample_times(trajectory.duration, 0.001), trajectory.breaks]))
-        ends = [trajectory.jerk_at_segments(segments, 0 * step), trajectory.jerk_at_segments(segments, step)]
-        rates = np.concatenate([trajectory.jerk(sample_times(trajectory.duration, 0.001)), *ends])
         stretch = measure_use(pepper, state, limits).stretch
-        stretch = max(stretch, float(np.max(np.abs(rates) / jerk)) ** (1 / 3))
         if stretch <= 1.0 + _TOLERANCE:
             return trajectory
         if not np.isfinite(stretch):

@@ -33,7 +33,8 @@ class Rows:
         offset: Their value at rest, shape (P, r).
         one_sided: Whether only the upper bound counts, shape (r,).
         greatest: Greatest y at each point, shape (P,).
-        jerk: Gains on y, y' and y'' of jerk over its limit and sqrt(y), shape (P, n, 3).
+        jerk: Gains on y, y' and y'' of jerk over its limit and sqrt(y), shape (P, j, 3), for the j
+            joints with a limit.
         weight: Of each point in integrals over tau, shape (P,).
         to_powers: Gains of the three coefficients on y, y' and y'' at the start of each piece, (K, 3, 3).
     """
@@ -49,7 +50,7 @@ class Rows:
     to_powers: Array
 
     def duration(self, y: Array) -> float:
-        """Return the duration of the motion [s], by the 3/8 rule."""
+        """Return the duration of the motion [s] for coefficients of y, shape (K + 2,), by the 3/8 rule."""
         return float(np.sum(self.weight / np.sqrt(self._at(y)[0])))
 
     def polynomials(self, y: Array) -> tuple[Array, Array, Array]:
@@ -74,7 +75,15 @@ class Rows:
         return max(float(min(bounds)) * (1 - 1e-9), 1e-6)
 
     def improved(self, y: Array, trust: float) -> Array | None:
-        """Return a faster y near the last one that keeps all limits; None where the program has none."""
+        """Return a faster y near the last one that keeps all limits; None where the program has none.
+
+        Args:
+            y: Coefficients of the last one, shape (K + 2,).
+            trust: Greatest factor by which each may change.
+
+        Returns:
+            Coefficients, shape (K + 2,).
+        """
         from scipy.optimize import linprog
         from scipy.sparse import csr_matrix
 
@@ -131,7 +140,7 @@ class Rows:
 
 
 def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: Limits, jerk: Array) -> Rows:
-    """Evaluate all limits along a smooth time law at once."""
+    """Evaluate all limits along a smooth time law; those of jerk [rad/s^3 or m/s^3] have shape (n,)."""
     step = np.diff(base.knots)
     segment = np.repeat(np.arange(step.size), len(_POINTS))
     local = (step[:, None] * np.array(_POINTS)).ravel()
@@ -162,7 +171,18 @@ def make_rows(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: L
 def _linear_limits(
     quantities: LimitedQuantities, limits: Limits, q: Array, first: Array, second: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return gains on y and y', values at rest, and which rows have an upper bound only."""
+    """Return gains on y and y', values at rest, and which rows have an upper bound only.
+
+    Args:
+        quantities: What limits look at.
+        limits: The limits.
+        q: Positions Q [rad or m], shape (P, n).
+        first: dQ / d tau [rad/s or m/s], shape (P, n).
+        second: d2Q / d tau2 [rad/s^2 or m/s^2], shape (P, n).
+
+    Returns:
+        Gains, shape (P, r, 2), values at rest, shape (P, r), and flags, shape (r,).
+    """
     finite = np.isfinite(limits.acceleration)
     bound = limits.acceleration[finite]
     gains = [np.stack([second[:, finite] / bound, first[:, finite] / (2 * bound)], axis=-1)]
@@ -173,7 +193,7 @@ def _linear_limits(
     if quantities.torque_limit.size:
         finite = np.isfinite(quantities.torque_limit)
         bound = quantities.torque_limit[finite]
-        c, a, b = quantities.torque(*states).reshape(3, *q.shape)[..., finite] / bound
+        c, a, b = quantities.torque(*states).reshape(3, len(q), -1)[..., finite] / bound
         gains.append(np.stack([b - c, (a - c) / 2], axis=-1))
         rests.append(c)
         sides.append(np.zeros(bound.size, bool))
@@ -191,6 +211,12 @@ def _to_powers(knots: Array) -> Array:
 
     The basis is that of B-splines with threefold knots at both ends, so that all coefficients are positive
     values of y's control polygon.
+
+    Args:
+        knots: Rising [s], shape (K + 1,).
+
+    Returns:
+        Gains of the coefficients on y, y' and y'', shape (K, 3, 3).
     """
     t = np.concatenate([knots[:1], knots[:1], knots, knots[-1:], knots[-1:]])
     k = np.arange(knots.size - 1) + 2  # the piece is [t[k], t[k + 1]]

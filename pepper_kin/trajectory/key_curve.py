@@ -76,7 +76,7 @@ class Key:
                 raise InvalidValueError(
                     f"handle {side} the key at {self.time:.6g} s",
                     f"{handle.time} s",
-                    "its own side of the key",
+                    "a time on that side of the key",
                 )
 
 
@@ -155,13 +155,22 @@ def _auto_slope(keys: tuple[Key, ...], i: int) -> float:
 
 
 def _powers(control: Array) -> Array:
-    """Return the coefficients in u of a cubic with these control points, constant first."""
+    """Return a cubic's coefficients in u, constant first, from its control points, shape (4,) each."""
     a, b, c, d = control
     return np.array([a, 3 * (b - a), 3 * (a - 2 * b + c), d - 3 * c + 3 * b - a])
 
 
 def _cut(begin: float, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return cubics in time through value and slope of a Bezier segment at many places."""
+    """Return cubics in time through value and slope of a Bezier segment at many places.
+
+    Args:
+        begin: Time of its first key [s].
+        x: Times of its control points since then [s], shape (4,).
+        y: Values of its control points [rad], shape (4,).
+
+    Returns:
+        Times [s], shape (m + 1,), and coefficients, constant first, shape (m, 4).
+    """
     from scipy.interpolate import CubicHermiteSpline
 
     u = np.linspace(0.0, 1.0, _CUTS + 1)
@@ -183,7 +192,13 @@ def _cut(begin: float, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _limit_slope(x: Array, y: Array, otherwise: float) -> float:
-    """Return the slope at the first control point when the second is at the same time."""
+    """Return the slope [rad/s] at the first control point when the second is at the same time.
+
+    Args:
+        x: Times of the control points [s], shape (4,).
+        y: Values of the control points [rad], shape (4,).
+        otherwise: Slope where the curve is upright [rad/s].
+    """
     if abs(y[1] - y[0]) > 1e-12:
         return otherwise  # the curve is upright there
     return float((y[2] - y[0]) / (x[2] - x[0])) if abs(x[2] - x[0]) > 1e-12 else otherwise

@@ -25,7 +25,10 @@ def from_keyframes(
     pepper: PepperModel,
     start: str | ArrayLike | None,
 ) -> Trajectory:
-    """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors."""
+    """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors.
+
+    A start that is not a posture's name has shape (n,) [rad or m].
+    """
     frames = _in_order(keyframes)
     keys: dict[str, list[Key]] = {name: [] for name in pepper.joint_names}
     for time, frame in frames:
@@ -38,7 +41,7 @@ def from_keyframes(
 
 
 def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
-    allowed = "time [s] -> frame, or pairs of both, with two or more times that rise from 0 or later"
+    allowed = "time [s] -> frame, or pairs of both, with two or more times that increase from 0 or later"
     try:
         entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
         pairs = [(time, frame) for time, frame in entries]
@@ -60,7 +63,7 @@ def _position(pepper: PepperModel, frame: Any, quantity: str) -> NDArray[np.floa
     if isinstance(frame, str):
         return pepper.posture(frame)
     if isinstance(frame, Mapping) and not frame:
-        raise InvalidValueError(quantity, "no joint", "a posture, or one joint at least")
+        raise InvalidValueError(quantity, "no joint", "a posture, or at least one joint")
     try:
         q = pepper.joint_vector(frame)
     except InvalidValueError as error:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
-from pepper_kin.trajectory.trajectory import State
+from pepper_kin.trajectory.trajectory import State, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,27 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
             resting = quantities.moments(q[tipping], still, still)
             square = max(square, _square_stretch_to_stand(moving[tipping], resting))
     return LimitUse(share, float(np.sqrt(square)))
+
+
+def stretch_at_extremes(trajectory: Trajectory, limits: Limits, jerk: Array | None = None) -> float:
+    """Return the least k >= 1 such that a motion k times as slow keeps velocity, acceleration and jerk.
+
+    They are compared where they are greatest, wherever that is; made k times as slow, jerk is j / k^3.
+
+    Args:
+        trajectory: The motion.
+        limits: The limits, of which those of the joints' motion count.
+        jerk: Jerk limits [rad/s^3 or m/s^3], shape (n,); None for none.
+    """
+    bounds = (limits.velocity, limits.acceleration) if jerk is None else (
+        limits.velocity, limits.acceleration, jerk,
+    )  # fmt: skip
+    stretch = 1.0
+    for order, bound in enumerate(bounds, start=1):
+        segments = derivative(trajectory.coefficients, order)
+        greatest = np.maximum(*(maxima(trajectory.breaks, sign * segments).value for sign in (1.0, -1.0)))
+        stretch = max(stretch, float(np.max(greatest / bound)) ** (1 / order))
+    return stretch
 
 
 def _square_stretch_to_stand(moving: Array, resting: Array) -> float:

@@ -9,14 +9,21 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import (
+    EXAMINED_EVERY,
+    State,
+    Trajectory,
+    examination_step,
+    sample_times,
+)
 
 Array = NDArray[np.float64]
 
-STEP = 0.001  # [s]
 JUMP = 1e-6  # [rad, m, rad/s or m/s] at a knot
 _RELATIVE = 1e-7  # of a limit, for rounding
+_INSIDE = np.linspace(0.0, 1.0, 10)[1:-1]  # of pieces that milliseconds may miss
 _DERIVATIVES = ("position", "velocity")
 
 
@@ -57,7 +64,8 @@ class LimitViolation:
 def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[LimitViolation, ...]:
     """Return every excess of position, velocity and acceleration limits, and every jump, in order of time.
 
-    The motion is looked at every millisecond and on both sides of every knot.
+    The motion is looked at every millisecond, on both sides of every knot, where a quantity is greatest and
+    least, and more closely on pieces shorter than a millisecond.
 
     Args:
         pepper: The robot.
@@ -70,7 +78,7 @@ def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
-    time, state = _states(trajectory)
+    time, state = _states(trajectory, _between(trajectory))
     v, a = pepper.velocity_limits, pepper.acceleration_limits
     found = [
         *_outside(pepper, "position", time, state.position, pepper.lower_limits, pepper.upper_limits),
@@ -81,11 +89,22 @@ def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[
     return tuple(sorted(found, key=lambda violation: (violation.start, violation.joint, violation.quantity)))
 
 
-def _states(trajectory: Trajectory) -> tuple[Array, State]:
+def _between(trajectory: Trajectory) -> Array:
+    """Return times besides those of every millisecond: of extremes, and on short pieces."""
+    start, width = trajectory.knots[:-1], np.diff(trajectory.knots)
+    short = width < 2 * EXAMINED_EVERY
+    times = [(start[short, None] + width[short, None] * _INSIDE).ravel()]
+    for order in range(3):
+        segments = derivative(trajectory.coefficients, order)
+        times += [maxima(trajectory.knots, sign * segments).time for sign in (1.0, -1.0)]
+    return np.unique(np.concatenate(times))
+
+
+def _states(trajectory: Trajectory, besides: Array) -> tuple[Array, State]:
     """Return times in order (T,) and states (T, n), knots once for each side."""
     step = np.diff(trajectory.knots)
     segments = np.arange(step.size)
-    regular = sample_times(trajectory.duration, STEP)
+    regular = np.union1d(sample_times(trajectory.duration, examination_step(trajectory.duration)), besides)
     inside = regular[~np.isin(regular, trajectory.knots)]
     parts = [
         trajectory(inside),
@@ -102,6 +121,16 @@ def _states(trajectory: Trajectory) -> tuple[Array, State]:
 def _outside(
     pepper: PepperModel, quantity: str, time: Array, value: Array, lower: Array, upper: Array
 ) -> list[LimitViolation]:
+    """Return the stretches of time in which joints are outside the limits of a quantity.
+
+    Args:
+        pepper: The robot.
+        quantity: "position", "velocity" or "acceleration".
+        time: In order [s], shape (T,).
+        value: Of the quantity, in its unit, shape (T, n).
+        lower: Lower limits, in the same unit, shape (n,).
+        upper: Upper limits, in the same unit, shape (n,).
+    """
     found = []
     with np.errstate(invalid="ignore"):
         slack = np.where(np.isfinite(upper - lower), _RELATIVE * (upper - lower), 0.0)
@@ -124,8 +153,8 @@ def _jumps(pepper: PepperModel, trajectory: Trajectory) -> list[LimitViolation]:
     before = trajectory.at_segments(segments[:-1], step[:-1])
     after = trajectory.at_segments(segments[1:], 0.0 * step[1:])
     found = []
-    for derivative, quantity in enumerate(_DERIVATIVES):
-        heights = after[derivative] - before[derivative]
+    for order, quantity in enumerate(_DERIVATIVES):
+        heights = after[order] - before[order]
         for knot, j in np.argwhere(np.abs(heights) > JUMP):
             time = float(trajectory.knots[knot + 1])
             unit = unit_of(quantity, pepper.joint_units[j])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_pr
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.kernels import Kernel
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
 from pepper_kin.trajectory.payload import AtFrames, payload_torque, payload_wrench
+from pepper_kin.trajectory.wheels import WheelLimits
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,7 @@ class Limits:
             balance out.
         payload: Masses held, by frame [kg]; they act on torque and balance.
         speed: Greatest speeds of frames' origins [m/s].
+        wheels: Limits of the wheels of a planar base; None for other robots.
     """
 
     velocity: Array
@@ -41,9 +42,10 @@ class Limits:
     balance: float | None = None
     payload: AtFrames = ()
     speed: AtFrames = ()
+    wheels: WheelLimits | None = None
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
     polygon = support_polygon(pepper)
     return np.zeros((6, 0)) if polygon is None else moment_matrix(polygon, margin)
@@ -55,18 +57,24 @@ class LimitedQuantities:
     States are arrays of finite numbers, shape (T, n).
 
     Attributes:
-        torque_limit: Shape (n,), or (0,) where torque is not limited.
+        torque_limit: Of the joints, none where torque is not limited, and then of the accelerations of the
+            k wheels of a planar base, which are as linear as torques; shape (n or 0, + k or 0).
         edges: Number of edges of the support polygon, or 0 where balance is not limited.
-        frames: Number of frames whose speed is limited.
+        frames: Number of speeds that are limited: of frames, then of wheels and base.
     """
 
     def __init__(self, pepper: PepperModel, limits: Limits) -> None:
         self._pepper, self._limits, self._local = pepper, limits, threading.local()
         torque = limits.torque is not None and bool(np.isfinite(limits.torque).any())
+        self._joint_torques = torque
         self.torque_limit = np.array(limits.torque, dtype=float) if torque else np.zeros(0)
+        wheels = limits.wheels
+        if wheels is not None:
+            rows = np.full(len(wheels.rows), wheels.acceleration)
+            self.torque_limit = np.concatenate([self.torque_limit, rows])
         self._polygon = support_polygon(pepper) if limits.balance is not None else None
         self.edges = 0 if self._polygon is None else len(self._polygon)
-        self.frames = len(limits.speed)
+        self.frames = len(limits.speed) + (0 if wheels is None else wheels.speed_count)
         self._moment_of_wrench: Array | None = None
         if self.edges and limits.balance is not None and not moves_base(pepper):
             self._moment_of_wrench = _moment_of_wrench(pepper, limits.balance)
@@ -79,7 +87,8 @@ class LimitedQuantities:
             address, work = 0, 0
             if self.torque_limit.size:
                 torque = kernel(self._pepper, "inverse_dynamics")
-                address, work = torque.batch_address, torque.work_size
+                n, work = self._pepper.n, torque.work_size
+                address = torque.address_of("batch", inputs=3 * n, outputs=n, work=work)
             found = self._local.kernel = TorqueKernel(address, np.empty(work + 8), np.empty(8, np.int64))
         return found
 
@@ -88,12 +97,15 @@ class LimitedQuantities:
         return StateEffects(self.torque(q, v, a), self.moments(q, v, a), self.speed(q, v))
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
-        """Return torques, shape (T, n or 0)."""
-        if not self.torque_limit.size:
-            return np.zeros((len(q), 0))
-        torque = _evaluated(kernel(self._pepper, "inverse_dynamics"), q, v, a)
-        held = self._limits.payload
-        return torque + payload_torque(self._pepper, held, q, v, a) if held else torque
+        """Return torques and accelerations of wheels, shape (T, n or 0, + k or 0): see `torque_limit`."""
+        torque, wheels = np.zeros((len(q), 0)), self._limits.wheels
+        if self._joint_torques:
+            torque = _evaluated(kernel(self._pepper, "inverse_dynamics"), q, v, a)
+            held = self._limits.payload
+            torque = torque + payload_torque(self._pepper, held, q, v, a) if held else torque
+        if wheels is not None:
+            torque = np.concatenate([torque, wheels.accelerations(q, v, a)], axis=1)
+        return torque
 
     def moments(self, q: Array, v: Array, a: Array) -> Array:
         """Return edge moments, shape (T, edges)."""
@@ -111,19 +123,22 @@ class LimitedQuantities:
         return found
 
     def speed(self, q: Array, v: Array) -> Array:
-        """Return speeds of frames over their limits, shape (T, frames)."""
+        """Return speeds of frames, wheels and base over their limits, shape (T, frames)."""
         shares = np.empty((len(q), self.frames))
         for k, (frame, limit) in enumerate(self._limits.speed):
             velocity = _evaluated(kernel(self._pepper, "frame_velocity", frame), q, v)
             linear_speed_share(velocity, limit, k, shares)
+        if self._limits.wheels is not None:
+            shares[:, len(self._limits.speed) :] = self._limits.wheels.shares(q, v)
         return shares
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def quantities_of(pepper: PepperModel, limits: Limits) -> LimitedQuantities:
     """Return what limits look at, made once for each."""
     return LimitedQuantities(pepper, limits)
 
 
 def _evaluated(of: Kernel, *states: Array) -> Array:
+    """Return the result of a kernel, shape (T, size of the result), for states of shape (T, n) each."""
     return evaluate(of, *(np.ascontiguousarray(state, dtype=float) for state in states))

@@ -14,12 +14,16 @@ from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, che
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.wheels import wheel_limits
 
 Array = NDArray[np.float64]
 
 _SAME_TIME = 1e-12  # [s]
 _END = 1e-9  # [s]
 _TINY = 1e-9
+_TRIALS = 40  # with smaller limits of a base on wheels
+_MORE = 1.02
+_WHEEL_STEP = 0.002  # [s] between states at which wheels are looked at
 
 
 class OnlineMotion:
@@ -29,7 +33,9 @@ class OnlineMotion:
     joint for itself and then slowed to the slowest (Berscheid and Kroeger, Jerk-limited real-time trajectory
     generation with arbitrary target states, RSS 2021; by the package `ruckig`, in this process).  It knows
     no obstacles, torques or balance; positions between start and target may leave their limits where the
-    robot is already too fast to stop, which `set_target` refuses.
+    robot is already too fast to stop, which `set_target` refuses.  The wheels of a planar base keep their
+    limits: where the motion would turn or speed them up too much, the base's joints are given smaller ones,
+    until it does not.
 
     Attributes:
         pepper: The robot.
@@ -80,6 +86,9 @@ class OnlineMotion:
         state = State(position, _vector(pepper, v, "v"), _vector(pepper, a, "a"))
         for name, value, limit in zip(("v", "a"), state[1:], self._limits[:2], strict=True):
             _check_symmetric(pepper, name, value, limit)
+        wheels = wheel_limits(pepper)
+        self._wheels = None if wheels is None else wheels.scaled(velocity_scale, acceleration_scale)
+        self._refuse_wheels(state)
         self.time = 0.0
         self._planner = self._ruckig.Ruckig(pepper.n)
         self._segments: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
@@ -161,14 +170,94 @@ class OnlineMotion:
         return Trajectory(self.pepper.joint_names, breaks, table, self.pepper.joint_units)
 
     def _set(self, now: State, position: Array, velocity: Array) -> float:
-        plan = self._solve(now, position, velocity)
+        """Plan a motion to a position [rad or m] and velocity, shape (n,) each; return its time [s]."""
+        plan = self._within_wheels(now, position, velocity)
         self._refuse_outside(plan)
         self._segments += self._cut(self._plan, self._begun, self.time)
         self._plan, self._begun, self._target = plan, self.time, position
         return float(plan[0][-1])
 
-    def _solve(self, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return breaks (m + 1,) and cubics (m + 1, 4, n) of the motion; the last one goes on for ever."""
+    def _within_wheels(self, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return a motion to a target, shape (n,) each, on which the wheels keep their limits; see `_solve`.
+
+        Raises:
+            InfeasibleError: where smaller limits of the base's joints do not help, naming the wheel.
+        """
+        plan = self._solve(now, position, velocity, self._limits)
+        if self._wheels is None:
+            return plan
+        share = 1.0
+        for _ in range(_TRIALS):
+            use, words = self._wheel_use(plan)
+            if use <= 1.0 + _TINY:
+                return plan
+            share /= min(use * _MORE, 2.0)
+            limits = tuple(limit.copy() for limit in self._limits)
+            for limit, speed in zip(limits, (velocity, None, None), strict=True):
+                places = list(self._wheels.places)
+                least = 0.0 if speed is None else np.abs(speed[places])
+                limit[places] = np.maximum(share * limit[places], least)
+            plan = self._solve(now, position, velocity, limits)
+        raise InfeasibleError(
+            "motion", f"the base would ask too much of {words}", "choose a slower target, or set it later"
+        )
+
+    def _wheel_use(self, plan: tuple[Array, Array]) -> tuple[float, str]:
+        """Return the greatest share of a limit that wheels and base use on the way, and which limit it is.
+
+        Args:
+            plan: Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
+        """
+        breaks, cubics = plan
+        wheels = self._wheels
+        assert wheels is not None
+        if breaks.size < 2:
+            return 0.0, ""
+        step = np.diff(breaks)
+        count = np.maximum(np.ceil(step / _WHEEL_STEP), 2).astype(int) + 1
+        segment = np.repeat(np.arange(step.size), count)
+        number = np.arange(segment.size) - np.repeat(np.cumsum(count) - count, count)
+        x = (step[segment] * number / (count[segment] - 1))[:, None]
+        c = cubics[segment]
+        q = c[:, 0] + x * (c[:, 1] + x * (c[:, 2] + x * c[:, 3]))
+        v, a = c[:, 1] + x * (2 * c[:, 2] + 3 * x * c[:, 3]), 2 * c[:, 2] + 6 * x * c[:, 3]
+        speed = wheels.shares(q, v).max(axis=0)
+        change = np.abs(wheels.accelerations(q, v, a)).max(axis=0) / wheels.acceleration
+        names = [
+            *(f"the speed of {name}" for name in wheels.names),
+            "the base, whose speed is limited,",
+            *(f"the acceleration of {name}" for name in wheels.names),
+        ]
+        uses = np.concatenate([speed, change])
+        return float(uses.max()), names[int(np.argmax(uses))]
+
+    def _refuse_wheels(self, state: State) -> None:
+        """Refuse a state to start from that is too fast for the wheels."""
+        if self._wheels is None:
+            return
+        share = self._wheels.shares(state.position[None], state.velocity[None])[0]
+        if share.max() > 1.0 + _TINY:
+            names = (*self._wheels.names, "the base")
+            raise InvalidValueError(
+                "v",
+                f"{share.max():.4g} times the speed of {names[int(np.argmax(share))]}",
+                "at most its limit",
+            )
+
+    def _solve(
+        self, now: State, position: Array, velocity: Array, limits: tuple[Array, ...]
+    ) -> tuple[Array, Array]:
+        """Return the motion to a target.
+
+        Args:
+            now: State to start from, shape (n,) each.
+            position: Of the target [rad or m], shape (n,).
+            velocity: Of the target [rad/s or m/s], shape (n,).
+            limits: Of velocity, acceleration and jerk, shape (n,) each.
+
+        Returns:
+            Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n), the last of which goes on for ever.
+        """
         module = self._ruckig
         parameters = module.InputParameter(self.pepper.n)
         parameters.current_position, parameters.current_velocity, parameters.current_acceleration = map(
@@ -176,7 +265,7 @@ class OnlineMotion:
         )
         parameters.target_position, parameters.target_velocity = position.tolist(), velocity.tolist()
         parameters.max_velocity, parameters.max_acceleration, parameters.max_jerk = (
-            limit.tolist() for limit in self._limits
+            limit.tolist() for limit in limits
         )
         parameters.synchronization = module.Synchronization.Time
         found = module.Trajectory(self.pepper.n)
@@ -189,7 +278,11 @@ class OnlineMotion:
         return _cubics(found, now, position, velocity)
 
     def _refuse_outside(self, plan: tuple[Array, Array]) -> None:
-        """Refuse a motion that leaves the position limits by more than where it is now."""
+        """Refuse a motion that leaves the position limits by more than where it is now.
+
+        Args:
+            plan: Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
+        """
         breaks, cubics = plan
         if breaks.size < 2:
             return
@@ -211,7 +304,7 @@ class OnlineMotion:
             )
 
     def _cut(self, plan: tuple[Array, Array], begun: float, until: float) -> list[tuple[float, Array]]:
-        """Return the pieces of a plan that begin before a time."""
+        """Return starts [s] and cubics, shape (4, n), of a plan's pieces that begin before a time [s]."""
         breaks, cubics = plan
         return [
             (begun + float(start), cubic)
@@ -224,7 +317,7 @@ def _load() -> Any:
     try:
         import ruckig
     except ImportError as error:
-        raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "motion online") from error
+        raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "online motion") from error
     return ruckig
 
 
@@ -236,13 +329,15 @@ def _share(quantity: str, value: float) -> float:
 
 
 def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
+    """Return a copy of limits, shape (n,), all of which have to be finite."""
     if not np.isfinite(limit).all():
         joint = pepper.joint_names[int(np.argmin(np.isfinite(limit)))]
-        raise InvalidValueError(f"{name} limit of {joint}", "none", "a finite one for motion online")
+        raise InvalidValueError(f"{name} limit of {joint}", "none", "a finite limit for online motion")
     return np.array(limit)
 
 
 def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
+    """Return a joint vector, shape (n,), from one of this shape or one number for all joints."""
     if np.ndim(value) == 0:
         value = np.full(pepper.n, value)
     vector = as_joint_vectors(pepper, value, quantity)
@@ -252,6 +347,7 @@ def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
 
 
 def _check_symmetric(pepper: PepperModel, quantity: str, value: Array, limit: Array) -> None:
+    """Refuse a value beyond limits on its size, in the same unit, shape (n,) each."""
     over = np.abs(value) - limit
     if over.max() > _TINY:
         j = int(np.argmax(over))
@@ -266,14 +362,32 @@ def _standing(state: State) -> tuple[Array, Array]:
 
 
 def _stopping_point(state: State, limits: tuple[Array, ...]) -> Array:
-    """Return about where the robot stops when it brakes at half its acceleration limit [rad or m]."""
+    """Return about where the robot stops when it brakes at half its acceleration limit.
+
+    Args:
+        state: State to stop from, shape (n,) each.
+        limits: Of velocity, acceleration and jerk, shape (n,) each.
+
+    Returns:
+        Position [rad or m], shape (n,).
+    """
     v, a = state.velocity, state.acceleration
     after = v + a * np.abs(a) / (2 * limits[2])
     return state.position + after * np.abs(after) / limits[1] + after * limits[1] / (2 * limits[2])
 
 
 def _cubics(found: Any, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return a motion of ruckig's as cubics between the instants at which any joint changes its jerk."""
+    """Return a motion of ruckig's as cubics between the instants at which any joint changes its jerk.
+
+    Args:
+        found: The motion.
+        now: State to start from, shape (n,) each.
+        position: Of the target [rad or m], shape (n,).
+        velocity: Of the target [rad/s or m/s], shape (n,).
+
+    Returns:
+        Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
+    """
     changes = [0.0, float(found.duration)]
     for profile in found.profiles[0]:
         brake = [0.0, *np.cumsum(profile.brake.t)] if hasattr(profile, "brake") else [0.0]
@@ -302,7 +416,7 @@ def _going_on(position: Array, velocity: Array) -> Array:
 
 
 def _at(plan: tuple[Array, Array], time: float) -> tuple[Array, Array, Array]:
-    """Return position, velocity and acceleration at a time since the plan began."""
+    """Return position, velocity and acceleration, shape (n,) each, at a time since the plan began [s]."""
     breaks, cubics = plan
     i = max(0, int(np.searchsorted(breaks, time, side="right")) - 1)
     x, c = time - float(breaks[i]), cubics[i]

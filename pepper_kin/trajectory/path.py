@@ -84,11 +84,13 @@ class CubicPath:
         """Copy and check the fields.
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN, breaks that do not rise, or pieces that do not meet.
+            InvalidValueError: for a wrong shape, NaN, breaks that do not increase, or segments with gaps.
         """
         breaks = read_only(as_finite(self.breaks, "breaks of the path", (None,)))
         if breaks.size < 2 or np.any(np.diff(breaks) <= 0):
-            raise InvalidValueError("breaks of the path", f"{breaks.size} numbers", "two or more that rise")
+            raise InvalidValueError(
+                "breaks of the path", f"{breaks.size} numbers", "two or more increasing numbers"
+            )
         shape = (breaks.size - 1, 4, None)
         coefficients = as_finite(self.coefficients, "coefficients of the path", shape)
         coefficients = read_only(np.ascontiguousarray(coefficients))
@@ -101,7 +103,7 @@ class CubicPath:
             raise InvalidValueError(
                 "path",
                 f"a jump of {gaps.max():.3g} at parameter {breaks[at + 1]:.6g}",
-                "pieces that meet",
+                "segments that meet",
             )
 
     def at(self, segment: ArrayLike, local: ArrayLike, derivative: int = 0) -> Array:
@@ -181,6 +183,8 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         if found is not None:
             return found
         if not isinstance(path, (np.ndarray, list, tuple)) and np.asarray(path).dtype.kind == "O":
+            if getattr(path, "success", None) is False:
+                raise _failed(cast("PlannedPath", path))
             raise InvalidValueError("path", f"a {type(path).__name__}", _ALLOWED)
         curve = _through_waypoints(pepper, _waypoints(pepper, path))
         check_within_limits(pepper, curve.extremes(), "path", LIMIT_TOLERANCE)
@@ -190,8 +194,8 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     if degree != (4,):
         raise InvalidValueError(
             "path",
-            f"pieces of degree {degree[0] - 1}" if degree else "coefficients without pieces",
-            "cubic pieces; of another trajectory its positions, such as trajectory.sample(0.05).position",
+            f"segments of degree {degree[0] - 1}" if degree else "coefficients without segments",
+            "cubic segments; of another trajectory its positions, such as trajectory.sample(0.05).position",
         )
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
@@ -209,10 +213,15 @@ def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
         InvalidValueError: for a plan that leads nowhere.
     """
     if not plan.success:
-        raise InfeasibleError("trajectory", f"planning failed: {plan.message.rstrip('.')}", plan.advice)
+        raise _failed(plan)
     if plan.curve is None:
         raise InvalidValueError("plan", "a start that equals the goal", "a path longer than zero")
     return plan.curve
+
+
+def _failed(plan: PlannedPath) -> InfeasibleError:
+    """Return the error of a plan, or of another result, that failed, with its reason."""
+    return InfeasibleError("trajectory", f"planning failed: {plan.message.rstrip('.')}", plan.advice)
 
 
 def _checked(pepper: PepperModel, curve: CubicPath) -> CubicPath:
@@ -253,6 +262,11 @@ def known_path(pepper: PepperModel, breaks: Array, coefficients: Array) -> Cubic
     """Return the path of new arrays that are known to be right, without copies and checks.
 
     It is known as well to keep the robot's position limits, so that nobody looks again.
+
+    Args:
+        pepper: The robot.
+        breaks: Ends of the pieces, rising, shape (m + 1,).
+        coefficients: Constant term first [rad or m], shape (m, 4, n).
     """
     path = object.__new__(CubicPath)
     breaks.setflags(write=False)
@@ -273,7 +287,7 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
         raise InvalidValueError("way-points", "a start that equals the goal", "a path longer than zero")
     if same.size:
         raise InvalidValueError(
-            "way-points", f"numbers {same[0]} and {same[0] + 1} are the same", "successive ones that differ"
+            "way-points", f"rows {same[0]} and {same[0] + 1} are equal", "successive ones that differ"
         )
     for index, point in enumerate(points):
         check_within_limits(pepper, point, f"way-point {index}", LIMIT_TOLERANCE)
@@ -281,6 +295,7 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
 
 
 def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
+    """Return the spline through way-points [rad or m], shape (k, n), within the position limits."""
     s, segments = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
     cubic_spline(np.ascontiguousarray(points), s, segments)
     curve, lengths = CubicPath(s, segments), np.diff(s)

@@ -101,6 +101,7 @@ def _greatest(a: Array, b: Array, c: Array, bound: Array, most: Array) -> Array:
     """Return the greatest sd <= most for which some sdd keeps |a sdd + b sd^2 + c| <= bound, shape (T,)."""
 
     def possible(speed: Array) -> NDArray[np.bool_]:
+        """Return whether some sdd keeps the bounds at speeds sd, shape (T,) each."""
         middle = b * speed[:, None] ** 2 + c
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([(-bound - middle) / a, (bound - middle) / a])

@@ -96,6 +96,7 @@ def _figure() -> Any:
 
 
 def _places(pepper: PepperModel, position: Array, joints: str | Sequence[str] | None) -> list[int]:
+    """Return the joints to draw, or those that move, by positions [rad or m], shape (T, n)."""
     if joints is not None:
         return [pepper.joint_index(name) for name in pepper.resolve_joints(joints)]
     return [int(j) for j in np.flatnonzero(np.ptp(position, axis=0) > _MOVES)]
@@ -119,7 +120,16 @@ def _values(
 def _draw_quantity(
     axes: Any, pepper: PepperModel, name: str, trajectory: Trajectory, time: Array, places: list[int]
 ) -> list[str]:
-    """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words."""
+    """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words.
+
+    Args:
+        axes: Where to draw.
+        pepper: The robot.
+        name: Of the quantity.
+        trajectory: The trajectory.
+        time: Instants [s], shape (T,).
+        places: Indices of the joints.
+    """
     value, lower, upper = _values(pepper, name, trajectory, time)
     peaks, largest = [], 1.0
     for number, j in enumerate(places):

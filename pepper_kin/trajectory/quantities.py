@@ -1,4 +1,4 @@
-"""Quantities that a joint has, and their units."""
+"""Quantities of joints and of the whole robot, and their units."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ UNITS = {
     "torque": ("N m", "N"),
     "reference": ("rad", "m"),
     "reference_velocity": ("rad/s", "m/s"),
+    **{f"external_force_{axis}": ("N", "N") for axis in "xyz"},
+    **{f"external_moment_{axis}": ("N m", "N m") for axis in "xyz"},
+    "external_known": ("1", "1"),
 }
 
 

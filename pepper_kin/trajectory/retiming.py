@@ -1,4 +1,4 @@
-"""From a path to the fastest trajectory along it that every limit allows.
+"""Time-optimal trajectories along a path within every limit.
 
 On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
 points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
@@ -9,8 +9,9 @@ continuous, accelerations jump.  The duration's excess over the optimum falls as
 points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200, 0.2 % with 400.
 
 Between grid points the limits could be exceeded slightly.  Therefore the result is examined there, the limits
-are tightened where need be, and a last excess is removed by stretching time: at grid points and at every
-multiple of 1 ms all limits hold (with this library's own solver, velocity and acceleration at every instant).
+are tightened where need be, and a last excess is removed by stretching time: velocity, acceleration and jerk
+keep their limits at every instant, all others at grid points and at every multiple of 1 ms; by how much less
+in between at most, `check` says.
 
 With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.jerk_retiming`.
 """
@@ -20,15 +21,18 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.timing.whole_timing import CHECK_STEP, find_kinks
+from pepper_kin.core.timing.kinks import find_kinks
+from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
+from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import checked_balance
 from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
@@ -36,13 +40,15 @@ from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
 from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, wheel_speeds
-from pepper_kin.trajectory.time_optimal import fastest_motion
+from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.wheels import wheel_limits
 
 Array = NDArray[np.float64]
 
 SOLVERS = ("fast", "toppra")
+_MOST_POINTS = 50_000
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _KINK = 1e-3  # of the derivative: what is smaller comes from rounding in a file
 
@@ -82,11 +88,11 @@ def retime(
         payload: Point masses held at "left", "right" or a frame by name [kg]; they act on torque and balance.
         jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
             such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
-        acceleration_limits: One number for all joints of which the robot knows no acceleration limit, or
+        acceleration_limits: One number for all joints without an acceleration limit in the model, or
             limits by joint name [rad/s^2 or m/s^2]; infinity says that other limits will do.  `load_robot`
             takes the same once for all.
-        duration: The wished duration [s]: the fastest motion is made slower evenly, which keeps every limit.
-        gridpoints: Least number of intervals of the grid, at least 2.
+        duration: The duration asked for [s]: the fastest motion is made slower evenly, which keeps limits.
+        gridpoints: Least number of intervals of the grid, 2 to 50,000.
         solver: "fast", this library's own, or "toppra", the package of that name, as reference.
 
     Returns:
@@ -98,91 +104,123 @@ def retime(
         UnknownNameError: for a frame or joint that the robot lacks, or a name of jerk limits.
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
+            for a motion of more than an hour, naming the scales;
             where the robot would tip over even at rest; where `duration` is less than the least one; or for
             a plan that failed, with its reason.
     """
     check_choice("solver", solver, SOLVERS)
-    wished = None if duration is None else check_positive("duration", duration, "s")
+    requested = None if duration is None else check_positive("duration", duration, "s")
     scales = velocity_scale, acceleration_scale, torque_scale if torque else None
     greatest = pepper.acceleration_limits
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
     rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
-    limits = _limits(pepper, greatest, scales, balance, payload, hand_speed)
+    options = _checked(pepper, scales, balance, payload, hand_speed)
     curve = as_cubic_path(pepper, path)
+    limits = _limits(pepper, greatest, options, _drives(pepper, curve.coefficients))
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
-    timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
+    try:
+        timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
+    except TooLongError as error:
+        raise _too_long(error.duration, options.shares) from None
     trajectory = functools.reduce(joined, timed)
-    return trajectory if wished is None else _last(pepper, trajectory, wished, limits)
+    return trajectory if requested is None else _last(pepper, trajectory, requested, limits)
 
 
-def _limits(
+class _Options(NamedTuple):
+    """What a user says about limits: shares of velocity, acceleration and torque (None leaves it out), ..."""
+
+    shares: tuple[float, float, float | None]
+    balance: float | None
+    payload: AtFrames
+    speeds: AtFrames
+
+
+def _checked(
     pepper: PepperModel,
-    greatest: Array,
     scales: tuple[float, float, float | None],
     balance: float | None,
     payload: Mapping[str, float] | None,
     hand_speed: float | Mapping[str, float] | None,
-) -> Limits:
-    """Check what a user says about limits.
-
-    Args:
-        pepper: The robot.
-        greatest: Acceleration limits, shape (n,).
-        scales: Of velocity, acceleration and torque; None leaves torque out.
-        balance: See `retime`, as the others.
-        payload: See there.
-        hand_speed: See there.
-    """
+) -> _Options:
+    """Check what a user says about limits; the arguments are those of `retime`."""
     velocity, acceleration, torque = scales
     shares = (
         _share("velocity_scale", velocity),
         _share("acceleration_scale", acceleration),
         None if torque is None else _share("torque_scale", torque),
     )
-    room, loads = checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg")
+    loads = at_frames(pepper, "payload", payload, "kg")
+    return _Options(shares, checked_balance(pepper, balance), loads, hand_speeds(pepper, hand_speed))
+
+
+def _limits(pepper: PepperModel, greatest: Array, options: _Options, drives: bool) -> Limits:
+    """Return the limits of a motion.
+
+    Args:
+        pepper: The robot.
+        greatest: Acceleration limits, shape (n,).
+        options: What a user says.
+        drives: Whether the base moves, so that its wheels count.
+    """
     if greatest is pepper.acceleration_limits:
-        return _kept_limits(pepper, shares, room, loads, hand_speeds(pepper, hand_speed))
-    return _made_limits(pepper, greatest, shares, room, loads, hand_speeds(pepper, hand_speed))
+        return _kept_limits(pepper, options, drives)
+    return _made_limits(pepper, greatest, options, drives)
 
 
-def _made_limits(
-    pepper: PepperModel,
-    greatest: Array,
-    shares: tuple[float, float, float | None],
-    balance: float | None,
-    payload: AtFrames,
-    speeds: AtFrames,
-) -> Limits:
-    velocity, acceleration, torque = shares
+def _made_limits(pepper: PepperModel, greatest: Array, options: _Options, drives: bool) -> Limits:
+    """Return new limits of a motion from those of acceleration, shape (n,); see `_limits`."""
+    velocity, acceleration, torque = options.shares
+    wheels = wheel_limits(pepper) if drives else None
     return Limits(
         pepper.velocity_limits * velocity,
         greatest * acceleration,
         None if torque is None else pepper.effort_limits * torque,
-        balance,
-        payload,
-        speeds + wheel_speeds(pepper),
+        options.balance,
+        options.payload,
+        options.speeds + (wheel_speeds(pepper) if drives else ()),
+        None if wheels is None else wheels.scaled(velocity, acceleration),
     )
 
 
-@functools.lru_cache(maxsize=32)
-def _kept_limits(
-    pepper: PepperModel,
-    shares: tuple[float, float, float | None],
-    balance: float | None,
-    payload: AtFrames,
-    speeds: AtFrames,
-) -> Limits:
+@kept_for_robot(most=32)
+def _kept_limits(pepper: PepperModel, options: _Options, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
-    return _made_limits(pepper, pepper.acceleration_limits, shares, balance, payload, speeds)
+    return _made_limits(pepper, pepper.acceleration_limits, options, drives)
+
+
+def _drives(pepper: PepperModel, coefficients: Array) -> bool:
+    """Whether a curve, coefficients of shape (m, 4, n), moves the base."""
+    if not set(BASE_JOINTS) <= set(pepper.joint_names):
+        return False
+    places = [pepper.joint_index(joint) for joint in BASE_JOINTS]
+    return bool(np.any(coefficients[:, 1:, places]))
 
 
 def _intervals(gridpoints: int) -> int:
-    if isinstance(gridpoints, bool) or not isinstance(gridpoints, (int, np.integer)) or gridpoints < 2:
-        raise InvalidValueError("gridpoints", gridpoints, "a whole number of at least 2")
+    if (
+        isinstance(gridpoints, bool)
+        or not isinstance(gridpoints, (int, np.integer))
+        or not (2 <= gridpoints <= _MOST_POINTS)
+    ):
+        raise InvalidValueError("gridpoints", gridpoints, f"a whole number from 2 to {_MOST_POINTS:,}")
     return int(gridpoints)
+
+
+def _too_long(duration: float, shares: tuple[float, float, float | None]) -> InfeasibleError:
+    """Return the error for a motion that is too long to be examined, with the scales that cause it."""
+    names = ("velocity_scale", "acceleration_scale", "torque_scale")
+    asked = ", ".join(
+        f"{name}={share:.4g}" for name, share in zip(names, shares, strict=True) if share is not None
+    )
+    return InfeasibleError(
+        "trajectory",
+        f"with {asked} it takes {duration:.4g} s or more, and at most {LONGEST_MOTION:.0f} s are "
+        "allowed, because limits are checked every millisecond",
+        "raise the scales or other limits, leave torque out, or time parts of the path one by one",
+    )
 
 
 def _without_kinks(curve: CubicPath) -> list[CubicPath]:
@@ -199,7 +237,7 @@ def _without_kinks(curve: CubicPath) -> list[CubicPath]:
 def _timed(
     pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str
 ) -> Trajectory:
-    """Return the fastest trajectory."""
+    """Return the fastest trajectory; jerk limits [rad/s^3 or m/s^3] have shape (n,), None for none."""
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
     if solver == "fast":
         trajectory = fastest_motion(problem)
@@ -221,7 +259,7 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
     if duration < trajectory.duration * (1 - _TOLERANCE):
         raise InfeasibleError(
             "trajectory",
-            f"the limits ask for {trajectory.duration:.6g} s along this path, "
+            f"the limits require {trajectory.duration:.6g} s along this path, "
             f"and duration is {duration:.6g} s",
             "give a longer duration, or raise the scales of the limits",
         )
@@ -244,18 +282,18 @@ def _share(quantity: str, value: float) -> float:
     return share
 
 
-def _refuse_missing(pepper: PepperModel, coefficients: Array, given: LimitsLike | None) -> None:
-    """Refuse to time joints whose acceleration nobody has said a word about."""
+def _refuse_missing(pepper: PepperModel, coefficients: Array, named: LimitsLike | None) -> None:
+    """Refuse a curve, shape (m, 4, n), that moves joints of which no acceleration limit is stated."""
     missing = ~np.isfinite(pepper.acceleration_limits)
     if not missing.any():
         return
     missing &= _moving(coefficients)
-    said = given if isinstance(given, Mapping) else pepper.joint_names if given is not None else ()
+    said = named if isinstance(named, Mapping) else pepper.joint_names if named is not None else ()
     names = [pepper.joint_names[j] for j in np.flatnonzero(missing) if pepper.joint_names[j] not in said]
     if names:
         raise InvalidValueError(
             "acceleration_limits",
-            f"none for {', '.join(names)}, and the robot's description gives none",
+            f"none for {', '.join(names)}, and the robot's description has none",
             "one number for all, or numbers by joint name [rad/s^2 or m/s^2], here or in load_robot "
             "(infinity where other limits will do)",
         )
@@ -267,6 +305,7 @@ def _moving(coefficients: Array) -> NDArray[np.bool_]:
 
 
 def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
+    """Refuse a curve, coefficients of shape (m, 4, n), if no joint that moves has a finite limit."""
     if np.isfinite(limits.velocity).all():
         return
     moving = _moving(coefficients)

@@ -59,7 +59,7 @@ class Samples:
             The trajectory; between samples it is the quintic Hermite interpolant.
 
         Raises:
-            InvalidValueError: for fewer than two samples, or times that do not rise from 0.
+            InvalidValueError: for fewer than two samples, or times that do not increase from 0.
         """
         from pepper_kin.trajectory.trajectory import Trajectory
 
@@ -67,7 +67,7 @@ class Samples:
             raise InvalidValueError("samples", len(self), "at least 2")
         step = np.diff(self.time)
         if self.time[0] != 0.0 or np.any(step <= 0):
-            raise InvalidValueError("time", "times that do not rise from 0", "times that rise from 0")
+            raise InvalidValueError("time", "times that do not increase from 0", "times that increase from 0")
         segments = quintic_hermite(step, self.position, self.velocity, self.acceleration)
         return Trajectory(self.joint_names, self.time, segments, self.joint_units)
 

@@ -33,7 +33,7 @@ class SmoothTime:
     coefficients: Array
 
     def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
-        """Return s and its first three derivatives on chosen pieces."""
+        """Return s and its first three derivatives at local times [s] on chosen pieces, shape (P,) each."""
         s = derivatives_on_segments(self.coefficients, segment, local, 4)[..., 0]
         return s[0], s[1], s[2], s[3]
 
@@ -65,6 +65,7 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> Smoot
     duration = float(time[-1]) + window
 
     def average(t: Array) -> tuple[Array, Array, Array]:
+        """Return s_w and its first two derivatives at times [s], shape (T,) each."""
         now, before = law(t), law(t - window)
         return tuple((a - b) / window for a, b in zip(now, before, strict=True))  # type: ignore[return-value]
 
@@ -91,7 +92,17 @@ def _jumps(law: _TimeLaw, window: float) -> Array:
 
 
 def _with(knots: Array, wanted: Array, close: float, fixed: set[float] | None = None) -> Array:
-    """Return knots with others added, which take the place of those that are close, but for fixed ones."""
+    """Return knots with others added, which replace those that are close, except fixed ones.
+
+    Args:
+        knots: Rising [s], shape (K + 1,).
+        wanted: Times to add [s], shape (w,).
+        close: Distance below which a knot is replaced [s].
+        fixed: Times that stay, besides both ends [s].
+
+    Returns:
+        Rising times [s]; their number depends on how many are close.
+    """
     fixed = set() if fixed is None else fixed
     fixed = fixed | {knots[0], knots[-1]}
     for value in wanted:
@@ -103,7 +114,12 @@ def _with(knots: Array, wanted: Array, close: float, fixed: set[float] | None = 
 
 
 class _TimeLaw:
-    """The integral of s(t), s and ds/dt, for a time law at rest before its start and after its end."""
+    """The integral of s(t), s and ds/dt, for a time law at rest before its start and after its end.
+
+    Args:
+        time: Times of the grid points [s], shape (N + 1,).
+        s: Path parameter there, shape (N + 1,).
+    """
 
     def __init__(self, time: Array, s: Array) -> None:
         h, step = np.diff(time), np.diff(s)
@@ -116,6 +132,7 @@ class _TimeLaw:
         self._area = np.concatenate([[0.0], np.cumsum(area)])
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return the integral of s, s and ds/dt at times [s], shape (T,) each."""
         inside = np.clip(t, 0.0, self.time[-1])
         i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, self.half.size - 1)
         x, w, half, s = inside - self.time[i], self._speed[i], self.half[i], self._s[i]

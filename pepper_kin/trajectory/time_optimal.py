@@ -18,11 +18,34 @@ from pepper_kin.core.timing.parameterization import (
 )
 from pepper_kin.core.timing.reachability import fastest_profile
 from pepper_kin.core.timing.tables import Instants, StateEffects
-from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, MORE, TOLERANCE
+from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, LONGEST_MOTION, MORE, TOLERANCE
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+
+class TooLongError(Exception):
+    """A motion that is too long to be checked every millisecond; `retime` makes the user's error of it.
+
+    Attributes:
+        duration: What it would take at least [s].
+    """
+
+    def __init__(self, duration: float) -> None:
+        super().__init__(f"{duration} s")
+        self.duration = duration
+
+
+def refuse_long(duration: float) -> None:
+    """Refuse a motion that has more milliseconds than memory has place for.
+
+    Raises:
+        TooLongError: for one longer than `LONGEST_MOTION`.
+    """
+    if duration > LONGEST_MOTION:
+        raise TooLongError(duration)
+
 
 _TRIALS = 9  # solutions with tightened limits where time cannot be stretched
 _MARGINS = (1e-3, 1e-5)  # shares of limits left unused there, to be tried in turn
@@ -39,6 +62,7 @@ def fastest_motion(problem: TimingProblem) -> Trajectory:
 
     Raises:
         InfeasibleError: where there is none, saying why.
+        TooLongError: for a motion longer than `LONGEST_MOTION`.
     """
     found: Trajectory | None = None
     if problem.plain:
@@ -54,11 +78,13 @@ def fastest_motion(problem: TimingProblem) -> Trajectory:
                 found = problem.trajectory(problem.space.best, stretch)
     if status == NO_PROFILE:
         raise problem.infeasible(failed)
+    if status == FOUND and found is None:
+        refuse_long(profile_duration(problem.grid, problem.space.best))
     return _motion_without_rest(problem) if found is None else found
 
 
 def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
-    """Return how much slower than x says torques and balance ask to be; inf if that is of no use."""
+    """Return how much slower than x, shape (N + 1,), torques and balance ask to be; inf if of no use."""
     limit, edges = problem.limits.torque, problem.quantities.edges
     if limit.size:
         stretch = _kept(problem, x, stretch, limit, 0)
@@ -68,11 +94,23 @@ def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
 
 
 def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin: int) -> float:
-    """Look at torques, or edge moments (with limits of 0), at every multiple of 1 ms where they are near."""
+    """Look at torques, or edge moments (with limits of 0), at every multiple of 1 ms where they are near.
+
+    Args:
+        problem: The path and its limits.
+        x: Squared speeds (ds/dt)^2 at the grid points, shape (N + 1,).
+        stretch: How much slower than x the motion is.
+        limit: As `LimitedQuantities.torque_limit`, or 0 for each edge moment, shape (k,).
+        begin: Number of torques and edge moments before the first of them.
+
+    Returns:
+        How much slower than x they ask to be; inf if that is of no use.
+    """
     grid, n = problem.grid, problem.grid.at.shape[2]
     duration = profile_duration(grid, x)
     while np.isfinite(stretch):
-        sample_times = _room_for(duration, stretch)
+        refuse_long(duration * stretch)
+        sample_times = _workspace_for(duration, stretch)
         count = instants_near_limits(grid, problem.rows, limit, begin, x, stretch, CHECK_STEP, sample_times)
         if not count:
             break
@@ -90,7 +128,7 @@ def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin:
     return stretch
 
 
-def _room_for(duration: float, stretch: float) -> Instants:
+def _workspace_for(duration: float, stretch: float) -> Instants:
     count = instant_count(duration, stretch, CHECK_STEP)
     return Instants(np.empty(count, np.int64), np.empty(count))
 
@@ -138,9 +176,17 @@ def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, in
 
 
 def _tightened_by_states(problem: TimingProblem, x: Array, stretch: float, tighten: bool) -> float:
-    """Return how much slower torques, balance and frames at every multiple of 1 ms ask to be."""
+    """Return how much slower torques, balance and frames at every multiple of 1 ms ask to be.
+
+    Args:
+        problem: The path and its limits.
+        x: Squared speeds (ds/dt)^2 at the grid points, shape (N + 1,).
+        stretch: How much slower than x the motion is.
+        tighten: Whether the limits on x are lowered by the excess.
+    """
     grid, n = problem.grid, problem.grid.at.shape[2]
-    sample_times = _room_for(profile_duration(grid, x), stretch)
+    refuse_long(profile_duration(grid, x) * stretch)
+    sample_times = _workspace_for(profile_duration(grid, x), stretch)
     count = all_instants(grid, x, stretch, CHECK_STEP, sample_times)
     state = np.empty((3, count, n))
     evaluate_motion(grid, x, sample_times, stretch, state)

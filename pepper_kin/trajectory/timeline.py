@@ -41,12 +41,12 @@ class JointCurve:
         """Check the keys.
 
         Raises:
-            InvalidValueError: naming the joint, for no key, or times that do not rise from 0 or later.
+            InvalidValueError: naming the joint, for no key, or times that do not increase from 0 or later.
         """
         times = [key.time for key in self.keys]
         if not times or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
             raise InvalidValueError(
-                f"times of {self.joint}", times[:8], "one or more times that rise, the first 0 or later"
+                f"times of {self.joint}", times[:8], "one or more increasing times, the first 0 or later"
             )
 
 
@@ -193,6 +193,7 @@ def import_timeline(
 
 
 def _start(pepper: PepperModel, start: Array | None) -> Array:
+    """Return a posture to start from [rad or m], shape (n,); Stand, or neutral, where none is given."""
     if start is None:
         return pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
     q = as_joint_vectors(pepper, start, "start")
@@ -202,7 +203,7 @@ def _start(pepper: PepperModel, start: Array | None) -> Array:
 
 
 def _merged(all_breaks: list[Array], duration: float) -> Array:
-    """Return the knots of all joints, those nearly equal once, from 0 to the duration."""
+    """Return the knots of all joints [s], shape (m + 1,), those nearly equal once, from 0 to the duration."""
     knots = np.unique(np.concatenate([[0.0, duration], *all_breaks]))
     keep = np.concatenate([[True], np.diff(knots) > _SAME])
     knots = knots[keep]

@@ -37,10 +37,17 @@ class TimingProblem:
         grid: The path.
         effects: Torques, edge moments and frame speeds at its nodes.
         limits: Limits of the joints.
-        rows: Room for the constraints.
+        rows: Receives the constraints.
         space: Work space of the search.
         quantities: What limits look at, for other states.
         payload: Masses held, by frame [kg].
+
+    Args:
+        pepper: The robot.
+        breaks: Ends of the path's pieces, rising, shape (m + 1,).
+        coefficients: Constant term first [rad or m], shape (m, 4, n).
+        intervals: Number of intervals of the grid, about.
+        limits: The limits.
     """
 
     def __init__(
@@ -101,7 +108,7 @@ class TimingProblem:
         return float((s[point] - s[0]) / (s[-1] - s[0]))
 
     def trajectory(self, x: Array, stretch: float = 1.0) -> Trajectory:
-        """Return the motion with given squared speeds at the grid points, made slower."""
+        """Return the motion with squared speeds (ds/dt)^2 at the grid points, shape (N + 1,), made slower."""
         size, _, n = self.grid.taylor.shape
         breaks, coefficients = np.empty(size + 1), np.empty((size, 7, n))
         motion_polynomials(self.grid, x, stretch, breaks, coefficients)
@@ -114,7 +121,7 @@ class TimingProblem:
             failed_at: Grid point at which the search ended.
         """
         torque, limit = self.effects.torque[0], self.limits.torque
-        use = np.abs(torque) / limit
+        use = np.abs(torque) / limit  # of wheels 0: at rest they do not accelerate
         if use.size and use.max() >= 1.0:
             node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
             reason = (
@@ -162,7 +169,7 @@ class _Memory(threading.local):
     """Memory of a thread, and tables that lie in it, by their sizes; all share it."""
 
     def __init__(self) -> None:
-        self.scratch, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
+        self.workspace, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
 
 
 _memory = _Memory()
@@ -179,15 +186,15 @@ def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _T
         nodes * (3 * n + 6 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
         + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
     )  # fmt: skip
-    if _memory.scratch.size < total or len(_memory.tables) >= MOST_TABLES:
+    if _memory.workspace.size < total or len(_memory.tables) >= MOST_TABLES:
         _memory.tables.clear()
-        _memory.scratch = np.empty(max(2 * total, _memory.scratch.size))
-    scratch, used = _memory.scratch, 0
+        _memory.workspace = np.empty(max(2 * total, _memory.workspace.size))
+    workspace, used = _memory.workspace, 0
 
     def take(*shape: int) -> Array:
         nonlocal used
         begin, used = used, used + math.prod(shape)
-        return np.asarray(scratch[begin:used].reshape(shape))
+        return np.asarray(workspace[begin:used].reshape(shape))
 
     grid = PathGrid(take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n))
     rows = PathRows(

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pepper_kin.core.timing.constraints import fill_rows
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.time_optimal import CHECK_STEP
+from pepper_kin.trajectory.time_optimal import CHECK_STEP, refuse_long
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 
@@ -82,16 +82,17 @@ def _inspection_points(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]
 
 
 def _hold_every_millisecond(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
-    """Slow down, where need be, until all limits hold at every multiple of 1 ms."""
+    """Slow down, where need be, until all limits hold, velocity and acceleration at every instant."""
     while True:
+        refuse_long(trajectory.duration)
         state = trajectory(sample_times(trajectory.duration, CHECK_STEP))
-        stretch = measure_use(pepper, state, limits).stretch
+        stretch = max(measure_use(pepper, state, limits).stretch, stretch_at_extremes(trajectory, limits))
         if stretch <= 1.0 + _TOLERANCE:
             return trajectory
         if not np.isfinite(stretch):
             raise InfeasibleError(
                 "trajectory",
-                "between grid points the path passes where the torque limits do not hold the robot still",
+                "between grid points the path passes postures that need more torque than the limits allow",
                 "use more grid points",
             )
         trajectory = trajectory.scaled(stretch * _MORE)
@@ -111,6 +112,10 @@ def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
     ends = np.stack([grid.first, grid.first + 1])
     a, b, c = (row[ends][..., finite] for row in (rows.a, rows.b, rows.c))
     c = c - middle
+    # A joint that rests and cannot be held leaves no speed at all; toppra would divide by zero.
+    stuck = ((a == 0) & (b == 0) & (np.abs(c) > bound)).any(axis=(0, 2))
+    if stuck.any():
+        return None, int(np.argmax(stuck))
     length = float(grid.s[-1] - grid.s[0])
     time_unit = _time_unit(a, c, bound, rows.x_most[rows.x_most < problem.limits.x], length)
     gain = length / time_unit**2
@@ -123,7 +128,15 @@ def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
 
 
 def _time_unit(a: Array, c: Array, bound: Array, x_most: Array, length: float) -> float:
-    """Return a time in which the typical acceleration allowed covers the path [s]."""
+    """Return a time in which the typical acceleration allowed covers the path [s].
+
+    Args:
+        a: Gains on u at both ends of the intervals, shape (2, N, r).
+        c: Values at rest less the middle of their bounds, shape (2, N, r).
+        bound: Half the width of the bounds, shape (r,).
+        x_most: Upper bounds on x that limits of speed set, shape (k,).
+        length: Of the path, in its parameter.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         slack = np.where(a != 0, np.maximum(bound - np.abs(c), 0.0) / np.abs(a), np.inf)
     u = slack.min(axis=-1).ravel() if slack.shape[-1] else np.array([])
@@ -159,6 +172,15 @@ def _canonical_form(step: Array, a: Array, b: Array, c: Array, x_most: Array) ->
 
 
 def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, int | None]:
+    """Return the speed at grid points, or the grid point from which the end cannot be reached.
+
+    Args:
+        s: Path parameter at the grid points, from 0 to 1, shape (N + 1,).
+        constraints: As of `_canonical_form`.
+
+    Returns:
+        Speed, shape (N + 1,), or None; and the grid point, or None.
+    """
     with _silent():
         from toppra.algorithm import TOPPRA
         from toppra.constraint import DiscretizationType, LinearConstraint

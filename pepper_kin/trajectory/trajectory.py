@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 _Value = TypeVar("_Value", "Samples", "Trajectory")
 
 TIME_TOLERANCE = 1e-9
+EXAMINED_EVERY = 0.001
+"""Time between the states of a motion that are looked at [s]."""
+
+_LONG = 300.0  # [s] duration up to which that is so
 _MOST_SAMPLES = 10_000_000
 
 
@@ -71,14 +75,14 @@ class Trajectory:
         """Copy and check the fields.
 
         Raises:
-            InvalidValueError: naming the field, for a wrong shape, NaN, breaks that do not rise from 0
+            InvalidValueError: naming the field, for a wrong shape, NaN, breaks that do not increase from 0
                 (a duration of zero among them), or names that are not unique.
         """
         names, units = names_and_units(self.joint_names, self.joint_units)
         breaks = read_only(as_finite(self.breaks, "breaks", (None,)))
         if breaks.size < 2 or breaks[0] != 0.0 or np.any(np.diff(breaks) <= 0):
             raise InvalidValueError(
-                "breaks", np.array2string(breaks, threshold=6), "two or more times that rise from 0"
+                "breaks", np.array2string(breaks, threshold=6), "two or more times that increase from 0"
             )
         shape = (breaks.size - 1, None, len(names))
         coefficients = read_only(np.ascontiguousarray(as_finite(self.coefficients, "coefficients", shape)))
@@ -106,8 +110,8 @@ class Trajectory:
     ) -> Trajectory:
         """Return the trajectory through positions at given times, such as a recording's.
 
-        It passes every position at its time and is at rest at both ends.  It knows no other limit: `check`
-        it, or time it anew with `retime(pepper, positions)`.
+        It passes every position at its time and is at rest at both ends.  It respects no other limit: `check`
+        it, or time it again with `retime(pepper, positions)`.
 
         Args:
             times: Rising [s], shape (T,), two or more; the first becomes time 0.
@@ -123,7 +127,7 @@ class Trajectory:
                 [rad or m].
 
         Raises:
-            InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not rise.
+            InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not increase.
             UnknownNameError: for a joint or group that the robot lacks, or another interpolation.
 
         Warns:
@@ -167,11 +171,11 @@ class Trajectory:
                 a posture's name, a mapping from names of joints and groups to positions, or all n positions
                 [rad or m], see `PepperModel.joint_vector`.
             pepper: The robot.
-            start: Where joints come from that no frame at time 0 names: a posture's name or n positions;
-                Stand, or neutral, if omitted.
+            start: Where joints come from that no frame at time 0 names: a posture's name or positions, shape
+                (n,); Stand, or neutral, if omitted.
 
         Raises:
-            InvalidValueError: for times that do not rise, no time between them, or a frame that is none.
+            InvalidValueError: for times that do not increase, no time between them, or a frame that is none.
             UnknownNameError: for a posture, joint or group that the robot lacks.
             LimitError: for a position outside the limits, naming frame and joint.
         """
@@ -354,7 +358,7 @@ class Trajectory:
         return blended(self, other, overlap)
 
     def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
-        """Return which limit acts at each instant; see `pepper_kin.trajectory.active_limits`."""
+        """Return which limit acts at times t [s], shape (T,); see `pepper_kin.trajectory.active_limits`."""
         from pepper_kin.trajectory.active_limits import active_limits
 
         return active_limits(pepper, self, t, **limits)
@@ -380,7 +384,7 @@ class Trajectory:
         return state
 
     def _within(self, t: ArrayLike) -> Array:
-        """Return times as new numbers within [0, duration].
+        """Return times [s], shape (...), as new numbers within [0, duration].
 
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
@@ -399,7 +403,8 @@ def known_trajectory(
 ) -> Trajectory:
     """Return the trajectory of new arrays that are known to be right, without copies and checks.
 
-    For code that has just computed them; they become read-only.
+    For code that has just computed breaks [s], shape (m + 1,), and coefficients, constant term first, shape
+    (m, k, n); they become read-only.
     """
     return _known(Trajectory, names, units, breaks=breaks, coefficients=coefficients)
 
@@ -410,6 +415,11 @@ def _known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], *
         array.setflags(write=False)
     value.__dict__.update(joint_names=names, joint_units=units, **arrays)
     return value
+
+
+def examination_step(duration: float) -> float:
+    """Return the time between states that an examination looks at [s]: 1 ms, or more where that is long."""
+    return EXAMINED_EVERY * max(1.0, float(np.ceil(duration / _LONG)))
 
 
 def sample_times(duration: float, dt: float) -> Array:

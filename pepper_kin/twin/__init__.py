@@ -6,9 +6,9 @@
     run_real_time, Timing                     steps against the wall clock
     Recorder, Recording, load_recording       everything on disk, resumable
     replay, GestureReport, paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   the paper's gestures
-    Integrator, DivergedError, WorldHook, SensorsHook     for worlds and sensors of your own
+    Integrator, DivergedError, WorldHook, SensorsHook     for your own worlds and sensors
 
-Rooms within it: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).
+Its packages: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).
 """
 
 from pepper_kin.lazy_names import lazily

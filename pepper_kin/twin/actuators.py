@@ -116,6 +116,11 @@ class ActuatorParameters:
         object.__setattr__(self, "mode", mode)
 
     def _refuse(self, quantity: str, array: Array, wrong: NDArray[np.bool_], allowed: str) -> None:
+        """Refuse numbers of the joints, shape (n,), some of which are wrong, shape (n,).
+
+        Raises:
+            InvalidValueError: naming the first joint whose number is wrong.
+        """
         if wrong.any():
             j = int(np.argmax(wrong))
             raise InvalidValueError(f"{quantity} of {self.joint_names[j]}", array[j], allowed)

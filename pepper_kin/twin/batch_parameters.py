@@ -65,6 +65,7 @@ def _spread(count: int, actuators: ActuatorParameters, quantity: str, value: Per
 
 
 def _broadcast(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
+    """Return numbers broadcast to a shape, such as (N,) or (N, n)."""
     try:
         return np.broadcast_to(np.asarray(value, dtype=float), shape)
     except (TypeError, ValueError):
@@ -109,6 +110,14 @@ def payloads(pepper: PepperModel, count: int, payload: Mapping[str, ArrayLike] |
 
 
 def _positive(value: ArrayLike, quantity: str, count: int, least: float | None) -> Array:
+    """Return numbers for all robots, shape (N,), from one number or shape (N,), if they are not too small.
+
+    Args:
+        value: The numbers, in the unit of the quantity.
+        quantity: Named in errors.
+        count: N.
+        least: Least that is allowed; None for all above zero.
+    """
     array = as_finite(_broadcast(value, quantity, (count,)), quantity, (count,))
     wrong = array <= 0 if least is None else array < least
     if wrong.any():

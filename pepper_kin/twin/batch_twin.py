@@ -177,7 +177,8 @@ class TwinBatch:
             position: Position wanted at the end of each step [rad or m], shape (T, n) for all robots, or (N,
                 T, n).
             velocity: Velocity wanted then [rad/s or m/s], in either shape; zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only, in either shape; zero if omitted.
+            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], in either
+                shape; zero if omitted.
             effort: Torque of the joints in torque mode [N m or N], in either shape; zero if omitted.
             load: Torque on the joints from elsewhere [N m or N], in either shape; none if omitted.
             every: Timesteps between recorded states; start and end alone if omitted.
@@ -204,6 +205,14 @@ class TwinBatch:
         return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
 
     def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
+        """Follow commands from the present states of the robots, and return the run.
+
+        Args:
+            command: For each timestep, shape (N, T, n), or (1, T, n) for all robots.
+            load: Torques on the joints from elsewhere [N m or N], shape (N, T, n), (1, T, n) or (1, 1, n).
+            every: Timesteps between recorded states; start and end alone if None.
+            threads: Number of threads.
+        """
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
         whole_number("threads", threads)
@@ -226,7 +235,15 @@ class TwinBatch:
     def _run(
         self, command: Command, rollout: Rollout, start: tuple[Array, Array], steps: int, between: int
     ) -> BatchRun:
-        """Return what was recorded, and name the robots that stopped."""
+        """Return what was recorded, and name the robots that stopped.
+
+        Args:
+            command: For each timestep, shape (N, T, n) or (1, T, n).
+            rollout: What the robots did.
+            start: Positions [rad or m] and velocities [rad/s or m/s] at the start, shape (N, n) each.
+            steps: Number of timesteps T.
+            between: Timesteps between recorded states.
+        """
         rows = steps // between + 1
         good = rollout.good // self.substeps
         messages = {}
@@ -269,7 +286,14 @@ class TwinBatch:
         return torque.reshape(self.count, self.pepper.n)
 
     def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
+        """Return the feed-forward of the actuators [N m or N], or the effort in torque mode, shape (..., n).
+
+        Args:
+            q: Reference positions [rad or m], shape (..., n).
+            v: Reference velocities [rad/s or m/s], shape (..., n).
+            a: Reference accelerations [rad/s^2 or m/s^2], shape (..., n).
+            effort: Torques in torque mode [N m or N], shape (..., n) or (n,).
+        """
         forward = np.zeros_like(q)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics

@@ -98,7 +98,12 @@ class Delay:
 
 
 def _joined(first: Array, second: Array) -> Array:
-    """Return commands one after the other; what holds for all robots is repeated for each where it must."""
+    """Return commands one after the other; what holds for all robots is repeated for each where it must.
+
+    Args:
+        first: Shape (T, n) or (N, T, n); N may be 1 for all robots.
+        second: The same, perhaps of another T and N.
+    """
     if first.ndim == 3 and len(first) != len(second):
         robots = max(len(first), len(second))
         first, second = (np.broadcast_to(x, (robots, *x.shape[1:])) for x in (first, second))

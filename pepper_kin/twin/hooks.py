@@ -29,7 +29,7 @@ class WorldHook(Protocol):
 
         Args:
             q: Positions of the robot at the start of the step [rad or m], shape (n,).
-            v: Velocities, shape (n,).
+            v: Velocities [rad/s or m/s], shape (n,).
             mass_hat: Effective mass matrix of the step, all that is implicit in it included, shape (n, n).
             force: Without contact the robot accelerates with a = mass_hat^-1 force, shape (n,).
             h: Time of the step [s].
@@ -45,8 +45,15 @@ class WorldHook(Protocol):
 class WorldCoupling(Protocol):
     """A world as the compiled time loop takes it."""
 
-    def begin(self, h: float) -> WorldTables:
-        """Return the tables for steps of length h [s]."""
+    @property
+    def wrench(self) -> Array:
+        """Force and moment about the world's origin on the robot, NaN if unknown, in the steps since `begin`.
+
+        Shape (s, 6) [N, N m].
+        """
+
+    def begin(self, h: float, steps: int) -> WorldTables:
+        """Return the tables for so many steps of length h [s]."""
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
         """Record the steps that were taken; return why the next one failed, if its outcome is a failure."""
@@ -63,10 +70,16 @@ class HookCoupling:
     def __init__(self, world: WorldHook, n: int) -> None:
         self._world, self._callback, self._h = world, Callback(self._advance), 0.0
         self._tables = no_world(n)._replace(kind=CALLBACK, callback=self._callback.address)
+        self._pushed: list[bool] = []
 
-    def begin(self, h: float) -> WorldTables:
+    @property
+    def wrench(self) -> Array:
+        """NaN in steps with a load, of which nobody knows the force behind it, shape (s, 6)."""
+        return unknown_where(np.array(self._pushed, dtype=bool))
+
+    def begin(self, h: float, steps: int) -> WorldTables:
         """Return the tables for steps of length h [s]."""
-        self._h = h
+        self._h, self._pushed = h, []
         return self._tables
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
@@ -78,8 +91,22 @@ class HookCoupling:
         matrix = floats_at(mass_hat, n * n).reshape(n, n)
         arrays = (floats_at(q, n), floats_at(v, n), matrix, floats_at(force, n))
         moving = [array.copy() for array in arrays]
-        floats_at(load, n)[:] = self._world.advance(moving[0], moving[1], moving[2], moving[3], self._h)
+        found = floats_at(load, n)
+        found[:] = self._world.advance(moving[0], moving[1], moving[2], moving[3], self._h)
+        self._pushed.append(bool(found.any()))
         return 0
+
+
+def unknown_where(loaded: NDArray[np.bool_]) -> Array:
+    """Return the wrench of loads of which only the torques at the joints are known: NaN, or zero for none.
+
+    Args:
+        loaded: Whether a load acts in each step, shape (s,).
+
+    Returns:
+        Shape (s, 6).
+    """
+    return np.where(loaded[:, np.newaxis], math.nan, np.zeros((len(loaded), 6)))
 
 
 def coupling_of(world: WorldHook, n: int) -> WorldCoupling:

@@ -35,6 +35,8 @@ class Series(NamedTuple):
         outcome: DONE, or the outcome of the world's step that failed; then there is no such row.
         rows: Arrays of position, velocity and torque that begin with the start, shape (1 + T, n) each, where
             there are such; the first row of the torque is not written.
+        wrench: Mean force [N] and moment about the world's origin [N m] on the robot from outside during each
+            step, shape (T, 6); None for none.
     """
 
     position: Array
@@ -43,6 +45,7 @@ class Series(NamedTuple):
     good: int
     outcome: int = DONE
     rows: tuple[Array, Array, Array] | None = None
+    wrench: Array | None = None
 
 
 def joined(parts: list[Series], good: int) -> Series:
@@ -51,7 +54,10 @@ def joined(parts: list[Series], good: int) -> Series:
         return parts[0]
     rows = zip(*(part[:3] for part in parts), strict=True)
     position, velocity, torque = (np.concatenate(values) for values in rows)
-    return Series(position, velocity, torque, good)
+    if all(part.wrench is None for part in parts):
+        return Series(position, velocity, torque, good)
+    wrenches = [np.zeros((len(p.position), 6)) if p.wrench is None else p.wrench for p in parts]
+    return Series(position, velocity, torque, good, wrench=np.concatenate(wrenches))
 
 
 class _SingleStep(NamedTuple):
@@ -133,13 +139,34 @@ class Integrator:
         return np.asarray(dynamics.gravity_torque(self._pepper, q))
 
     def present_torque(self, q: Array, v: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
-        """Return the torque of the actuators at a state, instead of at the end of a step [N m or N]."""
+        """Return the torque of the actuators at a state, instead of at the end of a step.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            v: Velocity [rad/s or m/s], shape (n,).
+            q_ref: Position wanted [rad or m], shape (n,).
+            v_ref: Velocity wanted [rad/s or m/s], shape (n,).
+            feedforward: Feed-forward [N m or N], shape (n,).
+
+        Returns:
+            Torques [N m or N], shape (n,).
+        """
         torque, state = np.empty(self._pepper.n), np.stack([q, v, q_ref, v_ref])
         present_torques(self._table, state, self._actuators.strength * feedforward, torque)
         return torque
 
     def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
-        """Return the torques that the actuators demand at the end of a step with zero velocity, unclipped."""
+        """Return the torques that the actuators demand at the end of a step with zero velocity, unclipped.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            q_ref: Position wanted [rad or m], shape (n,).
+            v_ref: Velocity wanted [rad/s or m/s], shape (n,).
+            feedforward: Feed-forward [N m or N], shape (n,).
+
+        Returns:
+            Torques [N m or N], shape (n,).
+        """
         servo = self._actuators
         with np.errstate(over="ignore", invalid="ignore"):
             return servo.kp * (q_ref - q) + servo.kd * v_ref + servo.strength * feedforward
@@ -223,7 +250,7 @@ class Integrator:
 
         Args:
             q: Position [rad or m], shape (n,).
-            v: Velocity, shape (n,).
+            v: Velocity [rad/s or m/s], shape (n,).
             command: For the end of each step, shape (T, n) each.
             load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
             every: Steps between states of the result, a divisor of T.
@@ -247,7 +274,15 @@ class Integrator:
         return Series(position[1:], velocity[1:], torque[1:], int(good[0]) // every, int(outcome), kept)
 
     def _one_step(self, q: Array, v: Array, command: Command, load: Array, world: WorldTables) -> Series:
-        """Take one step in arrays that are made once; the result is the caller's."""
+        """Take one step in arrays that are made once; the result is the caller's.
+
+        Args:
+            q: Position [rad or m], shape (n,).
+            v: Velocity [rad/s or m/s], shape (n,).
+            command: For the end of the step, shape (1, n) each.
+            load: Torque from elsewhere [N m or N], shape (1, n).
+            world: What the robot meets.
+        """
         single = self._single
         for row, values in zip(single.rows, (q, v, *command, load), strict=True):
             row[:] = values

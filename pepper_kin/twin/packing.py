@@ -43,7 +43,11 @@ def pack(values: ArrayLike) -> NDArray[np.uint8]:
 
 
 def _differences(array: NDArray[np.float64]) -> bytes:
-    """Return the order of each column, and all bytes of the differences, the lowest first."""
+    """Return the order of each column, and all bytes of the differences, the lowest first.
+
+    Args:
+        array: Floats, shape (T, ...).
+    """
     words = array.reshape(len(array), math.prod(array.shape[1:])).view(np.int64)
     best, orders = words, np.zeros(words.shape[1], dtype=np.uint8)
     least = _bits(words)
@@ -59,17 +63,22 @@ def _differences(array: NDArray[np.float64]) -> bytes:
 
 
 def _bits(words: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return about how many bits the columns hold, shape (columns,)."""
+    """Return about how many bits the columns of words, shape (T, columns), hold, shape (columns,)."""
     return np.log2(1.0 + np.abs(words.astype(np.float64))).sum(axis=0)
 
 
 def unpack(packed: NDArray[np.uint8]) -> NDArray:
     """Return the array that was packed, to the last bit.
 
+    Args:
+        packed: Bytes that `pack` returned, shape (k,).
+
     Raises:
         InvalidValueError: where the bytes are damaged.
     """
-    data = np.asarray(packed, dtype=np.uint8).tobytes()
+    if packed.dtype != np.uint8 or packed.ndim != 1:
+        raise InvalidValueError("packed series", f"{packed.dtype} of shape {packed.shape}", "bytes")
+    data = packed.tobytes()
     try:
         size, ndim = np.frombuffer(data[:16], _HEAD)
         shape = tuple(int(x) for x in np.frombuffer(data[16 : 16 + 8 * int(ndim)], _HEAD))
@@ -79,7 +88,7 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray:
         if kind == _DIFFERENCES:
             return _summed(body, shape)
         return np.frombuffer(body, np.dtype(kind.decode())).reshape(shape).copy()
-    except (ValueError, TypeError, UnicodeDecodeError) as error:
+    except (ValueError, TypeError, OverflowError, IndexError) as error:
         raise InvalidValueError("packed series", f"{len(data)} bytes", f"whole ones ({error})") from error
 
 
@@ -89,9 +98,9 @@ def pack_moved(
     """Pack positions that follow from velocities, q = q before + h v, by what is left of that: rounding.
 
     Args:
-        position: Shape (T, n).
-        velocity: Shape (T, n).
-        start: Position before the first, shape (n,).
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n).
+        start: Position before the first [rad or m], shape (n,).
         h: Timestep [s].
 
     Returns:
@@ -108,10 +117,22 @@ def unpack_moved(
 ) -> NDArray[np.float64]:
     """Return the positions that `pack_moved` packed, to the last bit.
 
+    Args:
+        packed: Bytes that `pack_moved` returned, shape (k,).
+        velocity: [rad/s or m/s], shape (T, n).
+        start: Position before the first [rad or m], shape (n,).
+        h: Timestep [s].
+
+    Returns:
+        Positions [rad or m], shape (T, n).
+
     Raises:
         InvalidValueError: where the bytes are damaged.
     """
-    left, position, now = unpack(packed).view(np.int64), np.empty_like(velocity), start
+    rest = unpack(packed)
+    if rest.shape != velocity.shape or rest.dtype != np.float64:
+        raise InvalidValueError("packed series", f"shape {rest.shape}", f"shape {velocity.shape}")
+    left, position, now = rest.view(np.int64), np.empty_like(velocity), start
     for k in range(len(velocity)):
         now = ((now + h * velocity[k]).view(np.int64) + left[k]).view(np.float64)
         position[k] = now
@@ -122,7 +143,7 @@ def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]
     """Pack many packed series into one: members of an archive would each take some hundred bytes more.
 
     Args:
-        series: Name -> its metadata, and its parts as packed by `pack`.
+        series: Name -> its metadata, and its parts as packed by `pack`, shape (k,) each.
 
     Returns:
         Bytes that `unpack_together` reads.
@@ -136,6 +157,9 @@ def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]
 def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], list[NDArray[np.uint8]]]]:
     """Return the arguments of `pack_together`.
 
+    Args:
+        packed: Bytes that `pack_together` returned, shape (k,).
+
     Raises:
         InvalidValueError: where the bytes are damaged.
     """
@@ -147,7 +171,7 @@ def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], lis
             ends = (start + np.cumsum([0, *sizes])).tolist()
             parts = [np.frombuffer(body[a:b], np.uint8) for a, b in pairwise(ends)]
             found[name], start = (about, parts), ends[-1]
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InvalidValueError(
             "packed series", f"{np.size(packed)} bytes", f"whole ones ({error})"
         ) from error

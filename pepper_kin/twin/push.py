@@ -13,7 +13,7 @@ from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_real
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
@@ -49,15 +49,23 @@ class Push:
     ) -> Push:
         """Return a push, or refuse it.
 
+        Args:
+            pepper: The robot.
+            frame: Frame that it acts on.
+            force: In world axes [N], shape (3,).
+            point: Where, in the frame's axes [m], shape (3,); its origin if None.
+            start: When it begins on the twin's clock [s].
+            duration: How long it lasts [s].
+
         Raises:
             UnknownNameError: for a frame that the robot lacks.
             InvalidValueError: naming the quantity that is wrong.
         """
         pepper.frame_id(frame)
         place = np.zeros(3) if point is None else as_finite(point, "point", (3,))
-        if not math.isfinite(start):
+        if not math.isfinite(as_real(start)):
             raise InvalidValueError("start", start, "a finite time [s]")
-        if not duration > 0:
+        if not as_real(duration) > 0:
             raise InvalidValueError("duration", duration, "a time above 0 s, or infinity")
         force = as_finite(force, "force", (3,))
         return cls(frame, read_only(force), read_only(place), float(start), float(duration))
@@ -71,18 +79,33 @@ class Push:
         return self.start <= time < self.start + self.duration
 
     def load(self, pepper: PepperModel, q: Array) -> Array:
-        """Return J(q)^T f, what it is worth at the joints [N m or N], shape (n,)."""
+        """Return J(q)^T f, its worth at the joints [N m or N], shape (n,), at q [rad or m], shape (n,)."""
         moment: Array = np.zeros(3)
         if self.point.any():
             offset = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
             moment = np.asarray(np.cross(offset, self.force), dtype=np.float64)
         return external_torque(pepper, q, {self.frame: np.concatenate([self.force, moment])})
 
+    def wrench(self, pepper: PepperModel, q: Array) -> Array:
+        """Return its force [N] and moment about the world's origin [N m], in world axes, shape (6,).
 
-def load_of(pushes: Sequence[Push], pepper: PepperModel, q: Array, time: float) -> Array:
-    """Return what the pushes of a time [s] are worth at the joints [N m or N], shape (n,)."""
-    total = np.zeros(pepper.n)
+        Args:
+            pepper: The robot.
+            q: Joint positions [rad or m], shape (n,).
+        """
+        pose = frame_pose(pepper, q, self.frame)
+        place = pose[:3, :3] @ self.point + pose[:3, 3]
+        return np.concatenate([self.force, np.cross(place, self.force)])
+
+
+def loads_of(pushes: Sequence[Push], pepper: PepperModel, q: Array, time: float) -> tuple[Array, Array]:
+    """Return what the pushes of a time [s] are worth at the joints, shape (n,), and their wrench, shape (6,).
+
+    The first in N m or N, at positions q [rad or m], shape (n,); see `Push.wrench` for the second.
+    """
+    load, wrench = np.zeros(pepper.n), np.zeros(6)
     for push in pushes:
         if push.acts_at(time + 1e-9):
-            total += push.load(pepper, q)
-    return total
+            load += push.load(pepper, q)
+            wrench += push.wrench(pepper, q)
+    return load, wrench

@@ -145,6 +145,14 @@ class Recorder:
     ) -> Run:
         """Follow references with a row for every timestep, and record it; see `Twin.follow`.
 
+        Args:
+            position: Position wanted at the end of each step [rad or m], shape (T, n).
+            velocity: Velocity wanted then [rad/s or m/s], shape (T, n); zero if omitted.
+            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (T, n);
+                zero if omitted.
+            effort: Torque of the joints in torque mode [N m or N], shape (T, n); zero if omitted.
+            load: Torque on the joints from elsewhere [N m or N], shape (T, n); none if omitted.
+
         Returns:
             What the twin did now; where it stopped, everything up to there is written.
 
@@ -174,15 +182,25 @@ class Recorder:
         return _joined(parts, self.twin.timestep)
 
     def _is_begin_of(self, position: Array) -> bool:
+        """Return whether the positions recorded are these [rad or m], shape (T, n), to the last bit."""
         recorded = np.concatenate([chunk["position"] for chunk in self.recording.inputs()])
         return recorded.shape == position.shape and bool(np.array_equal(recorded, position))
 
     def _write(self, inputs: dict[str, Array], run: Run, pushes: Any) -> None:
+        """Write a chunk.
+
+        Args:
+            inputs: Name of a command -> its numbers, shape (T, n) each.
+            run: What the twin did.
+            pushes: Those of the twin.
+        """
         rows = len(run) - 1
         arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in inputs.items()}
         arrays |= {f"out.{name}": pack(getattr(run, name)[1:]) for name in STATES[1:]}
         moved = (run.position[1:], run.velocity[1:], run.position[0], self.twin.timestep)
         arrays["out.position"] = pack_moved(*moved)
+        if (run.external_wrench[1:] != 0.0).any():
+            arrays["out.external_wrench"] = pack(run.external_wrench[1:])
         if pushes:
             recorded = [[p.start, p.duration, *p.force, *p.point] for p in pushes]
             arrays["pushes"], arrays["push_frames"] = np.array(recorded), np.array([p.frame for p in pushes])
@@ -208,7 +226,7 @@ def _joined(parts: list[Run], timestep: float) -> Run:
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([0.0, *(part.duration for part in parts)])
-    names = ("position", "velocity", "torque", "reference_position", "reference_velocity")
+    names = ("position", "velocity", "torque", "reference_position", "reference_velocity", "external_wrench")
     stacked = {
         name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in names
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
@@ -69,8 +70,11 @@ class Recording:
 
     def inputs(self) -> Iterator[dict[str, Array]]:
         """Yield the commands of each chunk, by the arguments of `Twin.follow`."""
-        for chunk in self._read():
-            yield {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
+        for index, chunk in enumerate(self._read()):
+            with self._named(index):
+                inputs = {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
+                _check_shapes(inputs, len(self.joint_names))
+            yield inputs
 
     def run(self, torque_limit: Array | None = None) -> Run:
         """Return everything as one run of the twin, readings of the sensors included.
@@ -85,15 +89,23 @@ class Recording:
         first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
         rows: dict[str, list[Array]] = {name: [first[name]] for name in STATES}
         recorded: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
-        message = ""
-        for chunk in self._read():
-            for name, values in self._states(chunk, rows["position"][-1][-1]).items():
-                rows[name].append(values)
-            count = len(rows["position"][-1])
-            for name, store in recorded.items():
-                key = f"in.{name}"
-                store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
-            message = str(chunk["message"])
+        message, wrench = "", [np.zeros((1, 6))]
+        before = first["position"][-1]
+        for index, chunk in enumerate(self._read()):
+            with self._named(index):
+                states = self._states(chunk, before)
+                count = len(states["position"])
+                for name, values in states.items():
+                    rows[name].append(values)
+                for name, store in recorded.items():
+                    key = f"in.{name}"
+                    store.append(unpack(chunk[key]) if key in chunk else np.zeros((count, n)))
+                    _check_shapes({key: store[-1]}, n, count)
+                key = "out.external_wrench"
+                wrench.append(unpack(chunk[key]) if key in chunk else np.zeros((count, 6)))
+                _check_shapes({key: wrench[-1]}, 6, count)
+                message = str(chunk["message"])
+                before = np.concatenate([before[None], states["position"]])[-1]
         whole = {name: np.concatenate(parts) for name, parts in rows.items()}
         time: Array = self.timestep * np.arange(len(whole["position"]), dtype=float)
         return Run(
@@ -109,20 +121,28 @@ class Recording:
             RunStatus.STOPPED if message else RunStatus.COMPLETED,
             message,
             self.readings(),
+            np.concatenate(wrench),
         )
 
     def readings(self) -> dict[str, ReadingSeries]:
         """Return what the sensors said, by name, on the twin's clock."""
         parts: dict[str, list[tuple[Array, Any, Any]]] = {}
         about: dict[str, tuple[str, str]] = {}
-        for chunk in self._read():
-            for key in chunk:
-                kind, _, name = key.partition(".")
-                if kind == "about":
-                    unit, frame = chunk[key]
-                    about[name] = (str(unit), str(frame))
-                    series = [unpack(chunk[f"{what}.{name}"]) for what in _PARTS]
-                    parts.setdefault(name, []).append((series[0], series[1], series[2]))
+        for index, chunk in enumerate(self._read()):
+            with self._named(index):
+                for key in chunk:
+                    kind, _, name = key.partition(".")
+                    if kind == "about":
+                        unit, frame = chunk[key]
+                        about[name] = (str(unit), str(frame))
+                        time, value, truth = (unpack(chunk[f"{what}.{name}"]) for what in _PARTS)
+                        known = parts.setdefault(name, [(time, value, truth)])[0]
+                        if time.ndim != 1 or {len(time)} != {len(value), len(truth)}:
+                            raise ValueError(f"readings of {name} have different lengths")
+                        if (value.shape[1:], truth.shape[1:]) != (known[1].shape[1:], known[2].shape[1:]):
+                            raise ValueError(f"readings of {name} have another shape than before")
+                        if known[0] is not time:
+                            parts[name].append((time, value, truth))
         return {
             name: ReadingSeries(
                 np.concatenate([row[0] for row in rows]),
@@ -157,10 +177,11 @@ class Recording:
         twin.clear_pushes()
         twin.reset(*(np.array([float.fromhex(x) for x in start[name]]) for name in STATES[:2]))
         step, before = 0, np.array(twin.state.position)
-        for chunk, inputs in zip(self._read(), self.inputs(), strict=True):
+        for index, (chunk, inputs) in enumerate(zip(self._read(), self.inputs(), strict=True)):
             _push(twin, chunk)
             run = twin.follow(**inputs)
-            recorded = self._states(chunk, before)
+            with self._named(index):
+                recorded = self._states(chunk, before)
             for name, values in recorded.items():
                 _compare(name, getattr(run, name)[1:], values, step, self.timestep, self.joint_names)
             # A run that stops at the first step of a chunk leaves a chunk without rows.
@@ -181,22 +202,53 @@ class Recording:
         return save_recording(self, path)
 
     def _states(self, chunk: dict[str, Any], before: Array) -> dict[str, Array]:
-        """Return the states of a chunk's steps, from the position before them."""
+        """Return the states of a chunk's steps, shape (T, n) each.
+
+        Args:
+            chunk: What was recorded.
+            before: Position before the steps [rad or m], shape (n,).
+        """
         velocity, torque = unpack(chunk["out.velocity"]), unpack(chunk["out.torque"])
+        _check_shapes({"velocity": velocity, "torque": torque}, len(self.joint_names), len(velocity))
         position = unpack_moved(chunk["out.position"], velocity, before, self.timestep)
+        if not np.isfinite(position).all():
+            raise ValueError("positions are not finite")
         return {"position": position, "velocity": velocity, "torque": torque}
+
+    @contextlib.contextmanager
+    def _named(self, index: int) -> Iterator[None]:
+        """Name the file of a chunk in what is raised about its content."""
+        try:
+            yield
+        except FileFormatError:
+            raise
+        except (ValueError, KeyError, TypeError, IndexError, MemoryError) as error:
+            path, reason = chunk_path(self.folder, index), shortened(error)
+            raise FileFormatError(path, f"is not a chunk of a recording: {reason}") from error
 
     def _read(self) -> Iterator[dict[str, Any]]:
         for index in range(self.chunks):
-            path = chunk_path(self.folder, index)
-            try:
-                chunk: dict[str, Any] = dict(read_arrays(path))
+            with self._named(index):
+                chunk: dict[str, Any] = dict(read_arrays(chunk_path(self.folder, index)))
                 for name, (about, parts) in unpack_together(chunk.pop("readings", _NONE)).items():
                     chunk[f"about.{name}"] = about
                     chunk |= {f"{what}.{name}": part for what, part in zip(_PARTS, parts, strict=True)}
-                yield chunk
-            except (ValueError, KeyError, InvalidValueError) as error:
-                raise FileFormatError(path, f"not a chunk of a recording: {error}") from error
+            yield chunk
+
+
+def _check_shapes(arrays: dict[str, Array], n: int, count: int | None = None) -> None:
+    """Refuse arrays that are not finite floats of shape (count, n).
+
+    Raises:
+        ValueError: naming the array.
+    """
+    for name, array in arrays.items():
+        if array.dtype != np.float64 or array.ndim != 2 or array.shape[1] != n:
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, expected (..., {n})")
+        if count is not None and len(array) != count:
+            raise ValueError(f"{name} has {len(array)} rows, expected {count}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} is not finite")
 
 
 def load_recording(folder: PathName) -> Recording:
@@ -231,6 +283,19 @@ def _push(twin: Twin, chunk: dict[str, Any]) -> None:
 def _compare(
     name: str, again: Array, recorded: Array, step: int, timestep: float, joints: tuple[str, ...]
 ) -> None:
+    """Refuse a replay that differs from the recording.
+
+    Args:
+        name: Of the quantity.
+        again: What the replay made, shape (T, n).
+        recorded: What was recorded, the same shape, or another T where the replay stopped elsewhere.
+        step: Number of the step before the first row.
+        timestep: Of the twin [s].
+        joints: Names of the columns.
+
+    Raises:
+        InvalidValueError: naming quantity, joint, step and time of the first number that differs.
+    """
     count = min(len(again), len(recorded))
     same = again[:count].view(np.uint64) == recorded[:count].view(np.uint64)
     if len(again) == len(recorded) and same.all():

@@ -37,8 +37,9 @@ def save_recording(recording: Recording, path: PathName) -> Path:
     """Write a recording by suffix.
 
     `.npz`: every array, `reading.NAME.time`, `.value` and `.truth` for the sensors.  `.csv`: what `Run.save`
-    writes.  `.mcap`: `/joint_states` (sensor_msgs/msg/JointState) at every step, and for each sensor
-    `/sensors/NAME` and `/truth/NAME` (std_msgs/msg/Float64MultiArray), pictures excepted.
+    writes.  `.mcap`: `/joint_states` (sensor_msgs/msg/JointState) at every step,
+    `/external_wrench` (std_msgs/msg/Float64MultiArray) where forces act from outside, and for each sensor
+    `/sensors/NAME` and `/truth/NAME` (the same type), pictures excepted.
 
     Args:
         recording: The recording.
@@ -63,7 +64,15 @@ def save_recording(recording: Recording, path: PathName) -> Path:
 
 def _write_npz(recording: Recording, path: PathName) -> Path:
     run = recording.run()
-    names = ("time", "position", "velocity", "torque", "reference_position", "reference_velocity")
+    names = (
+        "time",
+        "position",
+        "velocity",
+        "torque",
+        "reference_position",
+        "reference_velocity",
+        "external_wrench",
+    )
     arrays: dict[str, Any] = {name: getattr(run, name) for name in names}
     arrays |= {"joint_names": np.array(run.joint_names), "joint_units": np.array(run.joint_units)}
     arrays |= {"status": np.array(run.status.value), "message": np.array(run.message)}
@@ -95,14 +104,17 @@ def _write_mcap(recording: Recording, path: PathName) -> Path:
         }
         writer.write_message(STATES_TOPIC, schema, message, log_time=stamp, sequence=i)
     array_schema = writer.register_msgdef(_ARRAY_TYPE, _ARRAY_SCHEMA)
+    acting = (run.external_wrench != 0.0).any(axis=1)
+    topics = [("/external_wrench", run.time[acting], run.external_wrench[acting])]
     for name, series in run.readings.items():
-        if series.value[0].size > _LARGEST:
-            continue
-        for topic, values in ((f"/sensors/{name}", series.value), (f"/truth/{name}", series.truth)):
-            for i, time in enumerate(series.time.tolist()):
-                data = np.asarray(values[i], dtype=float).ravel().tolist()
-                message = {"layout": {"dim": [], "data_offset": 0}, "data": data}
-                stamp = round(time * NANOSECONDS)
-                writer.write_message(topic, array_schema, message, log_time=stamp, sequence=i)
+        if series.value[0].size <= _LARGEST:
+            topics.append((f"/sensors/{name}", series.time, series.value))
+            topics.append((f"/truth/{name}", series.time, series.truth))
+    for topic, times, values in topics:
+        for i, time in enumerate(times.tolist()):
+            data = np.asarray(values[i], dtype=float).ravel().tolist()
+            message = {"layout": {"dim": [], "data_offset": 0}, "data": data}
+            stamp = round(time * NANOSECONDS)
+            writer.write_message(topic, array_schema, message, log_time=stamp, sequence=i)
     writer.finish()
     return atomic_file.write_bytes(path, content.getvalue())

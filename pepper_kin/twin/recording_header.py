@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from pepper_kin import atomic_file
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.file_reading import read_json
 from pepper_kin.twin.twin import FEEDFORWARDS
 
 HEADER = "recording.json"
@@ -62,18 +64,15 @@ def read_header(folder: Path) -> dict[str, Any]:
         FileFormatError: naming the file and the entry that is missing or wrong.
     """
     path = folder / HEADER
-    try:
-        header = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(path, f"no recording here: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(path, f"not the header of a recording: {error}") from error
+    if not os.path.isfile(path):
+        raise FileFormatError(path, "no recording here: there is no such file")
+    header, _ = read_json(path)
     missing = [name for name in (*_ENTRIES, "checksum") if not isinstance(header, dict) or name not in header]
     if missing:
         raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
     for name, (is_right, expected) in _ENTRIES.items():
         if not is_right(header[name]):
-            raise FileFormatError(path, f"{name} is {repr(header[name])[:80]}, expected {expected}")
+            raise FileFormatError(path, f"{name} is {shortened(repr(header[name]))}, expected {expected}")
     count = len(header["joints"])
     if len(header["units"]) != count:
         raise FileFormatError(path, f"expected a unit for each of {count} joints")

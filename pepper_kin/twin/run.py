@@ -30,6 +30,10 @@ _QUANTITIES = {
 }
 
 
+_FORCE = tuple(f"robot.external_{what}_{axis}" for what in ("force", "moment") for axis in "xyz")
+_KNOWN = "robot.external_known"
+
+
 class RunStatus(ResultStatus):
     """How a run of the twin ended."""
 
@@ -40,6 +44,9 @@ class RunStatus(ResultStatus):
 @dataclass(frozen=True, eq=False)
 class Run:
     """A motion of the twin; arrays are read-only.
+
+    The base of a twin is held: it neither tips nor slides, whatever acts on it.  `BalanceMonitor.assess_run`
+    returns whether the robot would have stood, with all outside forces of the run.
 
     Attributes:
         joint_names: Order of the columns.
@@ -55,6 +62,10 @@ class Run:
         status: How it ended.
         message: Why it stopped, naming joint, step and cause; empty if it completed.
         readings: What the twin's sensors said meanwhile, by name; times from 0.
+        external_wrench: Force [N] of pushes and contacts on the robot and moment about the world's origin
+            [N m], in world axes, the mean of the step that ends at each time, shape (T, 6); zero in the first
+            row and if omitted.  NaN where only torques at the joints are known: in steps with a `load`, or
+            with one from an object other than a `World`.
     """
 
     joint_names: tuple[str, ...]
@@ -69,10 +80,16 @@ class Run:
     status: RunStatus = RunStatus.COMPLETED
     message: str = ""
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
+    external_wrench: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name in ("time", *_QUANTITIES.values(), "torque_limit"):
+        if self.external_wrench is None:
+            object.__setattr__(self, "external_wrench", np.zeros((len(self.time), 6)))
+        for name in ("time", *_QUANTITIES.values(), "torque_limit", "external_wrench"):
             object.__setattr__(self, name, kept_read_only(getattr(self, name)))
+        if self.external_wrench.shape != (self.time.size, 6):
+            got = f"shape {self.external_wrench.shape}"
+            raise InvalidValueError("external_wrench", got, f"shape {(self.time.size, 6)}")
         shape = (self.time.size, len(self.joint_names))
         for name in _QUANTITIES.values():
             if getattr(self, name).shape != shape:
@@ -131,6 +148,21 @@ class Run:
         columns = [np.interp(t, self.time, self.position[:, j]) for j in range(len(self.joint_names))]
         return np.stack(columns, axis=-1)
 
+    def _words_on_outside(self) -> list[str]:
+        """Return in words that the base was held, and what acted on the robot from outside."""
+        lines = ["  base held: no tipping or sliding; BalanceMonitor.assess_run checks for it"]
+        unknown = np.isnan(self.external_wrench).any(axis=1)
+        force = np.linalg.norm(self.external_wrench[:, :3], axis=1)
+        if np.nanmax(force, initial=0.0) > 0.0:
+            at = int(np.nanargmax(force))
+            lines.append(f"  outside force: at most {force[at]:.4g} N, at {self.time[at]:.3f} s")
+        if unknown.any():
+            times = f"from {self.time[int(np.argmax(unknown))]:.3f} s"
+            lines.append(
+                f"  loads on joints by unknown outside forces in {int(unknown.sum())} steps, {times}"
+            )
+        return lines
+
     def report(self) -> str:
         """Return tracking errors and torques of all joints as a table in words."""
         worst, hardest = int(np.argmax(self.max_error)), int(np.argmax(self.torque_use))
@@ -141,6 +173,7 @@ class Run:
             f"  worst tracking: {names[worst]}, at most {self.max_error[worst]:.3g} "
             f"{self.joint_units[worst]}; hardest work: {names[hardest]}, "
             f"{self.torque_use[hardest]:.0%} of its torque",
+            *self._words_on_outside(),
             f"  {'joint':<16}{'rms error':>12}{'max error':>12}{'peak torque':>14}{'of limit':>10}",
         ]
         rows = [
@@ -167,6 +200,8 @@ class Run:
             "message": self.message,
             "duration": self.duration,
             "steps": len(self) - 1,
+            "base_held": True,
+            "external_force": _json_number(np.linalg.norm(self.external_wrench[:, :3], axis=1).max()),
             "joints": joints,
         }
 
@@ -174,7 +209,8 @@ class Run:
         """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.save_table`.
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
-        `.reference_velocity`.
+        `.reference_velocity`, then of the robot `.external_force_x` to `.external_moment_z`, and
+        `.external_known`, which is 0 where these are not known.
 
         Args:
             path: The file; its folder must exist.
@@ -189,6 +225,10 @@ class Run:
         for quantity, attribute in _QUANTITIES.items():
             values = getattr(self, attribute)
             columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(self.joint_names)})
+        known = np.asarray(~np.isnan(self.external_wrench).any(axis=1))
+        wrench = np.where(known[:, np.newaxis], self.external_wrench, 0.0)
+        columns.update({name: wrench[:, k] for k, name in enumerate(_FORCE)})
+        columns[_KNOWN] = known.astype(float)
         return save_table(
             columns, path, joint_units=dict(zip(self.joint_names, self.joint_units, strict=True))
         )
@@ -208,13 +248,15 @@ def load_run(path: PathName, pepper: Any) -> Run:
         FileFormatError: naming path and line and what is wrong there.
     """
     names: tuple[str, ...] = pepper.joint_names
-    header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
+    header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names), *_FORCE, _KNOWN]
     table: Mapping[str, Array] = load_table(path, header)
     values = {
         attribute: np.column_stack([table[f"{name}.{quantity}"] for name in names])
         for quantity, attribute in _QUANTITIES.items()
     }
     time = as_finite(table[TIME], TIME, (None,))
+    wrench = np.column_stack([table[name] for name in _FORCE])
+    wrench[table[_KNOWN] == 0.0] = np.nan
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
     return Run(
@@ -227,4 +269,10 @@ def load_run(path: PathName, pepper: Any) -> Run:
         values["reference_position"],
         values["reference_velocity"],
         pepper.effort_limits,
+        external_wrench=wrench,
     )
+
+
+def _json_number(value: float) -> float | None:
+    """Return a number for JSON, which has no NaN: None for an unknown one."""
+    return None if np.isnan(value) else float(value)

@@ -77,13 +77,15 @@ class Simulator:
         # Machine code lives no longer than its kernel.
         self._kernels = step_kernels(pepper, variant, self.robots)
         self._lanes = 1 if self.robots == 1 else self._kernels[0].lanes
-        step, solve = (k.single_address if self._lanes == 1 else k.block_address for k in self._kernels)
         if not gravity:
             actuators = actuators._replace(feedforward=np.zeros_like(actuators.kp))
         constant = [getattr(actuators, name) for name in parameters(variant)]
         constant.append(np.full((self.robots, 1), timestep))
         constant += [scale] if scale is not None else []
         constant += [np.stack(list(loads.values()), axis=-1)] if loads else []
+        step, solve = self._addresses(
+            6 * self._n + sum(values.shape[1] for values in constant), len(mass_places(pepper))
+        )
         self.tables = RobotTables(
             float(timestep),
             self._lanes,
@@ -101,7 +103,7 @@ class Simulator:
 
         Args:
             q: Positions at the start [rad or m], shape (N, n).
-            v: Velocities, shape (N, n).
+            v: Velocities at the start [rad/s or m/s], shape (N, n).
             inputs: Inputs of the robots, shape (N, T, n) each, or (1, T, n) for all robots.
             steps: Number of steps T.
             every: Steps between rows of the result.
@@ -138,8 +140,24 @@ class Simulator:
             flags=np.zeros((2, self._lanes), dtype=np.bool_),
         )
 
+    def _addresses(self, inputs: int, places: int) -> list[int]:
+        """Return the addresses of the kernels that step and solve, for buffers as `workspace` makes them."""
+        function, work = "single" if self._lanes == 1 else "block", max(k.work_size for k in self._kernels)
+        sizes = (inputs, 5 * self._n + places + 1), (places + 2 * self._n, self._n)
+        return [
+            kernel.address_of(function, inputs=read, outputs=written, work=work)
+            for kernel, (read, written) in zip(self._kernels, sizes, strict=True)
+        ]
+
     def _spread(self, values: Array) -> Array:
-        """Return values for all robots in the order of elements; others as they are."""
+        """Return values for all robots in the order of elements; others as they are.
+
+        Args:
+            values: Numbers of shape (1, T, n) for all robots, else (N, T, n).
+
+        Returns:
+            Numbers of shape (1, T, n W), with W lanes, or (N, T, n).
+        """
         shared = values.shape[0] == 1
         return np.ascontiguousarray(np.repeat(values, self._lanes, axis=2) if shared else values, dtype=float)
 
@@ -153,7 +171,7 @@ class Simulator:
         )
 
     def _robots(self, blocks: Array) -> Array:
-        """Return values of robots from blocks."""
+        """Return values of robots, (N, k), from blocks of W lanes, shape (blocks, k W)."""
         count, k = blocks.shape[0], blocks.shape[1] // self._lanes
         return blocks.reshape(count, k, self._lanes).transpose(0, 2, 1).reshape(-1, k)[: self.robots].copy()
 

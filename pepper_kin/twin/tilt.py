@@ -162,7 +162,19 @@ def _sides(joint: Joint) -> tuple[str, str]:
 def _sensors(
     pepper: PepperModel, q: Array, v: Array, a: Array, links: tuple[str, ...], rng: np.random.Generator | None
 ) -> tuple[Array, Array]:
-    """Return specific forces and angular velocities in the links' axes, shape (T, links, 3) each."""
+    """Return specific forces and angular velocities in the links' axes, shape (T, links, 3) each.
+
+    Args:
+        pepper: The robot.
+        q: Positions [rad], shape (T, n).
+        v: Velocities [rad/s], shape (T, n).
+        a: Accelerations [rad/s^2], shape (T, n).
+        links: Links with sensors.
+        rng: Source of noise and bias; None for none.
+
+    Returns:
+        Specific forces [m/s^2] and angular velocities [rad/s].
+    """
     force, rate = np.empty((len(q), len(links), 3)), np.empty((len(q), len(links), 3))
     for i, link in enumerate(links):
         turn = kinematics.frame_pose(pepper, q, link)[..., :3, :3]
@@ -177,7 +189,16 @@ def _sensors(
 
 
 def _turn_about(axis: Array, above: Array, below: Array) -> tuple[Array, Array]:
-    """Return the angle about an axis from one vector's part across it to another's, and its length."""
+    """Return the angle about an axis from one vector's part across it to another's, and its length.
+
+    Args:
+        axis: Unit vector, shape (3,).
+        above: Specific forces of the parent [m/s^2], shape (T, 3).
+        below: Specific forces of the child [m/s^2], shape (T, 3).
+
+    Returns:
+        Angle [rad] and length of the shorter part [m/s^2], shape (T,) each.
+    """
     above = above - np.outer(above @ axis, axis)
     below = below - np.outer(below @ axis, axis)
     angle = np.arctan2(np.cross(below, above) @ axis, np.sum(below * above, axis=1))
@@ -185,7 +206,16 @@ def _turn_about(axis: Array, above: Array, below: Array) -> tuple[Array, Array]:
 
 
 def _filter(time: Array, angle: Array, length: Array, whole: Array, rate: Array, start: float) -> Array:
-    """Return the angle by a Kalman filter with states (angle, bias of the rate), shape (T,)."""
+    """Return the angle by a Kalman filter with states (angle, bias of the rate), shape (T,).
+
+    Args:
+        time: [s], shape (T,).
+        angle: From the accelerometers [rad], shape (T,).
+        length: Of the specific force across the axis [m/s^2], shape (T,).
+        whole: Length of the specific force [m/s^2], shape (T,).
+        rate: From the gyroscopes [rad/s], shape (T,).
+        start: Angle at the start where the accelerometers are blind [rad].
+    """
     estimate = np.empty_like(angle)
     sees = length[0] > BLIND * GRAVITY
     x, p = np.array([angle[0] if sees else start, 0.0]), np.diag([1e-4, 2.0 * GYROSCOPE_BIAS**2])

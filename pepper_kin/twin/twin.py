@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.core.simulation.rollout import DONE
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_within_limits
@@ -19,20 +18,13 @@ from pepper_kin.twin.actuator_table import check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.contact_error import ContactError
-from pepper_kin.twin.hooks import (
-    SensorsHook,
-    WorldCoupling,
-    WorldHook,
-    coupling_of,
-    due_time,
-    readings_since,
-    show_first,
-)
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since, show_first
 from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined, whole_number
-from pepper_kin.twin.push import Push, load_of
+from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, run_real_time
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run, RunStatus
+from pepper_kin.twin.segment import SegmentRunner
 from pepper_kin.twin.state import TwinState, diverged
 
 Array = NDArray[np.float64]
@@ -83,7 +75,7 @@ class Twin:
         self._integrator = Integrator(
             pepper, self._timestep / self.substeps, self.actuators, gravity=feedforward == "gravity"
         )
-        self._met: tuple[WorldHook | None, WorldCoupling | None] = (None, None)
+        self._runner = SegmentRunner(pepper, self._integrator, self.substeps)
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._rest = read_only(np.zeros(pepper.n))
         self._pushes: tuple[Push, ...] = ()
@@ -189,7 +181,8 @@ class Twin:
         Args:
             position: Position wanted at the end of the step [rad or m], shape (n,).
             velocity: Velocity wanted then [rad/s or m/s], shape (n,); zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only, zero if omitted, shape (n,).
+            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (n,);
+                zero if omitted.
             effort: Torque of the joints in torque mode [N m or N], shape (n,); zero if omitted.
             load: Torque on the joints from elsewhere [N m or N], shape (n,); none if omitted.
 
@@ -256,7 +249,8 @@ class Twin:
         Args:
             position: Position wanted at the end of each step [rad or m], shape (T, n).
             velocity: Velocity wanted then [rad/s or m/s], shape (T, n); zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only, shape (T, n); zero if omitted.
+            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (T, n);
+                zero if omitted.
             effort: Torque of the joints in torque mode [N m or N], shape (T, n); zero if omitted.
             load: Torque on the joints from elsewhere [N m or N], shape (T, n); none if omitted.
 
@@ -287,7 +281,14 @@ class Twin:
         return run_real_time(self, commander, **options)
 
     def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return the feed-forward of the actuators, or the effort in torque mode, shape (..., n)."""
+        """Return the feed-forward of the actuators [N m or N], or the effort in torque mode, shape (..., n).
+
+        Args:
+            q: Reference positions [rad or m], shape (..., n).
+            v: Reference velocities [rad/s or m/s], shape (..., n).
+            a: Reference accelerations [rad/s^2 or m/s^2], shape (..., n).
+            effort: Torques in torque mode [N m or N], shape (..., n) or (n,).
+        """
         forward = self._rest if q.ndim == 1 else np.zeros(q.shape)
         if self.feedforward == "inverse_dynamics":
             from pepper_kin import dynamics
@@ -296,7 +297,12 @@ class Twin:
         return forward if effort is self._rest else np.where(self._torque_mode, effort, forward)
 
     def _follow(self, command: Command, load: Array | None = None) -> Run:
-        """Follow commands, of which the first stands for the present state."""
+        """Follow commands, of which the first stands for the present state.
+
+        Args:
+            command: Of T timesteps and that first one, shape (T + 1, n) each.
+            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n); none if omitted.
+        """
         first = self._step
         time = self.timestep * np.arange(len(command.position), dtype=float)
         start = (self._q, self._v, self._torque)
@@ -308,6 +314,8 @@ class Twin:
         else:
             logged = list(series.rows)
             logged[2][0] = start[2]
+        if series.wrench is not None:
+            logged.append(np.concatenate([np.zeros((1, 6)), series.wrench]))
         for rows in (time, *logged):
             rows.setflags(write=False)
         count, status, message = series.good + 1, RunStatus.COMPLETED, ""
@@ -336,10 +344,15 @@ class Twin:
             status,
             message,
             readings_since(self.sensors, first * self.timestep),
+            *logged[3:],
         )
 
     def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
         """Advance by one timestep for each command, in segments between changes of pushes and samples.
+
+        Args:
+            command: Of each timestep, shape (T, n) each.
+            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
 
         Returns:
             What came of it, and why the world stopped, if it did.
@@ -368,48 +381,12 @@ class Twin:
         """Return the states after some timesteps, and why the world stopped, if it did.
 
         Args:
-            command: Of each timestep.
-            load: From elsewhere, shape (T, n) or (1, n).
+            command: Of each timestep, shape (T, n) each.
+            load: From elsewhere [N m or N], shape (T, n) or (1, n).
             alone: Whether no push acts.
         """
-        k, h, q, v = self.substeps, self._integrator.timestep, self._q, self._v
-        fine = command if k == 1 else command.refined(k, h)
-        outer = load if k == 1 or len(load) == 1 else np.repeat(load, k, axis=0)
-        if alone:
-            return self._run(q, v, fine, outer, k)
-        for i in range(k):  # a push acts
-            pushed = load_of(self._pushes, self.pepper, q, self._step * self.timestep + i * h)
-            now = slice(min(i, len(outer) - 1), min(i, len(outer) - 1) + 1)
-            series, error = self._run(q, v, fine.part(slice(i, i + 1)), outer[now] + pushed, 1)
-            if error is not None or series.good == 0:
-                break
-            q, v = series.position[0], series.velocity[0]
-        return series, error
-
-    def _run(
-        self, q: Array, v: Array, command: Command, load: Array, every: int
-    ) -> tuple[Series, BaseException | None]:
-        """Return the states after some steps of the integrator, and why the world stopped, if it did."""
-        if self.world is None:
-            return self._integrator.run(q, v, command, load, every=every), None
-        coupling = self._coupling
-        tables = coupling.begin(self._integrator.timestep)
-        series = self._integrator.run(q, v, command, load, every=every, world=tables)
-        taken = series.good + (series.outcome == DONE and series.good < len(series.position))
-        error = coupling.end(taken * every, series.outcome)
-        if series.outcome != DONE:
-            position, velocity, torque = (rows[: series.good] for rows in series[:3])
-            series = Series(position, velocity, torque, series.good, series.outcome)
-        return series, error
-
-    @property
-    def _coupling(self) -> WorldCoupling:
-        assert self.world is not None
-        world, coupling = self._met
-        if coupling is None or world is not self.world:
-            coupling = coupling_of(self.world, self.pepper.n)
-            self._met = (self.world, coupling)
-        return coupling
+        pushes = None if alone else (self._pushes, self._step * self._timestep)
+        return self._runner.run((self._q, self._v), command, load, self.world, pushes)
 
     def _steps_alone(self, most: int) -> int:
         """Return the number of steps before the next push or sample of a sensor of the world; 0 for none."""
@@ -453,6 +430,7 @@ class Twin:
             values.flags.writeable = False
 
     def _vector(self, value: ArrayLike, quantity: str) -> Array:
+        """Return a finite joint vector, shape (n,), by the name of its quantity."""
         array = as_joint_vectors(self.pepper, value, quantity)
         if array.ndim != 1:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")

@@ -1,11 +1,11 @@
 """Pictures of the robot: a live page, recordings that need no server, images.
 
     Viewer                                    a robot with scene and targets, live or saved
-    JointMotion, Drawable, marker, Viewpoint  what is shown, and from where
+    JointMotion, Drawable, marker, Viewpoint  motions, shapes and cameras
     render_motion                             a motion as page, film or picture, by the file's suffix
     save_motion_page, save_reach_html, save_video, screenshot, find_chromium
 
-A room within it: `server`, the live page's own.
+Its package `server` runs the live page.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def rigid_transforms(quantity: str, value: ArrayLike, shape: tuple[int, ...]) ->
 
     Args:
         quantity: What to call them in an error.
-        value: The transforms.
+        value: The transforms [m], shape (..., 4, 4).
         shape: The shape they must have, (..., 4, 4).
 
     Returns:

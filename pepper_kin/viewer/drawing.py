@@ -132,6 +132,7 @@ def _geometry(
 
 
 def _box(lengths: Sequence[float] | NDArray[np.float64]) -> dict[str, Any]:
+    """Return a box of three.js with the given edge lengths [m], shape (3,)."""
     width, height, depth = (float(length) for length in lengths)
     return {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
 
@@ -146,6 +147,7 @@ def _cylinder(length: float, radius: float) -> dict[str, Any]:
 
 
 def _triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> dict[str, Any]:
+    """Return triangles of three.js: vertices [m before scaling], shape (V, 3), and indices, shape (F, 3)."""
     data = {
         "attributes": {"position": _packed(np.asarray(vertices, "<f4"), "Float32Array", FLOATS)},
         "index": _packed(np.asarray(faces, "<u4"), "Uint32Array", INDICES),
@@ -154,7 +156,7 @@ def _triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> dict[str, Any]:
 
 
 def _packed(rows: NDArray[Any], kind: str, extension: int) -> dict[str, Any]:
-    """Return rows of three as meshcat's page takes arrays."""
+    """Return rows of three, shape (k, 3), as meshcat's page takes arrays."""
     from umsgpack import Ext
 
     return {"itemSize": 3, "type": kind, "array": Ext(extension, rows.tobytes()), "normalized": False}

@@ -135,7 +135,10 @@ def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
 def _curves(
     pepper: PepperModel, quantity: str, units: tuple[str, str], values: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return one curve per joint; `units` are those of a turning and of a sliding joint."""
+    """Return one curve, shape (T,), per joint, of values of shape (T, n).
+
+    `units` are those of a turning and of a sliding joint.
+    """
     return {
         f"{joint} {quantity} [{units[unit == 'm']}]": values[:, index]
         for index, (joint, unit) in enumerate(zip(pepper.joint_names, pepper.joint_units, strict=True))
@@ -143,7 +146,7 @@ def _curves(
 
 
 def _limits(curves: Mapping[str, object], limits: NDArray[np.float64]) -> dict[str, float]:
-    """Return the limits of one curve per joint, where a joint has one."""
+    """Return the limits, shape (n,), of one curve per joint, where a joint has one."""
     return {
         name: float(limit)
         for name, limit in zip(curves, limits, strict=True)

@@ -174,6 +174,7 @@ def frames_of_samples(
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
+    """Return the times [s], shape (T,), after a check that they are finite and strictly increasing."""
     sample_times = as_finite(times, "times", (None,))
     if sample_times.size == 0:
         raise InvalidValueError("times", "no sample", "at least one time [s]")
@@ -189,6 +190,7 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
 
 
 def _sampled(name: str, series: Series, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
+    """Return a curve at the kept samples, whose indices have shape (F,), with its extremes around each."""
     curve = as_finite(series.values, f"series {name!r}", (samples,))
     borders = np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2])
     return SampledSeries(

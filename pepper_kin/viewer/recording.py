@@ -121,7 +121,7 @@ class _Buffers:
         return {"$buffer": self._numbers[data], "$type": array_type}
 
     def floats(self, values: NDArray[np.float64]) -> dict[str, Any]:
-        """Add numbers in single precision, little-endian."""
+        """Add numbers of any shape in single precision, little-endian, row by row."""
         return self.add(np.asarray(values, dtype="<f4").tobytes(), "Float32Array")
 
     def _array(self, data: bytes, array_type: str) -> dict[str, Any]:

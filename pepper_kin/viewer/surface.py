@@ -83,6 +83,7 @@ def read_colored_surfaces(path: str | Path) -> tuple[tuple[Surface, FaceColor | 
 def _smooth_surface(
     path: str | Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], crease_angle: float
 ) -> Surface:
+    """Return the surface of vertices [m before scaling], shape (V, 3), and faces, shape (F, 3)."""
     places, indices = unique_rows(vertices.astype(np.float32))
     faces = indices[faces]
     flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
@@ -98,7 +99,7 @@ def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> 
     by at most `crease_angle` across it; the patches are the connected components of that relation.
 
     Args:
-        vertices: Positions, shape (V, 3).
+        vertices: Positions [m before scaling], shape (V, 3).
         faces: Vertex indices, shape (F, 3).
         crease_angle: Largest bend that is smooth [rad].
 
@@ -131,6 +132,14 @@ def _least_connected(count: int, first: NDArray, second: NDArray) -> NDArray:
     """Return the least node that each of `count` nodes is connected with, by edges from first to second.
 
     Each round lets the least of two joined nodes stand for what stood for both, and halves the ways there.
+
+    Args:
+        count: Number of nodes.
+        first: Nodes where the E edges begin, shape (E,).
+        second: Nodes where they end, shape (E,).
+
+    Returns:
+        Nodes, shape (count,).
     """
     least = np.arange(count)
     while (least[first] != least[second]).any():

@@ -30,7 +30,7 @@ class TargetListener:
         threading.Thread(target=self._run, name="pepper-kin target listener", daemon=True).start()
 
     def hear(self, name: str, position: NDArray[np.float64]) -> None:
-        """Take a position for the callback; returns at once."""
+        """Take a position [m], shape (3,), for the callback; returns at once."""
         with self._changed:
             self._newest[name] = read_only(position)
             self._changed.notify()

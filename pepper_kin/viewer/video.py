@@ -96,6 +96,7 @@ def frame_times(start: float, end: float, fps: float) -> NDArray[np.float64]:
 def _pictures(
     session: BrowserSession, times: NDArray[np.float64], on_frame: Callable[[int, int], None]
 ) -> Iterator[Image.Image]:
+    """Yield the page's pictures at times [s], shape (F,)."""
     from PIL import Image
 
     for index, time in enumerate(times):

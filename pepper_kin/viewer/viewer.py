@@ -287,7 +287,7 @@ class Viewer:
             motion: A trajectory, a run of the twin, a `JointMotion`, or joint positions of shape (n,); None
                 takes what was shown or played last, at first the robot standing.
             title: Title of the page; None takes the robot's name.
-            series: Curves to plot beside the motion, name (with unit) to one value per sample; None plots
+            series: Curves to plot beside the motion, name (with unit) to values of shape (T,); None plots
                 what the motion brings along (a run: the torque of each joint; a trajectory: its velocity).
             limits: Largest magnitude that a curve of `series` may have, by its name, in its unit; its axis
                 then shows shares of it.  What the motion brings along has its limits.

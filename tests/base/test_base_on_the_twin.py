@@ -5,7 +5,14 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.twin import Twin
-from pepper_kin.twin.base import BalanceMonitor, BaseController, OmniBase, simulate_tipping, world_velocity
+from pepper_kin.twin.base import (
+    BalanceMonitor,
+    BaseController,
+    OmniBase,
+    TippingStatus,
+    simulate_tipping,
+    world_velocity,
+)
 from pepper_kin.twin.sensors import SensorSuite
 
 
@@ -69,7 +76,7 @@ def test_a_wild_run_of_the_twin_is_seen_to_tip():
     report = monitor.assess_run(run)
     assert not report.balanced
     tipping = simulate_tipping(monitor, report, run.position)
-    assert tipping.status != "stood"
+    assert tipping.status is not TippingStatus.STOOD
     assert tipping.time[int(np.argmax(tipping.edge >= 0))] == report.event.time
     calm = Twin(pepper, 0.002).follow(np.tile(pepper.posture("Stand"), (50, 1)))
     assert monitor.assess_run(calm).balanced

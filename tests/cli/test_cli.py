@@ -58,7 +58,7 @@ def test_unreachable_target_exits_with_one_line(run, tmp_path):
     assert done.returncode == 1
     said = [line for line in done.stderr.splitlines() if not line.endswith("...")]
     assert len(said) == 1
-    assert "the nearest reachable point is (" in said[0]
+    assert "the closest point found is (" in said[0]
     assert said[0].endswith("cm away.")
     assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []

@@ -42,7 +42,7 @@ def test_options_that_a_movement_of_the_paper_lacks_are_refused(run, tmp_path, o
     done = run("gesture", "left-arm", option, value, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(f"pepper-kin: {option}: got ")
-    assert "'left-arm' is replayed as the paper has it" in done.stderr
+    assert "'left-arm' is replayed as published" in done.stderr
 
 
 @pytest.mark.parametrize(

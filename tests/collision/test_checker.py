@@ -91,7 +91,7 @@ def test_culled_clearance_equals_the_minimum_over_all_pairs():
     checker = pk.collision.checker_for(pepper, TABLE)
     for q in random_q(pepper, 60):
         found = checker.clearance(q)
-        data, geometry = checker._data
+        data, geometry = checker._data[0], checker._data[1]._kept
         pinocchio.computeDistances(pepper.pinocchio_model, data, checker._shapes.model, geometry, q)
         assert found == pytest.approx(min(r.min_distance for r in geometry.distanceResults), abs=1e-6)
 

@@ -14,7 +14,7 @@ from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.solids import BOX, CYLINDER, HULL, Solid, solid_of
 from pepper_kin.collision.fast.structure import bounding_ball
 from pepper_kin.collision.fast.tables import pack_tables
-from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_ROOM, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_WORKSPACE_SIZE, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges, edge_keeps_ranges, violations
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 
@@ -92,7 +92,7 @@ def core_of(kind, half, pose, corners=NO_VERTICES):
 
 
 def verdict_of(first, second, threshold, axis):
-    scratch = np.zeros(GJK_ROOM)
+    scratch = np.zeros(GJK_WORKSPACE_SIZE)
     return nearer_than(first, second, threshold, 3e-6, axis.ctypes.data, scratch.ctypes.data)
 
 

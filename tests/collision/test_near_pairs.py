@@ -68,7 +68,7 @@ def _by_coal(pepper, q, scene):
     import pinocchio
 
     checker = _checker(pepper, scene)
-    data, geometry = checker._data
+    data, geometry = checker._data[0], checker._data[1]._kept
     full = pepper.to_full(q)
     pinocchio.updateGeometryPlacements(pepper.pinocchio_model, data, checker._shapes.model, geometry, full)
     pinocchio.computeDistances(checker._shapes.model, geometry)

@@ -1,13 +1,15 @@
 """Scenes: what they take, what they refuse, and what hangs on the robot."""
 
+import os
 import pickle
+import re
 import time
 
 import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
+from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, SceneObject, TriangleMesh
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 
 BASE = ("Tibia", "WheelB_link", "WheelFL_link", "WheelFR_link")
@@ -45,7 +47,7 @@ def cup_scene():
         (lambda s: s.add_point_cloud("b", [[0, 0]], 0.01), r"points of a cloud: got shape \(1, 2\)"),
         (lambda s: s.add_point_cloud("b", CUBE, -1), "point radius: got -1"),
         (lambda s: s.add_point_cloud("b", CUBE, 0.01, voxel=0), "voxel: got 0, expected a finite length"),
-        (lambda s: s.add_point_cloud("b", CUBE * 1e9, 0.01, voxel=1e-6), "voxel: got 1e-06, .* fewer cubes"),
+        (lambda s: s.add_point_cloud("b", CUBE * 9e6, 0.01, voxel=1e-7), "voxel: got 1e-07, .* fewer cubes"),
         (lambda s: s.add("b", "box"), "geometry of 'b': got str, expected Box"),
         (lambda s: s.add("b", pk.model.Sphere(1), color=(1, 2, 0, 1)), r"color of 'b': got \(1, 2, 0, 1\)"),
         (
@@ -330,3 +332,110 @@ def test_extent_bounds_every_point_of_a_held_object(geometry, expected):
     pose[0, 3] = 0.5
     held = pk.Scene().add("it", geometry).attach("it", "l_gripper", pose).attached["it"]
     assert held.extent == pytest.approx(expected)
+
+
+def cube_file(path, half):
+    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    hull = ConvexMesh(corners)
+    lines = [f"v {x} {y} {z}" for x, y, z in hull.vertices]
+    path.write_text("\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in hull.faces)]))
+
+
+def test_a_mesh_file_that_changes_is_read_again_by_all_checkers(pepper, tmp_path):
+    """Checkers are kept for a scene: they answered with the file as it had been."""
+    from pepper_kin.collision.fast import fast_checker_for
+
+    file, q = tmp_path / "cube.obj", pepper.posture("Stand")
+    hand = pk.kinematics.frame_pose(pepper, q, "l_gripper")[:3, 3]
+    place = np.eye(4)
+    place[:3, 3] = hand[0] + 0.3, hand[1], hand[2]
+    cube_file(file, 0.02)
+    scene = pk.Scene({"cube": SceneObject("cube", pk.model.Mesh(file), place)})
+    for half, touches in ((0.02, False), (0.3, True), (0.02, False)):
+        cube_file(file, half)
+        os.utime(file, ns=(0, int(1e9 * half)))
+        assert bool(fast_checker_for(pepper, scene).in_collision(q)) is touches
+        assert bool(pk.collision.checker_for(pepper, scene).in_collision(q)) is touches
+        assert (pk.collision.clearance(pepper, q, scene) < 0.0) == touches
+        assert (pk.plan(pepper, q, q, scene).status is pk.motion.PlanStatus.START_IN_COLLISION) == touches
+
+
+def test_a_relative_mesh_name_is_that_of_the_folder_in_which_it_was_given(pepper, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    cube_file(tmp_path / "here" / "cube.obj", 0.02)
+    monkeypatch.chdir(tmp_path / "here")
+    scene = pk.Scene().add("cube", pk.model.Mesh("cube.obj"), (1.0, 0.0, 1.0))
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert scene.objects["cube"].geometry.path == tmp_path / "here" / "cube.obj"
+    assert not pk.collision.in_collision(pepper, pepper.posture("Stand"), scene)
+
+
+FAR = 1e300
+
+
+@pytest.mark.parametrize("far", [1.1e6, 1e15, FAR])
+@pytest.mark.parametrize(
+    ("what", "add"),
+    [
+        ("position of 'a'", lambda far: pk.Scene().add_box("a", (1, 1, 1), (far, 0, 0))),
+        ("size of 'a'", lambda far: pk.Scene().add_box("a", (1, far, 1), (0, 0, 9))),
+        ("size of 'a'", lambda far: pk.Scene().add_sphere("a", far, (0, 0, 9))),
+        ("size of 'a'", lambda far: pk.Scene().add_capsule("a", 1.0, far, (0, 0, 9))),
+        ("offset of a half-space", lambda far: pk.Scene().add("a", HalfSpace(far))),
+        ("position of 'a'", lambda far: pk.Scene().add_half_space("a", (1, 0, 0), -far)),
+        ("vertices of a convex mesh", lambda far: pk.Scene().add_convex_mesh("a", far * CUBE)),
+        ("vertices of a mesh", lambda far: pk.Scene().add_mesh("a", far * CUBE, [[0, 1, 2]])),
+        ("points of a cloud", lambda far: pk.Scene().add_point_cloud("a", [[far, 0, 0]], 0.01)),
+        ("point radius", lambda far: pk.Scene().add_point_cloud("a", [[1, 0, 0]], far)),
+        ("position of 'a'", lambda far: pk.Scene().add_box("a", (1, 1, 1), (0, 0, 9)).move("a", (0, far, 0))),
+        ("size of 'a'", lambda far: pk.Scene().add_box("a", (1, 1, 1), (0, 0, 9)).padded(far)),
+    ],
+)
+def test_what_is_beyond_a_million_meters_is_refused_by_name(what, add, far):
+    """At 1e300 m the compiled check said "in collision", and coal ended with a ValueError from 1e20 m on."""
+    with pytest.raises(InvalidValueError, match=re.escape(what)) as caught:
+        add(far * (10 if "vertices" in what else 1))
+    assert "at most 1e+06 m" in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [1e1, 1e3, 1e5, 9e5])
+def test_a_floor_of_any_length_answers_as_a_half_space(pepper, length):
+    from pepper_kin.collision.fast import fast_checker_for
+
+    rng = np.random.default_rng(3)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (200, pepper.n))
+    for height in (0.3, 0.6):
+        box = pk.Scene().add_box("floor", (length, length, 1.0), (0, 0, height - 0.5)).allow("floor", *BASE)
+        plane = pk.Scene().add_half_space("floor", (0, 0, 1), height).allow("floor", *BASE)
+        for checker_of in (fast_checker_for, pk.collision.checker_for):
+            found, truth = (checker_of(pepper, scene).in_collision(q) for scene in (box, plane))
+            np.testing.assert_array_equal(found, truth)
+
+
+def test_ten_thousand_boxes_are_added_and_checked_as_those_near_by_are(pepper):
+    """Adding one does not cost more the more there are, nor do the checks: coal's model took hours."""
+    rng, scene = np.random.default_rng(4), pk.Scene()
+    places = rng.uniform([-3, -3, -1], [3, 3, 3], (10_000, 3))
+    places = places[np.linalg.norm(places[:, :2], axis=1) > 0.5]
+    for k, place in enumerate(places):
+        scene = scene.add_box(f"box{k}", (0.03, 0.03, 0.03), place)
+    states = rng.uniform(pepper.lower_limits, pepper.upper_limits, (12, pepper.n))
+    states = np.concatenate([[pepper.posture("Stand")], states])
+    exact = pk.collision.CollisionChecker(pepper, scene)
+    found = pk.collision.in_collision(pepper, states, scene)
+    np.testing.assert_array_equal(found, exact.in_collision(states))
+    assert 0 < found.sum() < len(states)
+    for q in states[:4]:
+        near = {name for pair in exact.contact_points(q, 0.4) for name in pair.names}
+        few = pk.Scene({name: item for name, item in scene.objects.items() if name in near})
+        assert 3 < len(few.objects) < 450
+        alone = pk.collision.CollisionChecker(pepper, few)
+        assert exact.clearance(q) == pytest.approx(float(alone.clearance(q)), abs=1e-12)
+        assert set(exact.contacts(q)) == set(alone.contacts(q))
+        ours, theirs = exact.closest_pair(q), alone.closest_pair(q)
+        assert ours.names == theirs.names
+        np.testing.assert_allclose(ours.points, theirs.points, atol=1e-9)
+    line = np.linspace(states[0], states[1], 20)
+    along = pk.collision.least_clearance(pepper, line, scene)
+    assert along.distance == pytest.approx(float(exact.clearance(line).min()), abs=4e-6)

@@ -81,17 +81,17 @@ def without(key, part):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"scene\.json:1: is not JSON: Expecting value"),
-        ('{"format":\n "pepper_kin scene",\n', r"scene\.json:3: is not JSON"),
-        (json.dumps(content())[:-9], r"scene\.json:1: is not JSON"),
+        ("", r"scene\.json:1: is not complete JSON: Expecting value"),
+        ('{"format":\n "pepper_kin scene",\n', r"scene\.json:3: is not complete JSON"),
+        (json.dumps(content())[:-9], r"scene\.json:1: is not complete JSON"),
         ("[1, 2]", 'is not a scene: it lacks "format": "pepper_kin scene"'),
         ('{"robot": "pepper"}', "is not a scene"),
-        ("[" * 100_000, "is not JSON"),
-        ('{"a": 1, "a": 2}', "has the field 'a' twice in one object"),
+        ("[" * 100_000, "is nested too deep"),
+        ('{"a": 1, "a": 2}', "field 'a' occurs twice"),
         (json.dumps(content(version=2)), "is a scene of version 2; this library reads version 1"),
-        (json.dumps(content(objects=[box(position=[0, float("nan"), 0])])), "holds NaN, which is not a"),
+        (json.dumps(content(objects=[box(position=[0, float("nan"), 0])])), "holds NaN, expected finite"),
         (json.dumps(content(objects=[box(size=[1, float("inf"), 1])])), "holds Infinity"),
-        (json.dumps(content()).replace("[1, 1, 1]", "[1, 1e999, 1]"), r"objects\[0\] \('b'\): size: got inf"),
+        (json.dumps(content()).replace("[1, 1, 1]", "[1, 1e999, 1]"), r"scene\.json:1: holds 1e999"),
         (json.dumps(content(objects=[box(size=[1, 0, 1])])), r"objects\[0\] \('b'\): box size: got"),
         (json.dumps(content(objects=[box(size=["a", 0, 1])])), r"objects\[0\] \('b'\): size: got"),
         (json.dumps(content(objects=[box(kind="blob")])), r"\('b'\): kind is 'blob', not one of box"),
@@ -112,6 +112,19 @@ def without(key, part):
                                          "faces": [[0, 1, 2]]}])),
             r"objects\[0\] \('m'\): faces of a mesh: got vertex 1 in face 0",
         ),
+        *(
+            (
+                json.dumps(content(objects=[{"name": "m", "kind": "triangle mesh", "vertices": [[0] * 3] * 3,
+                                             "faces": [[0, 1, wrong]]}])),
+                r"\('m'\): faces are not rows of three whole numbers",
+            )
+            for wrong in (2.5, 2.0, True, "2", None, 10**30)
+        ),
+        (json.dumps(content(objects=[box(size=[1, True, 1])])), r"objects\[0\] \('b'\): size: got"),
+        (json.dumps(content(objects=[box(position=[0, "1", 0])])), r"objects\[0\] \('b'\): position: got"),
+        (json.dumps(content(version=1.0)), "is a scene of version 1.0"),
+        (json.dumps(content()).replace("[1, 1, 1]", "[1, 1, 1" + "0" * 5000 + "]"), "expected finite"),
+        (json.dumps(content(objects=[box(name="\ud800")])), "half of a surrogate pair"),
         (
             json.dumps(content(objects=[{"name":"m", "kind": "triangle mesh", "vertices": [], "faces": []}])),
             r"\('m'\): faces of a mesh: got",
@@ -186,14 +199,18 @@ def test_mesh_files_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.stl", "solid x\nvertex 1 2\n", r"a\.stl:2: a vertex is '1 2', not three numbers"),
+        ("a.stl", "solid x\nvertex 1 2\n", r"a\.stl:2: a vertex is '1 2', not three finite numbers"),
         ("a.stl", "solid x\nvertex 1 2 3\n", "1 vertices do not make whole triangles"),
         ("a.stl", "solid x\nendsolid\n", "the mesh holds no triangle"),
         ("a.stl", "nothing", "not an STL file: 7 bytes do not hold the 0 triangles"),
-        ("a.stl", "solid x\nvertex nan 0 0\nvertex 0 0 0\nvertex 0 1 0\n", "a vertex of the mesh is NaN"),
+        (
+            "a.stl",
+            "solid x\nvertex nan 0 0\nvertex 0 0 0\nvertex 0 1 0\n",
+            "a vertex is 'nan 0 0', not three finite numbers",
+        ),
         ("a.obj", "v 0 0 0\nf 1 2 3\n", r"a\.obj:2: face corner 2 names none of the 1 vertices so far"),
         ("a.obj", "v 0 0 x\n", r"a\.obj:1: a vertex is '0 0 x'"),
-        ("a.obj", "v 0 0 0\nv 1 1 1\nf 1 2\n", r"a\.obj:3: a face of 2 corners"),
+        ("a.obj", "v 0 0 0\nv 1 1 1\nf 1 2\n", r"a\.obj:3: a face with 2 corners"),
         ("a.obj", "v 0 0 0\nf a b c\n", r"a\.obj:2: face corner 'a' is not a whole number"),
         ("a.obj", "", "the mesh holds no triangle"),
         ("a.dae", "<nothing/>", r"a\.dae: cannot be read as a mesh"),

@@ -1,4 +1,4 @@
-"""The pages of concepts say what the code says."""
+"""The pages of concepts agree with the code."""
 
 import dataclasses
 import re
@@ -8,11 +8,11 @@ import pepper_kin as pk
 from pepper_kin.twin.world import World
 
 DOCS = Path(__file__).parents[2] / "docs"
-ROOMS = [
+PACKAGES = [
     pk,
     *(getattr(pk, package) for package in ("ik", "kinematics", "dynamics", "collision", "motion", "twin")),
 ]
-ROOMS += [pk.planners, pk.servo]
+PACKAGES += [pk.planners, pk.servo]
 VALUES = {"pepper": pk.PepperModel, "scene": pk.Scene, "trajectory": pk.Trajectory, "World": World}
 VALUES |= {"plan": pk.motion.Plan, "Servo": pk.servo.Servo}
 
@@ -38,7 +38,7 @@ def _there(names):
     first, *rest = names
     if first in VALUES and rest and _has(VALUES[first], rest):
         return True
-    return any(_has(package, names) for package in ROOMS)
+    return any(_has(package, names) for package in PACKAGES)
 
 
 def _has(place, names):

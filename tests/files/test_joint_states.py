@@ -129,7 +129,7 @@ def test_wrong_recordings_are_named(tmp_path):
     path = tmp_path / "log.mcap"
     for messages, words in (
         ([(1.0, ["HeadYaw"], [0.1]), (1.0, ["HeadYaw"], [0.2])], "message 2 .* does not come after"),
-        ([(1.0, ["HeadYaw"], [0.1]), (2.0, ["HeadPitch"], [0.2])], "message 2 .* of other joints"),
+        ([(1.0, ["HeadYaw"], [0.1]), (2.0, ["HeadPitch"], [0.2])], "message 2 .* has other joints"),
         ([(1.0, ["HeadYaw"], [np.nan]), (2.0, ["HeadYaw"], [0.2])], "message 1 .*HeadYaw is not finite"),
         ([(1.0, ["HeadYaw"], [0.1, 0.2]), (2.0, ["HeadYaw"], [0.2])], "2 positions for 1"),
         ([(1.0, [], [])], "holds no positions"),

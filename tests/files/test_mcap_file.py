@@ -62,7 +62,7 @@ def test_mcap_without_a_trajectory_says_what_it_holds(tmp_path):
         ),
         (lambda m: m["points"].reverse(), "time begins at 1.0 s"),
         (lambda m: m["points"][1]["positions"].pop(), "point 2 has 0 positions for 1 joints"),
-        (lambda m: m["points"].pop(), "1 points make no trajectory"),
+        (lambda m: m["points"].pop(), "has 1 points, expected at least 2"),
         (lambda m: m["joint_names"].append("A"), "joint 'A' occurs twice"),
         (lambda m: [p["positions"].clear() for p in m["points"]], "points have no positions"),
         (lambda m: [p["velocities"].clear() for p in m["points"]], "accelerations but no velocities"),

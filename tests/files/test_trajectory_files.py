@@ -69,7 +69,7 @@ def test_numbers_survive_exactly(good):
 @pytest.mark.parametrize(
     ("change", "line", "message"),
     [
-        (lambda t: t[:-1], 4, "is truncated: its last line has no end"),
+        (lambda t: t[:-1], 4, "is truncated: its last line does not end with a newline"),
         (lambda t: t.replace("1.0,0.3333333333333333", "1.0"), 3, "1 values for 2 columns"),
         (lambda t: t.replace("1e-300", "nan"), 4, "A.position is 'nan', expected a finite number"),
         (lambda t: t.replace("1e-300", "inf"), 4, "A.position is 'inf', expected a finite number"),
@@ -126,7 +126,7 @@ def test_tables_that_are_no_trajectory(tmp_path):
     with pytest.raises(FileFormatError, match=r"late.csv:2: time begins at .*1.0.*, expected 0"):
         read_csv(late)
     short = save_table({"time": [0.0], **{k: v[:1] for k, v in columns.items()}}, tmp_path / "short.csv")
-    with pytest.raises(FileFormatError, match="one line of numbers makes no trajectory"):
+    with pytest.raises(FileFormatError, match="has one line of numbers, expected at least 2"):
         read_csv(short)
     torque = save_table({"time": [0.0, 1.0], "A.torque": [0.0, 0.0]}, tmp_path / "torque.csv")
     with pytest.raises(FileFormatError, match=r"unknown column 'A.torque'"):
@@ -145,7 +145,7 @@ def test_files_that_cannot_be_read(tmp_path):
     ("columns", "error", "message"),
     [
         ({"A.position": [0.0]}, InvalidValueError, "'time' as the first column"),
-        ({"time": [0.0, 0.0]}, InvalidValueError, "times that rise"),
+        ({"time": [0.0, 0.0]}, InvalidValueError, "times that increase"),
         ({"time": [0.0], "A.position": [np.nan]}, InvalidValueError, "A.position: got nan"),
         ({"time": [0.0], "A.position": [0.0, 1.0]}, InvalidValueError, "A.position: got shape"),
         ({"time": [0.0], "A": [0.0]}, InvalidValueError, "'<joint>.<quantity>'"),
@@ -165,7 +165,7 @@ def test_foreign_companion_is_kept(tmp_path):
         save_table({"time": [0.0]}, tmp_path / "t.csv")
     assert [p.name for p in tmp_path.iterdir()] == ["columns.json"]
     (tmp_path / "columns.json").write_text("{\n oops")
-    with pytest.raises(FileFormatError, match=r"columns.json:2: is not JSON"):
+    with pytest.raises(FileFormatError, match=r"columns.json:2: is not complete JSON"):
         load_columns(tmp_path / "columns.json")
 
 

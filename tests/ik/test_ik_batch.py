@@ -5,7 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError
-from pepper_kin.ik.batch import CODES, PIECE
+from pepper_kin.ik.batch import CHUNK, CODES
 
 PEPPER = pk.load_pepper()
 
@@ -34,7 +34,7 @@ def test_rows_are_what_solve_gives():
 
 
 def test_threads_change_nothing_and_progress_is_reported():
-    points = hands(3 * PIECE + 5)[:, :3, 3]
+    points = hands(3 * CHUNK + 5)[:, :3, 3]
     calls = []
     one = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points), collisions=False)
     two = pk.ik.solve_batch(

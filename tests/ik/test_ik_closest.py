@@ -94,7 +94,7 @@ def test_status_unreachable_and_its_report(solver):
     stated = re.search(r"left hand stops ([\d.]+) cm short of \(0.900, 0.600, 1.200\)", report)
     assert stated is not None, report
     assert float(stated[1]) == pytest.approx(100 * distance, abs=0.051)
-    point = re.search(r"nearest reachable point \((.*?), (.*?), (.*?)\)", report)
+    point = re.search(r"comes to point \((.*?), (.*?), (.*?)\)", report)
     assert point is not None, report
     np.testing.assert_allclose([float(x) for x in point.groups()], hand, atol=5.1e-4)
     assert result.advice in report
@@ -125,7 +125,7 @@ def test_status_limits_and_their_names(solver):
         at_upper = PEPPER.upper_limits[i] - result.q[i] < 1e-4
         assert (gradient[i] < 0) == at_upper
         assert name in result.report()
-    assert re.search(r"short of .*: .* at (its|their) limits?; nearest reachable point", result.report())
+    assert re.search(r"short of .*: .* at (its|their) limits?; comes to point", result.report())
 
 
 def test_hint_that_more_joints_would_help():

@@ -26,7 +26,7 @@ def whole():
 
 @pytest.mark.parametrize(("chunk", "threads"), [(1, 1), (7, 3), (64, 2), (599, 2), (600, 1), (10_000, 4)])
 def test_pieces_and_threads_change_nothing(monkeypatch, whole, chunk, threads):
-    monkeypatch.setattr(batch, "PIECE", chunk)
+    monkeypatch.setattr(batch, "CHUNK", chunk)
     calls = []
     found = pk.ik.solve_batch(
         PEPPER,
@@ -75,7 +75,7 @@ def test_what_breaks_off_the_progress_breaks_off_the_work(threads):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        batch._share_out(work, 500 * batch.PIECE, threads, stop)
+        batch._share_out(work, 500 * batch.CHUNK, threads, stop)
     assert 1 <= len(begun) < 500
     with pytest.raises(KeyboardInterrupt):
         pk.ik.solve_batch(

@@ -20,7 +20,7 @@ def problem_of(pepper, task, movable=None):
 @pytest.mark.parametrize("hands", ["locked", "mimic"])
 @pytest.mark.parametrize("moving", [None, "left_arm"])
 def test_no_posture_comes_nearer_than_the_bound(hands, moving):
-    """Thousands of postures, without limits, by the kinematics room."""
+    """Thousands of postures, without limits, by `pepper_kin.kinematics`."""
     pepper = pk.load_pepper(hands=hands)
     task = pk.ik.HandPosition("left", FAR)
     movable = np.isin(pepper.joint_names, pepper.joint_group(moving)) if moving else np.ones(pepper.n, bool)

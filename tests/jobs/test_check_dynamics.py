@@ -177,7 +177,7 @@ def test_the_command_fails_where_the_check_does(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("missing.urdf",), "missing.urdf: cannot be read as text"),
+        (("missing.urdf",), "missing.urdf: cannot be read"),
         (("--states", "0"), "states: got 0, expected an integer of at least 1"),
         (("--seed", "-1"), "seed: got -1, expected an integer of at least 0"),
     ],

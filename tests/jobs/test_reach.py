@@ -88,7 +88,11 @@ def test_files(demo, tmp_path):
     ):
         with files[name].open() as file:
             header = next(csv.reader(file))
-        assert header == ["time", *(f"{j}.{x}" for x in quantities for j in pepper.joint_names)]
+        joints = [f"{j}.{x}" for x in quantities for j in pepper.joint_names]
+        assert header[: 1 + len(joints)] == ["time", *joints]
+        outer = [f"robot.external_{kind}_{axis}" for kind in ("force", "moment") for axis in "xyz"]
+        outer.append("robot.external_known")
+        assert header[1 + len(joints) :] == ([] if name == "trajectory.csv" else outer)
         assert set(header) <= set(columns)
     assert columns["HeadYaw.torque"] == {"unit": "N m", "quantity": "torque", "joint": "HeadYaw"}
     written = json.loads(files["summary.json"].read_text())
@@ -114,7 +118,7 @@ def test_out_of_reach_says_how_near_it_gets():
     assert "cannot reach (1.000, 0.200, 1.000)" in outcome.message
     assert "\n" not in outcome.message
     number = float(outcome.message.split(" cm away")[0].split()[-1])
-    nearest = [float(x) for x in outcome.message.split("point is (")[1].split(")")[0].split(",")]
+    nearest = [float(x) for x in outcome.message.split("point found is (")[1].split(")")[0].split(",")]
     assert number == pytest.approx(100 * np.linalg.norm(np.subtract(nearest, (1.0, 0.2, 1.0))), abs=0.11)
     assert 15 < number < 30
     assert summary(pepper, outcome)["success"] is False

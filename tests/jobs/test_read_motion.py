@@ -37,7 +37,7 @@ def test_runs_and_recordings(pepper, tmp_path):
     again = load_motion(tmp_path / "monday", pepper)
     assert isinstance(again, Run)
     np.testing.assert_allclose(again.position, run.position, atol=1e-12)  # sampled chunk by chunk
-    with pytest.raises(FileFormatError, match="monday: is of other joints: KneePitch"):
+    with pytest.raises(FileFormatError, match="monday: has other joints: KneePitch"):
         load_motion(tmp_path / "monday", load_pepper(hands="mimic"))
 
 

@@ -5,7 +5,9 @@ import logging
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from pepper_kin.jobs import shipping as job
@@ -34,7 +36,7 @@ def place(tmp_path, monkeypatch):
 
 def forget():
     shipping._index.cache_clear()
-    shipping._group.cache_clear()
+    shipping._stream.cache_clear()
     package_file.tell.cache_clear()
 
 
@@ -48,12 +50,64 @@ def test_the_file_fits_the_sources():
     assert shipping.shipped_path().stat().st_size <= job.LARGEST
 
 
+CHECK = """
+import sys
+from pathlib import Path
+from pepper_kin.kernels import sources
+from pepper_kin.jobs.shipping import main
+true_digest = sources.file_digest
+edited = sys.argv[1:]
+sources.file_digest = lambda path: ("an edit of " if Path(path).name in edited else "") + true_digest(path)
+sys.exit(main(["--check"]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("edited", "missing"),
+    [
+        ((), ()),
+        (("urdf_document.py",), ("gravity_torque", "ik", "inverse_dynamics")),
+        (("step_kernel.py",), ("twin step",)),
+    ],
+    ids=["sources as they are", "an edit of the model", "an edit of the twin"],
+)
+def test_the_check_sees_kernels_that_would_be_made_anew(edited, missing):
+    """A kernel of other sources is missing, though no compiled function has changed."""
+    done = subprocess.run([sys.executable, "-c", CHECK, *edited], capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == (not missing), done.stderr
+    for name in missing:
+        assert f": {name}" in done.stderr
+    assert "stale: " not in done.stderr
+
+
 def test_parts_come_back_as_they_were(place, caplog):
     assert ask(caplog)[0] == PARTS[KEY][1]
     assert ask(caplog, "a kernel", OTHER)[0] == PARTS[OTHER][1]
     assert ask(caplog, "pepper_kin.core.three", THIRD)[0] == PARTS[THIRD][1]
     assert ask(caplog, "a kernel", "c" * 64) is None
     assert not caplog.records
+
+
+@pytest.mark.parametrize("order", [(KEY, OTHER, THIRD), (THIRD, KEY, OTHER), (OTHER, THIRD, KEY, THIRD, KEY)])
+def test_parts_can_be_read_in_any_order(place, caplog, order):
+    for key in order:
+        name, content = PARTS[key]
+        assert ask(caplog, name, key)[0] == content
+
+
+def test_threads_that_read_parts_at_once_get_whole_ones(tmp_path, monkeypatch):
+    contents = {
+        f"{k:064x}": ("pepper_kin.core.one", np.random.default_rng(k).bytes(3000 + k)) for k in range(64)
+    }
+    path = tmp_path / "code"
+    shipping.write_shipped(contents, path)
+    monkeypatch.setattr(shipping, "shipped_path", lambda: path)
+    forget()
+    keys = [*contents, *reversed(contents)] * 3
+    with ThreadPoolExecutor(8) as pool:
+        read = list(pool.map(lambda key: shipping.shipped_part("pepper_kin.core.one", key)[0], keys))
+    forget()
+    assert read == [contents[key][1] for key in keys]
 
 
 def test_code_of_other_sources_is_not_found_and_reported_once(place, caplog):
@@ -78,7 +132,7 @@ def test_a_flipped_bit_is_found(place, caplog, where):
 def test_another_format_is_refused(place, caplog, monkeypatch):
     monkeypatch.setattr(shipping, "FORMAT", shipping.FORMAT + 1)
     assert ask(caplog) is None
-    assert "has format 2, not 3" in caplog.text
+    assert "has format 3, not 4" in caplog.text
 
 
 def test_a_missing_file_is_reported(place, caplog):

@@ -168,7 +168,7 @@ def test_only_postures_free_of_collisions_count(pepper):
 
 def test_what_valid_may_not_answer(pepper):
     for valid in (lambda q: np.ones(3, dtype=bool), lambda q: np.ones(len(q)), lambda q: True):
-        with pytest.raises(InvalidValueError, match=r"answer of valid: got .*booleans of shape \(10,\)"):
+        with pytest.raises(InvalidValueError, match=r"result of valid: got .*booleans of shape \(10,\)"):
             reach_map(pepper, LEFT, samples=10, valid=valid)
     with pytest.raises(InvalidValueError, match="valid: got none of 10 postures"):
         reach_map(pepper, LEFT, samples=10, valid=lambda q: np.zeros(len(q), dtype=bool))

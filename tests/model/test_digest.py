@@ -1,5 +1,6 @@
 """What a robot's digest sees, and that nothing made for a robot as it was is used once it has changed."""
 
+import copy
 import pickle
 import timeit
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.base_placement.moving_base import moving_base
 from pepper_kin.model import RobotMemory, kept_while_private, robot_digest
 
 CHANGES = {
@@ -85,6 +87,49 @@ def test_a_changed_model_travels():
     assert other.pinocchio_model.inertias[3].mass == pepper.pinocchio_model.inertias[3].mass
     assert pk.dynamics.total_mass(other) == pk.dynamics.total_mass(pepper)
     assert pk.dynamics.total_mass(other) == pytest.approx(pk.dynamics.total_mass(pk.load_pepper()) + 1.0)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize(
+    "duplicate", [copy.copy, copy.deepcopy, lambda robot: pickle.loads(pickle.dumps(robot))]
+)
+def test_a_copy_has_what_was_changed_and_can_be_changed_by_itself(change, duplicate):
+    pepper = new_pepper()
+    CHANGES[change](pepper.pinocchio_model)
+    digest = robot_digest(pepper)
+    other = duplicate(pepper)
+    assert robot_digest(other) == digest
+    other.pinocchio_model.inertias[5].mass += 1.0
+    assert robot_digest(other) != digest
+    assert robot_digest(pepper) == digest
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.copy, copy.deepcopy, lambda robot: pickle.loads(pickle.dumps(robot))]
+)
+def test_a_copy_has_other_limits_and_masses(duplicate):
+    robot = pk.load_pepper().with_limits(velocity=0.5, upper={"HipPitch": 0.1}).with_masses({"Head": 3.0})
+    other = duplicate(robot)
+    assert robot_digest(other) == robot_digest(robot)
+    for limits in ("lower", "upper", "velocity", "acceleration", "effort"):
+        np.testing.assert_array_equal(getattr(other, f"{limits}_limits"), getattr(robot, f"{limits}_limits"))
+    assert pk.dynamics.total_mass(other) == pk.dynamics.total_mass(robot)
+
+
+def test_a_robot_put_on_wheels_has_what_was_changed():
+    pepper = new_pepper()
+    model = pepper.pinocchio_model
+    model.gravity.linear = np.array([0.0, 0.0, -1.62])
+    model.inertias[model.getJointId("LWristYaw")].mass += 2.0
+    model.armature[3] = 0.5
+    moving = moving_base(pepper)
+    q, rng = pepper.neutral(), np.random.default_rng(0)
+    v, a = rng.normal(size=(2, pepper.n))
+    states = [np.zeros(moving.robot.n) for _ in range(3)]
+    for state, values in zip(states, (q, v, a), strict=True):
+        state[moving.body] = values
+    torque = pk.dynamics.inverse_dynamics(moving.robot, *states)[moving.body]
+    np.testing.assert_allclose(torque, pk.dynamics.inverse_dynamics(pepper, q, v, a), atol=1e-9)
 
 
 def test_memory_forgets_a_robot_that_was_changed():

@@ -35,7 +35,7 @@ def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkey
     monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
     monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())
     monkeypatch.setattr(pipeline, "_local", type(pipeline._local)())
-    alone = planners.rrt_connect(path_problem_of_table().problem, seed=seed)
+    alone = planners.rrt_connect(path_problem_of_table().search_problem, seed=seed)
     found, way = Pipeline(path_problem_of_table(), seed, 5.0).searched(False)
     np.testing.assert_array_equal(found.path.points, alone.path.points)
     assert (found.iterations, found.states_checked) == (alone.iterations, alone.states_checked)
@@ -52,11 +52,11 @@ def test_another_goal_ends_the_path_where_that_is_shorter():
     problem = path_problem(Checks(PEPPER, TABLE), LOW, goals, ARM, 0.01, COARSE)
     for seed in range(4):
         found, _ = Pipeline(problem, seed, 5.0).searched(True)
-        alone = planners.rrt_connect(problem.problem, seed=seed)
+        alone = planners.rrt_connect(problem.search_problem, seed=seed)
         assert found.path.length <= alone.path.length + 1e-12
-        end = problem.problem.goals[found.goal_index]
+        end = problem.search_problem.goals[found.goal_index]
         np.testing.assert_array_equal(found.path.points[-1], end)
-        validator = problem.problem.validator()
+        validator = problem.search_problem.validator()
         for a, b in zip(found.path.points[:-1], found.path.points[1:], strict=True):
             steps = max(1, int(np.ceil(problem.metric.distance(a, b) / problem.resolution)))
             assert validator.last_valid_step(a, b, steps) == steps

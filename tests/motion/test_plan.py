@@ -10,7 +10,7 @@ import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
-from pepper_kin.motion import PlanStatus
+from pepper_kin.motion import PlanStatus, constrained_plan, costed_plan, goals, planning
 from pepper_kin.planners import OMPL_PLANNERS, available_ompl_planners
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -25,6 +25,43 @@ def over_the_table():
         {"LShoulderPitch": 0.4, "LShoulderRoll": 0.1, "LElbowRoll": -0.9, "LElbowYaw": -1.2, "HipPitch": -0.3}
     )
     return pepper, pepper.posture("Stand"), goal
+
+
+ONE_JOINT = """
+<robot name="one_joint">
+  <link name="base"/>
+  <link name="arm">
+    <inertial>
+      <origin xyz="0.2 0 0"/><mass value="1"/>
+      <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+    <collision><origin xyz="0.3 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="2" effort="20"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def one_joint(tmp_path_factory):
+    file = tmp_path_factory.mktemp("one_joint") / "one_joint.urdf"
+    file.write_text(ONE_JOINT)
+    return pk.load_robot(file, acceleration_limits=10.0)
+
+
+def test_a_robot_of_one_joint_is_planned_timed_and_optimized(one_joint):
+    """`optimize` and `minimum_torque_trajectory` ended with an IndexError."""
+    plan = pk.plan(one_joint, [0.0], [1.0])
+    motion = pk.retime(one_joint, plan)
+    np.testing.assert_allclose(motion.end, [1.0])
+    assert pk.motion.optimize(one_joint, plan).report()
+    assert pk.plan(one_joint, [0.0], [1.0], smooth=True).trajectory is not None
+    found = pk.motion.minimum_torque_trajectory(one_joint, [0.0], [1.0], 1.5)
+    assert found.success
+    np.testing.assert_allclose(found.trajectory.end, [1.0], atol=1e-9)
 
 
 def spline_states(pepper, path, count=2000):
@@ -242,6 +279,68 @@ def test_a_target_that_is_met_already_needs_no_motion(constrained):
         assert plan.success
         assert plan.message == "Start and goal are the same."
         np.testing.assert_array_equal(plan.path, start[None])
+
+
+def test_a_plan_that_stays_advises_nothing_that_refuses(pepper):
+    """It advised `retime`, which refuses what has no length."""
+    start = pepper.posture("Stand")
+    plan = pk.plan(pepper, start, start)
+    assert plan.advice == "Nothing has to move, so there is nothing to time."
+    assert "retime" not in plan.report()
+
+
+def test_where_nothing_is_near_the_report_names_no_infinite_clearance(one_joint):
+    report = pk.plan(one_joint, [0.0], [1.0]).report()
+    assert "inf" not in report
+    assert "Nothing is near it." in report
+
+
+def test_a_failure_counts_what_was_done_at_all_margins(one_joint):
+    """It named the time of the last of several searches: 0.63 s of the 5 s that had passed."""
+    wall = pk.Scene().add_box("wall", (0.1, 0.1, 0.1), (0.3, 0.0, -0.2))
+    plan = pk.plan(one_joint, [-1.0], [1.0], wall, timeout=0.5)
+    assert plan.status is PlanStatus.NO_PATH_IN_TIME
+    assert f"No path: {plan.states_checked} configurations were checked in " in plan.message
+    assert float(re.search(r"checked in ([\d.]+) s", plan.message)[1]) > 0.4
+
+
+def test_tasks_that_need_it_get_all_of_the_time(pepper, monkeypatch):
+    """Inverse kinematics gave up after two thirds of the time, and said that time had run out."""
+    budgets, solve = [], goals.solve
+
+    def recorded(*arguments, timeout, **options):
+        budgets.append(timeout)
+        return solve(*arguments, timeout=timeout, **options)
+
+    monkeypatch.setattr(goals, "clear_goals", lambda *_: None)
+    monkeypatch.setattr(goals, "solve", recorded)
+    pk.plan(
+        pepper, pepper.posture("Stand"), [pk.ik.FramePosition("l_gripper", [0.3, 0.2, 0.9])], timeout=50.0
+    )
+    assert len(budgets) == 1
+    assert 40.0 < budgets[0] <= 50.0
+
+
+@pytest.mark.parametrize(
+    ("module", "options"),
+    [
+        (planning, {}),
+        (planning, {"planner": "aorrtc", "timeout": 0.2}),
+        (costed_plan, {"costs": [pk.ik.FramePosition("r_gripper", [0.2, -0.2, 0.8])]}),
+        (constrained_plan, {"constraints": [pk.ik.FrameInPlane("r_gripper", (0, 0, 0.7), tolerance=0.5)]}),
+    ],
+)
+def test_code_is_loaded_before_the_clock_starts(pepper, monkeypatch, module, options):
+    """The time that it takes was taken from the search: the first plan of a process was another."""
+    order = []
+    for name in ("load_code_for", "Ending"):
+        function = getattr(module, name)
+        monkeypatch.setattr(
+            module, name, lambda *a, _name=name, _function=function: order.append(_name) or _function(*a)
+        )
+    goal = [pk.ik.FramePosition("l_gripper", [0.3, 0.2, 0.9])]
+    pk.plan(pepper, pepper.posture("Stand"), goal, **options)
+    assert order == ["load_code_for", "Ending"]
 
 
 def test_the_same_source_plans_interpreted(over_the_table):

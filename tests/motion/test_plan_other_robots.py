@@ -133,7 +133,7 @@ def problem_of(case):
 
 
 def test_the_improving_planner_shortens_what_the_first_path_was(case):
-    problem = problem_of(case).problem
+    problem = problem_of(case).search_problem
     first = planners.rrt_connect(problem, seed=1, timeout=20.0)
     assert first.success
     best = planners.aorrtc(problem, first.path, seed=1, timeout=1.0)
@@ -143,7 +143,7 @@ def test_the_improving_planner_shortens_what_the_first_path_was(case):
 
 def test_a_roadmap_answers_there_and_back(case):
     case_problem = problem_of(case)
-    problem, embed = case_problem.problem, case_problem.embed
+    problem, embed = case_problem.search_problem, case_problem.embed
     roadmap = planners.Roadmap(problem)
     there = roadmap.solve(problem.start, problem.goals, timeout=20.0)
     back = roadmap.solve(problem.goals[0], problem.start[None], timeout=20.0)

@@ -69,6 +69,6 @@ def test_what_is_no_path_is_refused_with_what_to_give():
         pk.retime(PEPPER, legs)
     assert legs.retime(PEPPER).duration > 0
     quintic = pk.retime(PEPPER, [STAND, GOAL]).sample(0.05).to_trajectory()
-    with pytest.raises(InvalidValueError, match=r"path: got pieces of degree 5, .*trajectory.sample"):
+    with pytest.raises(InvalidValueError, match=r"path: got segments of degree 5, .*trajectory.sample"):
         pk.retime(PEPPER, quintic)
     assert pk.retime(PEPPER, quintic.sample(0.05).position).duration > 0

@@ -211,10 +211,10 @@ def test_it_stops_at_the_gap_and_at_the_straight_line(toy) -> None:  # type: ign
     assert shortest * (1 - 1e-3) < result.cost <= 1.03 * shortest * (1 + 1e-9)
     assert result.time < 30.0
     sight = Problem([0, 0], [1, 1], [0.1, 0.2], [0.2, 0.9], problem.validity, resolution=0.004)
-    seen = aorrtc(sight, timeout=60.0)
-    assert seen.stop_reason is StopReason.GAP_REACHED
-    assert seen.cost == pytest.approx(np.hypot(0.1, 0.7))
-    assert seen.time < 30.0
+    result = aorrtc(sight, timeout=60.0)
+    assert result.stop_reason is StopReason.GAP_REACHED
+    assert result.cost == pytest.approx(np.hypot(0.1, 0.7))
+    assert result.time < 30.0
     assert aorrtc(problem, max_iterations=3000, timeout=60.0).stop_reason is StopReason.ITERATIONS_USED
     assert aorrtc(problem, timeout=0.05).stop_reason is StopReason.TIME_UP
     assert rrt_connect(problem).stop_reason is None
@@ -229,7 +229,9 @@ def test_time_budget_is_used_and_kept(toy) -> None:  # type: ignore[no-untyped-d
         passed, spent = time.perf_counter() - begun, time.thread_time() - spent
         assert result.success
         assert timeout <= result.time <= passed
-        assert spent < 2.0 * timeout + 1.0  # of its own; by the clock others may keep it waiting for longer
+        assert (
+            spent < 2.0 * timeout + 1.0
+        )  # of this process; by the clock others may keep it waiting for longer
 
 
 def test_without_a_path_the_status_tells_why(closed_wall, toy) -> None:  # type: ignore[no-untyped-def]
@@ -287,9 +289,9 @@ def test_weighted_ellipsoid_is_filled_evenly() -> None:
 def test_misuse_is_named(options: dict, message: str, toy) -> None:  # type: ignore[no-untyped-def]
     problem, _ = box_problem(toy)
     path = rrt_connect(problem).path
-    for given in (path, None):
+    for first in (path, None):
         with pytest.raises(InvalidValueError, match=re.escape(message)):
-            aorrtc(problem, given, **options)
+            aorrtc(problem, first, **options)
     with pytest.raises(InvalidValueError, match="path: got 3 coordinates, expected 2 coordinates"):
         aorrtc(problem, Path([[0, 0, 0]]))
 
@@ -298,12 +300,12 @@ def test_long_runs_go_on_where_python_has_listened(toy, monkeypatch) -> None:  #
     """Machine code returns now and then, for interrupts from the keyboard; that changes nothing."""
     problem, _ = box_problem(toy)
     whole = aorrtc(problem, seed=3, max_iterations=1500, timeout=60.0)
-    pieces = []
+    slices = []
     monkeypatch.setattr("pepper_kin.planners.deadline.TIME_SLICE", 2e-4)
-    piece = Deadline.time_slice.fget
-    monkeypatch.setattr(Deadline, "time_slice", property(lambda self: pieces.append(1) or piece(self)))
+    time_slice = Deadline.time_slice.fget
+    monkeypatch.setattr(Deadline, "time_slice", property(lambda self: slices.append(1) or time_slice(self)))
     parts = aorrtc(problem, seed=3, max_iterations=1500, timeout=60.0)
-    assert len(pieces) > 10
+    assert len(slices) > 10
     assert np.array_equal(whole.path.points, parts.path.points)
     assert [h.iteration for h in whole.history] == [h.iteration for h in parts.history]
 

@@ -1,5 +1,8 @@
 """Planners of OMPL through the same problem and result."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -65,6 +68,27 @@ def test_the_nearest_of_several_goals_is_named():
     np.testing.assert_array_equal(result.path.points[-1], goals[result.goal_index])
 
 
+@pytest.mark.parametrize("name", sorted(set(ompl_planner.TWO_THREADS) & set(AVAILABLE)))
+def test_planners_with_a_second_thread_return_where_there_are_several_goals(name):
+    """In a process that can be ended: they waited for ever, and no interrupt was heard."""
+    script = (
+        "import numpy as np; from pepper_kin.planners import Problem, ompl_plan;"
+        "valid = lambda states: np.linalg.norm(states, axis=1) > 0.5;"
+        "goals = [[0.1, 0.0, 0.0], [0.9, 0.1, 0.0], [-0.9, 0.9, 0.0]];"
+        "task = Problem([-1.0] * 3, [1.0] * 3, [-0.9, -0.1, 0.0], goals, valid, resolution=0.02);"
+        f"result = ompl_plan(task, {name!r}, timeout=0.6);"
+        "print(result.status.name, result.goal_index, np.linalg.norm(result.path.points, axis=1).min() > 0.5)"
+    )
+    made = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert made.stdout.split() == ["SOLVED", "2", "True"], made.stderr
+
+
+def test_planners_that_ask_in_many_threads_are_refused_by_name():
+    with pytest.raises(InvalidValueError, match=r"several threads.*expected one of .*RRTConnect"):
+        ompl_plan(problem(), "AnytimePathShortening")
+    assert "AnytimePathShortening" not in available_ompl_planners()
+
+
 def test_statuses():
     assert ompl_plan(problem(start=[0.0, 0.0, 0.0])).status is Status.START_INVALID
     assert ompl_plan(problem(goals=[0.0, 0.0, 0.0])).status is Status.GOAL_INVALID
@@ -81,8 +105,10 @@ def test_statuses():
 def test_misuse_is_named(monkeypatch):
     with pytest.raises(InvalidValueError, match="RRTConnect"):
         ompl_plan(problem(), "Dijkstra")
+    known = (*available_ompl_planners(), *ompl_planner.MANY_THREADS)
+    lacking = next(name for name in OMPL_PLANNERS if name not in known)
     with pytest.raises(InvalidValueError, match="lacks it"):
-        ompl_plan(problem(), next(n for n in OMPL_PLANNERS if n not in available_ompl_planners()))
+        ompl_plan(problem(), lacking)
     with pytest.raises(InvalidValueError, match="sampler"):
         ompl_plan(problem(goals=lambda rng: None))
 

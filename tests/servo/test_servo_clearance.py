@@ -124,7 +124,7 @@ def test_balance_is_kept_where_it_would_be_lost():
     """Hard swings of the trunk: with balance the zero-moment point stays on the wheels."""
     margins = []
     for balance in (None, 0.02):
-        servo = pk.servo.Servo(PEPPER, STAND, balance=balance, collisions=False)
+        servo = pk.servo.Servo(PEPPER, STAND, balance=balance)
         path = [STAND, STAND]
         for tick in range(300):
             sign = 1 if (tick // 30) % 2 else -1
@@ -134,8 +134,34 @@ def test_balance_is_kept_where_it_would_be_lost():
         path = np.array(path)
         v, a = np.diff(path, axis=0) * 100, np.diff(path, 2, axis=0) * 1e4
         margins.append(pk.dynamics.tip_over_margin(PEPPER, path[1:-1], v[:-1], a).min())
+        assert pk.collision.clearance(PEPPER, path).min() > 0.0
     assert margins[0] < -0.05
     assert margins[1] > 0.019
+
+
+def test_hard_random_swings_never_touch_and_name_each_tick_without_balance():
+    """Near the body only the hardest brake may keep clear: then balance gives way, seldom and by name."""
+    generator, lost, ticks = np.random.default_rng(2), 0, 0
+    for _ in range(2):
+        servo, path, states = pk.servo.Servo(PEPPER, STAND, balance=0.02), [STAND, STAND], []
+        for tick in range(240):
+            if tick % 30 == 0:
+                swing = generator.uniform(-0.9, 0.9, 3)
+                first = PEPPER.joint_vector(
+                    dict(zip(("KneePitch", "HipPitch", "HipRoll"), swing, strict=True))
+                )
+                first = np.clip(first, PEPPER.lower_limits, PEPPER.upper_limits)
+            servo.set_target(pk.ik.JointPosture(first[:3], joints=["KneePitch", "HipPitch", "HipRoll"]))
+            states.append(servo.step())
+            path.append(states[-1].q)
+        path = np.array(path)
+        assert not pk.collision.in_collision(PEPPER, path).any()
+        v, a = np.diff(path, axis=0) * 100, np.diff(path, 2, axis=0) * 1e4
+        margin = pk.dynamics.tip_over_margin(PEPPER, path[1:-1], v[:-1], a)
+        for state, kept in zip(states, margin, strict=True):
+            assert kept > 0.019 or "balance" in state.relaxed
+        lost, ticks = lost + np.count_nonzero(margin < 0.0), ticks + len(margin)
+    assert lost < 0.1 * ticks
 
 
 def test_a_row_that_braking_breaks_gives_way_and_is_named():

@@ -242,3 +242,22 @@ def test_misuse_is_refused_by_name():
         pk.servo.differential_step(
             PEPPER, STAND, np.zeros(15), 0, pk.ik.HandPosition("left", (0, 0, 1)), collisions=False
         )
+
+
+@pytest.mark.parametrize("weight", [1e-6, 1e-3, 1e3])
+def test_one_weight_for_all_changes_nothing(weight):
+    """Weights are compared with one another only: a servo arrived nowhere with 1e-3."""
+
+    def end(w):
+        servo = pk.servo.Servo(PEPPER, STAND, collisions=False)
+        for _ in range(120):
+            servo.set_target([pk.ik.HandPosition("left", CENTER, weight=w), pk.ik.LookAt(CENTER, weight=w)])
+            servo.step()
+        return servo.q
+
+    def step(w):
+        tasks = [pk.ik.HandPosition("left", CENTER, weight=w)]
+        return pk.servo.differential_step(PEPPER, STAND, np.zeros(15), 0.01, tasks, collisions=False).v
+
+    np.testing.assert_array_equal(end(weight), end(1.0))
+    np.testing.assert_array_equal(step(weight), step(1.0))

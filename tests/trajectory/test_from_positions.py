@@ -98,7 +98,7 @@ def test_gentle_recordings_do_not_warn():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (([0.0], [[0.1]]), "times: got 1, expected two or more times that rise"),
+        (([0.0], [[0.1]]), "times: got 1, expected two or more times that increase"),
         (([0.0, 2.0, 2.0], [[0.1]] * 3), "times: got 2 s, then 2 s"),
         (([0.0, np.nan], [[0.1]] * 2), "times: got nan"),
         (([0.0, 1.0], [[0.1]] * 3), r"positions: got shape \(3, 1\), expected shape \(2, 1\)"),

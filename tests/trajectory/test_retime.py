@@ -257,7 +257,7 @@ def test_refusals_name_what_is_wrong(pepper):
     for points, error, message in [
         ([q], InvalidValueError, r"way-points: got 1 way-point\(s\), expected at least 2"),
         ([q, q], InvalidValueError, "a start that equals the goal"),
-        ([q, goal, goal], InvalidValueError, "numbers 1 and 2 are the same"),
+        ([q, goal, goal], InvalidValueError, "rows 1 and 2 are equal"),
         (q, InvalidValueError, r"way-points: got shape \(15,\)"),
         ([q, goal * np.nan], InvalidValueError, "nan at joint KneePitch"),
         ([q[:4], goal[:4]], InvalidValueError, "one value per joint"),
@@ -295,7 +295,7 @@ def test_curve_of_no_length_or_outside_is_refused(pepper):
     with pytest.raises(InvalidValueError, match="3 joints, expected 15 joints"):
         retime(pepper, CubicPath([0.0, 1.0], still[..., :3]))
     jump = np.concatenate([still, still + 0.1])
-    with pytest.raises(InvalidValueError, match=r"a jump of 0.1 at parameter 1, expected pieces that meet"):
+    with pytest.raises(InvalidValueError, match=r"a jump of 0.1 at parameter 1, expected segments that meet"):
         CubicPath([0.0, 1.0, 2.0], jump)
     with pytest.raises(InvalidValueError, match="breaks of the path"):
         CubicPath([0.0, 0.0], still)
@@ -342,7 +342,7 @@ TWO_JOINTS = (
 def test_missing_acceleration_limits_are_named_and_can_be_given():
     """As makers' URDFs are: a torque that would allow 3000 rad/s^2 is no word about acceleration."""
     robot = pk.load_robot(TWO_JOINTS)
-    with pytest.raises(InvalidValueError, match="none for J, K, and the robot's description gives none"):
+    with pytest.raises(InvalidValueError, match="none for J, K, and the robot's description has none"):
         retime(robot, [[0.0, 0.0], [1.0, 0.5]])
     with pytest.raises(InvalidValueError, match=r"none for K, .* by joint name .* or in load_robot"):
         retime(robot, [[0.0, 0.0], [1.0, 0.5]], acceleration_limits={"J": 5.0})

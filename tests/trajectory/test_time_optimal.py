@@ -176,7 +176,7 @@ def test_a_requested_duration_is_met_or_refused(pepper):
     assert slow.check(pepper, collisions=False).torque.success
     assert slow == fastest.scaled(2.0)
     with pytest.raises(
-        InfeasibleError, match=r"the limits ask for .* s along this path, and duration is 0.1 s"
+        InfeasibleError, match=r"the limits require .* s along this path, and duration is 0.1 s"
     ):
         retime(pepper, points, duration=0.1)
 

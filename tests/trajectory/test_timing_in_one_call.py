@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import pepper_kin as pk
-from pepper_kin.core.timing.whole_timing import find_kinks
+from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory.path import as_cubic_path
 from pepper_kin.trajectory.timing_problem import TimingProblem

@@ -133,7 +133,7 @@ def test_refusals_name_what_is_wrong(pepper):
         (lambda: one.then("x"), "trajectory: got 'x'"),
         (lambda: there.blend(on, 99.0), "overlap: got 99.0 s, expected at most the shorter duration"),
         (lambda: there.blend(on, 0.0), "overlap: got 0.0"),
-        (lambda: Trajectory(("a",), [0.0, 0.0], np.zeros((1, 2, 1))), "breaks: got .*rise from 0"),
+        (lambda: Trajectory(("a",), [0.0, 0.0], np.zeros((1, 2, 1))), "breaks: got .*increase from 0"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             call()

@@ -99,9 +99,9 @@ def test_arrays_are_copied_in_and_read_only():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ((("a",), [0.0, 0.0], np.ones((1, 2, 1))), "breaks: .*rise from 0"),
-        ((("a",), [0.0], np.ones((0, 2, 1))), "breaks: .*rise from 0"),
-        ((("a",), [1.0, 2.0], np.ones((1, 2, 1))), "breaks: .*rise from 0"),
+        ((("a",), [0.0, 0.0], np.ones((1, 2, 1))), "breaks: .*increase from 0"),
+        ((("a",), [0.0], np.ones((0, 2, 1))), "breaks: .*increase from 0"),
+        ((("a",), [1.0, 2.0], np.ones((1, 2, 1))), "breaks: .*increase from 0"),
         ((("a",), [0.0, np.nan], np.ones((1, 2, 1))), "breaks: got nan"),
         ((("a",), [0.0, 1.0], np.full((1, 2, 1), np.inf)), "coefficients: got inf"),
         ((("a",), [0.0, 1.0], np.ones((2, 2, 1))), "coefficients: got shape"),
@@ -138,7 +138,7 @@ def test_bad_steps_are_refused(dt):
 def test_samples_that_make_no_trajectory_are_refused():
     with pytest.raises(InvalidValueError, match="at least 2"):
         Samples(("a",), [0.0], [[0.0]], [[0.0]], [[0.0]]).to_trajectory()
-    with pytest.raises(InvalidValueError, match="rise from 0"):
+    with pytest.raises(InvalidValueError, match="increase from 0"):
         Samples(("a",), [0.0, 0.0], *np.zeros((3, 2, 1))).to_trajectory()
     with pytest.raises(InvalidValueError, match="velocity: got shape"):
         Samples(("a",), [0.0, 1.0], [[0.0], [1.0]], [[0.0]], [[0.0], [0.0]])

@@ -27,7 +27,7 @@ def header(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 WRONG: list[tuple[str, Any, str]] = [
     ("timestep", -1.0, "timestep is -1.0, expected a finite number above zero"),
-    ("timestep", float("nan"), "timestep is nan"),
+    ("timestep", float("nan"), "holds NaN, expected finite numbers"),
     ("timestep", True, "timestep is True"),
     ("substeps", 0, "substeps is 0, expected a whole number from 1"),
     ("substeps", True, "substeps is True"),

@@ -180,7 +180,7 @@ def test_report_and_dictionary(run):
     assert "steps: completed" in text
     worst = run.joint_names[int(np.argmax(run.max_error))]
     assert f"worst tracking: {worst}, at most {run.max_error.max():.3g} rad" in text
-    assert len(text.splitlines()) == 3 + 15
+    assert len(text.splitlines()) == 4 + 15
     data = json.loads(json.dumps(run.as_dict()))
     assert data["steps"] == len(run) - 1
     assert data["joints"]["KneePitch"]["torque_use"] == pytest.approx(run.torque_use[0])

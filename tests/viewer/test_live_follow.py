@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 
@@ -55,7 +56,7 @@ def hand(server, pepper):
 
 def at_rest(server):
     """Wait until the body has come to its end and return its joint positions."""
-    before, deadline = np.inf, time.monotonic() + 20
+    before, deadline = np.inf, time.monotonic() + 60
     while True:
         q = server.call(lambda session: session.q)
         if np.max(np.abs(q - before)) < 1e-6:
@@ -67,10 +68,22 @@ def at_rest(server):
 
 def near(server, pepper, place, distance):
     """Wait until the left hand is near a place."""
-    begin = time.monotonic()
-    while np.linalg.norm(hand(server, pepper) - place) > distance and time.monotonic() < begin + 20:
+    begin = time.monotonic()  # a busy machine is slow, and in the end right
+    while np.linalg.norm(hand(server, pepper) - place) > distance and time.monotonic() < begin + 60:
         time.sleep(0.01)
     assert np.linalg.norm(hand(server, pepper) - place) <= distance
+
+
+def agreed(page, server):
+    """Wait until the server has got the place to which the page has dragged the left hand's target."""
+    deadline = time.monotonic() + 60
+    while True:
+        place = page.evaluate("pepperKin.parts.scene.held.get('@left hand')")
+        known = server.call(lambda session: session.targets["left hand"].position.tolist())
+        if np.allclose(place, known, atol=1e-4):
+            return place
+        assert time.monotonic() < deadline
+        page.wait_for_timeout(20)
 
 
 def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
@@ -83,7 +96,7 @@ def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
     page.mouse.move(x + 12, y - 8, steps=3)
     page.mouse.move(x + 24, y - 16, steps=3)
     until(page, "pepperKin.values.targets['left hand'].on")
-    target = page.evaluate("pepperKin.parts.scene.held.get('@left hand')")
+    target = agreed(page, fresh)
     assert 0.02 < np.linalg.norm(np.array(target) - start) < 0.5
     near(fresh, pepper, target, 0.005)
     page.mouse.up()
@@ -157,9 +170,13 @@ def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, 
     q = pepper.posture("Stand")
     fresh.call(lambda session: session.set_joints(q))
     for axis, value in zip("xyz", ("0.38", "0.22", "0.82"), strict=True):
-        page.locator(f"#left-hand-{axis}").fill(value)
-        page.locator(f"#left-hand-{axis}").press("Enter")
         place = f"pepperKin.values.targets['left hand'].position['xyz'.indexOf('{axis}')]"
+        for _ in range(5):  # a late message of the server may put another value into the field before Enter
+            page.locator(f"#left-hand-{axis}").fill(value)
+            page.locator(f"#left-hand-{axis}").press("Enter")
+            with contextlib.suppress(pytest.fail.Exception):
+                until(page, f"Math.abs({place} - {value}) < 1e-3", 10)
+                break
         until(page, f"Math.abs({place} - {value}) < 1e-3")
     np.testing.assert_allclose(fresh.call(lambda session: session.q), q, atol=1e-12)
     page.click("#plan")
@@ -195,7 +212,7 @@ def test_an_answer_stands_while_the_body_still_settles(fresh, pepper):
     place = hand(fresh, pepper) + np.array([0.0, 0.02, 0.03])
     fresh.call(lambda session: session.move_target("left hand", place))
     near(fresh, pepper, place, 1e-4)
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while not fresh.call(lambda session: session.document["message"]["text"]).count("is at its target"):
         assert time.monotonic() < deadline
         time.sleep(0.02)

@@ -255,6 +255,29 @@ def test_a_motion_plays_scrubs_and_is_found_again_after_a_reload(open_live, unti
     assert not page.is_visible("#timeline")
 
 
+def test_the_numbers_beside_the_plots_are_whole(open_live, until, server, pepper, waving):
+    """Every number that is written to the left of a curve begins inside of the canvas."""
+    from pepper_kin.viewer.server.planning import show_motion
+
+    page = open_live(server.url)
+    page.evaluate("""() => {
+        const write = CanvasRenderingContext2D.prototype.fillText;
+        window.begins = [];
+        CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+            if (this.textAlign === 'right' && this.textBaseline === 'middle') {
+                window.begins.push([text, x - this.measureText(text).width]);
+            }
+            return write.call(this, text, x, y);
+        };
+    }""")
+    shown = show_motion(pepper, waving, pk.Scene(), "Waving")
+    server.call(lambda session: session.load(shown, play=False))
+    until(page, "window.begins.some(([text]) => text === '100 mm')")
+    begins = page.evaluate("window.begins")
+    assert {"100 %", "0 mm"} <= {text for text, _ in begins}
+    assert min(place for _, place in begins) >= 0.0, begins
+
+
 def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, server, pepper, waving):
     from pepper_kin.viewer.server.planning import show_motion
 

@@ -245,7 +245,7 @@ def test_a_curve_with_a_limit_has_lines_at_the_limits(opened):
 def test_pressing_on_a_curve_seeks_to_the_time_below_the_pointer(opened):
     page = opened(width=1100)
     box = page.locator("#plots canvas").first.bounding_box()
-    page.mouse.click(box["x"] + 40 + 0.25 * (box["width"] - 40), box["y"] + 20)
+    page.mouse.click(box["x"] + 52 + 0.25 * (box["width"] - 52), box["y"] + 20)
     assert page.evaluate("pepperKin.time") == pytest.approx(0.5, abs=0.02)
 
 

@@ -100,5 +100,6 @@ def test_both_solvers_take_the_same_steps():
         assert tuple(way.solver for way in ways) == ("compiled", "proxsuite")
         solved += 1
         for a, b in zip(first.bodies.values(), second.bodies.values(), strict=True):
-            assert b.velocity == pytest.approx(a.velocity, abs=1e-4)
+            assert b.velocity[:3] == pytest.approx(a.velocity[:3], abs=1e-4)
+            assert b.velocity[3:] == pytest.approx(a.velocity[3:], abs=1e-3)  # 1e-4 m/s on 0.1 m
     assert solved > 30

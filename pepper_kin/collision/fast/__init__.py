@@ -1,6 +1,6 @@
 """Collision in machine code, with the verdicts of coal.
 
-What is named here is loaded when it is first asked for: parts of this room are of use without the rest.
+Names are loaded at their first use: parts of this package are useful without the rest.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class BallCover(NamedTuple):
     inner: Array
 
 
-@lru_cache(maxsize=4096)  # the solids of a robot are asked for some twenty times each
+@lru_cache(maxsize=512)  # the solids of a robot are asked for some twenty times each
 def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCover:
     """Cover a solid by balls.
 
@@ -87,12 +87,17 @@ def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCo
 
 
 def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
-    """Return center and radius of a small ball that holds balls."""
+    """Return center, shape (3,), and radius of a small ball that holds balls [m].
+
+    Args:
+        points: Centers of the balls [m], shape (k, 3).
+        radii: Their radii [m], shape (k,).
+    """
     center = np.empty(3)
     return center, ball_around_balls(np.ascontiguousarray(points), radii, center)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=128)
 def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
     """Return centers, outer and inner radii of balls for the convex hull of points.
 
@@ -137,7 +142,13 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
 
 
 def _deepest(planes: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Return center and radius of a large ball inside a hull whose center is in a box."""
+    """Return center, shape (3,), and radius [m] of a large ball inside a hull whose center is in a box.
+
+    Args:
+        planes: Outward unit normals of the hull's faces and offsets [m], n . x + d <= 0 inside, shape (f, 4).
+        low: Least corner of the box [m], shape (3,).
+        high: Greatest corner of the box [m], shape (3,).
+    """
     center = np.empty(3)
     return center, ball_within_planes(planes, low, high, center) - _ROUNDING
 
@@ -149,7 +160,15 @@ _ENDS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 def _part(
     corners: Array, edges: Array, planes: Array, low: Array, high: Array
 ) -> tuple[Array, float, float, Array, Array]:
-    """Return the ball around what a box and a hull share, its inner radius, and its bounds."""
+    """Return the ball around what a box and a hull share, its inner radius, and its bounds [m].
+
+    Args:
+        corners: Corners of the hull [m], shape (c, 3).
+        edges: Both ends of its edges [m], shape (e, 2, 3).
+        planes: Outward unit normals of its faces and offsets [m], n . x + d <= 0 inside, shape (f, 4).
+        low: Least corner of the box [m], shape (3,).
+        high: Greatest corner of the box [m], shape (3,).
+    """
     low, high = low - _ROUNDING, high + _ROUNDING
     found = [corners]
     start, way = edges[:, 0], edges[:, 1] - edges[:, 0]

@@ -71,6 +71,12 @@ def leaves_range(table: DependentRange, margin: float, a: Array, b: Array) -> bo
     Between two rows of the table the bounds are constant and the line is straight, so that its ends there
     tell.  The answer is exact but for lines that run along a row of the table, which count with the
     narrower of both sides.
+
+    Args:
+        table: The dependent range.
+        margin: Angle that the second joint keeps from a contact [rad].
+        a: Joint positions at the line's start [rad or m], shape (n,).
+        b: Joint positions at its end [rad or m], shape (n,).
     """
     x0, x1, y0, y1 = a[table.first], b[table.first], a[table.second], b[table.second]
     if table.violated(np.array([a, b]), margin).any():

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.checker import LEVER, checker_for
+from pepper_kin.collision.checker import RANGE_RADIUS, checker_for
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import (
     CompiledValidity,
@@ -20,12 +20,14 @@ from pepper_kin.collision.fast.compiled import (
 from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance, resting_margin
 from pepper_kin.collision.fast.solids import Array
+from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
+from pepper_kin.collision.mesh_changes import as_on_disk
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.threads import run_in_pieces
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
 TIE = 2
@@ -160,7 +162,10 @@ class FastChecker:
         return np.asarray(least.reshape(q_all.shape[:-1]))
 
     def free_below(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return the same as `lower_bound`, but 0 where it is below zero or a joint range is left."""
+        """Return the same as `lower_bound`, but 0 where it is below zero or a joint range is left.
+
+        The bounds [m] have shape (...,), the joint positions q [rad or m] shape (..., n).
+        """
         q_all = as_joint_vectors(self.pepper, q, "q")
         bound = np.maximum(self.lower_bound(q_all), 0.0)
         for table in self.exact._ranges:
@@ -230,7 +235,7 @@ class FastChecker:
         motion_bounds, classes = self._prepared.motion_bounds, len(self._prepared.structure.classes)
         margins = np.full(len(motion_bounds), self.exact.margin)
         margins[:classes] = self.exact.self_margin
-        angle = self.exact.self_margin / LEVER
+        angle = self.exact.self_margin / RANGE_RADIUS
         return certified(self._part_bounds, self.exact._ranges, angle, motion_bounds, margins, start, stop)
 
     def compiled(
@@ -260,7 +265,14 @@ class FastChecker:
     def of_motion(
         self, frozen: Array, free: NDArray[np.int64], effort_limits: Array, loads: StaticLoads
     ) -> CompiledValidity:
-        """Return what `compiled` does, without a look at the arguments, which nobody may change."""
+        """Return what `compiled` does, without a look at the arguments, which nobody may change.
+
+        Args:
+            frozen: A whole configuration [rad or m], shape (n,).
+            free: Places of the joints that move, shape (k,).
+            effort_limits: What holding still may take of each joint [N m or N], shape (n,).
+            loads: What is carried, and edges that the robot must not tip over.
+        """
         return trusted_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
 
     def _refuse_unknown(self) -> None:
@@ -268,6 +280,7 @@ class FastChecker:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
 
     def _ends(self, a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
+        """Return two configurations [rad or m], a and b, as checked arrays of shape (n,)."""
         n = self.pepper.n
         return as_joint_vectors(self.pepper, a, "a").reshape(n), as_joint_vectors(
             self.pepper, b, "b"
@@ -288,6 +301,7 @@ class FastChecker:
         return int(status[0])
 
     def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
+        """Return verdicts, shape (m,), on states, shape (m, n), and how many spheres leave in doubt."""
         from pepper_kin.core.collision.check import check_many
 
         verdicts = np.empty(len(flat), np.uint8)
@@ -310,6 +324,10 @@ class FastChecker:
         return self._still
 
     def _part_bounds(self, flat: Array) -> Array:
+        """Return lower bounds of distances [m] for configurations [rad or m], shape (m, n).
+
+        They have shape (m, parts): one for each class of pairs and for each group to the scene.
+        """
         from pepper_kin.core.collision.lower_bounds import part_bounds
 
         bounds = np.full((len(flat), len(self._prepared.motion_bounds)), np.inf)
@@ -325,10 +343,10 @@ def fast_checker_for(
     pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
 ) -> FastChecker:
     """Return the fast checker of a robot in a scene, built once and kept for the next call."""
-    return _fast_checker_for(pepper, scene, margin, self_margin)
+    return _fast_checker_for(pepper, as_on_disk(scene), margin, self_margin)
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64, most_bytes=MOST_BYTES, size_of=lambda checker: checker_size(checker.exact))
 def _fast_checker_for(
     pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float
 ) -> FastChecker:
@@ -337,5 +355,5 @@ def _fast_checker_for(
 
 
 def _rows(q: Array) -> Array:
-    """Return joint positions as compiled code takes them: contiguous, and not read-only."""
+    """Return joint positions, of any shape, as compiled code takes them: contiguous, and not read-only."""
     return np.require(q, np.float64, ["C", "W"])

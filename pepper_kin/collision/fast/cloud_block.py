@@ -36,6 +36,7 @@ def cloud_block(cloud: PointCloud) -> Array:
 
 
 def _made(points: Array) -> Array:
+    """Return the block, shape (s,), of a cloud of points [m], shape (k, 3)."""
     middle, half = box_around(points)
     edge, counts = EDGE, _counts(half, EDGE)
     while math.prod(counts) > MOST_CELLS:
@@ -62,6 +63,11 @@ def box_around(points: Array) -> tuple[Array, Array]:
 
 
 def _counts(half: Array, edge: float) -> tuple[int, int, int]:
-    """Return the cells of a row, a multiple of LANES, the rows of a layer and the layers of a grid."""
+    """Return the cells of a row, a multiple of LANES, the rows of a layer and the layers of a grid.
+
+    Args:
+        half: Half lengths of the grid [m], shape (3,).
+        edge: Edge of a cell [m].
+    """
     x, y, z = (int(2.0 * length / edge) + 1 for length in half.tolist())
     return -(-x // LANES) * LANES, y, z

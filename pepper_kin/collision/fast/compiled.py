@@ -170,17 +170,26 @@ class CompiledValidity:
         return held[kind]
 
     def _begin(self, memory: Array) -> None:
+        """Make a block, shape (memory_size,), ready for this motion."""
         from pepper_kin.core.collision.check import begin_motion
 
         self._prepared.named(memory, self.margins)
         gravity, lanes = 0, 1
         if self.loads is not None:
-            gravity, lanes = self.loads.kernel.block_address, self.loads.kernel.lanes
+            loads, lanes = self.loads.kernel, self.loads.kernel.lanes
+            n, scratch = self.frozen.size, at.section(memory, at.GRAVITY).size
+            gravity = loads.address_of(
+                "block",
+                inputs=n + self.loads.masses.size,
+                outputs=n + EDGE_NUMBERS,
+                work=scratch - (n + EDGE_NUMBERS) * lanes,
+            )
             at.section(memory, at.LOADS)[:] = self.loads.masses
             at.section(memory, at.EDGES)[:] = self.loads.edges.ravel()
         begin_motion(memory, self.frozen, self.effort, gravity, lanes, self._limited.moves)
 
     def _named(self, memory: Array) -> Array:
+        """Write the scene, margins and `blocked` into a block, shape (memory_size,); return it."""
         at.section(memory, at.NUMBERS)[at.BLOCKED] = self.blocked
         return self._prepared.named(memory, self.margins)
 
@@ -213,7 +222,16 @@ def compile_validity(
     effort_limits: ArrayLike | None,
     loads: StaticLoads | None = None,
 ) -> CompiledValidity:
-    """Return the validity of edges of some joints; see `FastChecker.compiled`."""
+    """Return the validity of edges of some joints; see `FastChecker.compiled`.
+
+    Args:
+        pepper: The robot.
+        prepared: What compiled checking needs.
+        frozen: A whole configuration [rad or m], shape (n,).
+        free: Places of the joints that move, shape (k,).
+        effort_limits: What holding still may take of each joint [N m or N], shape (n,); None for no limits.
+        loads: What is carried, and edges that the robot must not tip over; None for the robot's own weight.
+    """
     n = pepper.n
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
     places = _places(free, n)
@@ -234,7 +252,16 @@ def trusted_validity(
     effort: Array,
     loads: StaticLoads | None,
 ) -> CompiledValidity:
-    """Return what `compile_validity` does, of arguments that are known to be right and stay as they are."""
+    """Return what `compile_validity` does, of arguments that are known to be right and stay as they are.
+
+    Args:
+        pepper: The robot.
+        prepared: What compiled checking needs.
+        frozen: A whole configuration [rad or m], shape (n,).
+        free: Places of the joints that move, shape (k,).
+        effort: What holding still may take of each joint [N m or N], shape (n,).
+        loads: What is held, and balanced; None where that is not asked for.
+    """
     from pepper_kin.core.collision.check import valid_steps
 
     address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
@@ -242,7 +269,7 @@ def trusted_validity(
 
 
 def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:
-    """Return the blocks for motions of some joints."""
+    """Return the blocks for motions of the joints at some places, shape (k,)."""
     key = places.tobytes()
     found = prepared.limited.get(key)
     if found is None:
@@ -262,7 +289,14 @@ def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64])
 
 
 def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, moving: bool) -> Array:
-    """Return a block that compares only pairs that move against one another, or only those that do not."""
+    """Return a block that compares only pairs that move against one another, or only those that do not.
+
+    Args:
+        block: The robot's block, shape (s,).
+        prepared: What compiled checking needs.
+        carried: Which coordinates that move carry each body, the world last, shape (bodies, nv).
+        moving: Whether the pairs that move are kept, or the others.
+    """
     kept = block.copy()
     links = at.section_bits(block, at.LINKS).reshape(-1, LINK_WORDS)
     pairs, first = at.section(block, at.PAIRS).reshape(-1, 2), at.section(block, at.PAIR_FIRST)
@@ -280,6 +314,7 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
 
 
 def _places(free: ArrayLike, n: int) -> NDArray[np.int64]:
+    """Return places of joints, shape (k,), as integers, after a check that they differ and exist."""
     places = np.asarray(free)
     fine = places.ndim == 1 and places.dtype.kind in "iu" and len(set(places.tolist())) == places.size
     if not fine or (places.size and not (places.min() >= 0 and places.max() < n)):

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from pepper_kin.core.collision.layout import Array
 from pepper_kin.core.kinematic_tree import JOINT
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def joint_table(pepper: PepperModel) -> Array:
     """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), kept."""
     from pepper_kin.symbolic.alignment import joint_axis

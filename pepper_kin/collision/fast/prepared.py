@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.checker import LEVER, CollisionChecker
+from pepper_kin.collision.checker import RANGE_RADIUS, CollisionChecker
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.body_tables import BodyTables, full_rows
 from pepper_kin.collision.fast.joint_table import joint_table
@@ -36,8 +36,8 @@ from pepper_kin.core.collision.ball_check import (
     CORE_LANES,
 )
 from pepper_kin.core.collision.check import set_margins
-from pepper_kin.core.collision.clouds import POINT_ROOM
-from pepper_kin.core.collision.layout import ROOM
+from pepper_kin.core.collision.clouds import POINT_WORKSPACE_SIZE
+from pepper_kin.core.collision.layout import STATES_AT_ONCE
 from pepper_kin.core.collision.scene_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
@@ -108,8 +108,8 @@ class Prepared:
         return self.named(local.memory, self.margins)
 
     def named(self, memory: Array, margins: tuple[float, float]) -> Array:
-        """Write the scene and margins into a block; return it."""
-        set_margins(memory, *margins, LEVER)
+        """Write the scene and margins [m] into a block, shape (s,); return it."""
+        set_margins(memory, *margins, RANGE_RADIUS)
         numbers = at.section(memory, at.NUMBERS)
         numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.address, self.scene.block.size
         return memory
@@ -234,12 +234,20 @@ def _constants(
 def _touching(
     balls: Array, some: NDArray[np.int64], others: NDArray[np.int64], rounding: Rounding
 ) -> NDArray[np.int32]:
-    """Return the distances at which coarse balls touch, as the bits of float32."""
+    """Return the distances at which coarse balls touch [m], as the bits of float32, shape (k,).
+
+    Args:
+        balls: Center, outer and inner radius of each ball [m], shape (b, 5).
+        some: Rows of the first ball of each pair, shape (k,).
+        others: Rows of the second, shape (k,).
+        rounding: What single precision may be wrong by.
+    """
     reach = balls[some, 3] + balls[others, 3] - rounding.comparing()
     return (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
 
 
 def _gaps(motion_bounds: Array) -> dict[int, Array]:
+    """Return the sections of motion bounds, shape (classes, n) [m/rad, or 1], and of unmeasured gaps."""
     gaps = np.full(len(motion_bounds), -np.inf)
     return {at.LEVERS: motion_bounds, at.GAPS: gaps, at.GAP_STATES: np.zeros(motion_bounds.size)}
 
@@ -266,14 +274,14 @@ def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> d
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
         at.ORDER: words(np.arange(len(structure.groups))),
-        at.CLOUD_ROOM: np.zeros(4 * LANES // 2),
-        at.PAIR_ROOM: np.zeros(POINT_ROOM),
+        at.CLOUD_WORKSPACE: np.zeros(4 * LANES // 2),
+        at.PAIR_WORKSPACE: np.zeros(POINT_WORKSPACE_SIZE),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
-        at.ROWS: np.zeros(ROOM * n),
-        at.STATUS: np.zeros(ROOM),
-        at.QUEUE: np.zeros(ROOM),
-        at.ROW_CLASSES: np.zeros(ROOM),
-        at.ROW_GROUPS: np.zeros(ROOM),
+        at.ROWS: np.zeros(STATES_AT_ONCE * n),
+        at.STATUS: np.zeros(STATES_AT_ONCE),
+        at.QUEUE: np.zeros(STATES_AT_ONCE),
+        at.ROW_CLASSES: np.zeros(STATES_AT_ONCE),
+        at.ROW_GROUPS: np.zeros(STATES_AT_ONCE),
         at.Q_FULL: np.zeros(joints - 1),
         at.JOINT_POSES: np.zeros(POSE * joints),
         at.JOINT_AXES: np.zeros(3 * joints),

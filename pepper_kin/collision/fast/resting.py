@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from pepper_kin.collision.bodies import world_body
-from pepper_kin.collision.checker import LEVER
+from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.fast.prepared import Prepared
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.collision.solids import PointCloud
@@ -28,7 +28,7 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
 
     structure, (gaps, _) = prepared.structure, prepared.structure.gaps
     memory = at.aligned_copy(prepared.memory())
-    set_margins(memory, margin, 0.0, LEVER)
+    set_margins(memory, margin, 0.0, RANGE_RADIUS)
     placed = np.argsort(prepared.scene.order)
     for i, o in structure.resting[gaps <= margin + SURE].tolist():
         verdict = pair_verdict(memory, i, int(placed[o]))

@@ -69,7 +69,7 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
 
 
 def _hulls(special: dict[int, Solid], order: NDArray[np.int64]) -> dict[int, Array]:
-    """Return the sections of a scene's hulls and clouds."""
+    """Return the sections of a scene's hulls and clouds, for places in the structure, `order`, shape (k,)."""
     solids = [special.get(o) for o in order.tolist()]
     hulls = hull_sections([_NONE if solid is None else solid.vertices for solid in solids])
     return {at.CLOUDS: cloud_addresses(solids), **hulls}
@@ -95,7 +95,7 @@ def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
 
 
 def hull_sections(vertices: Sequence[Array]) -> dict[int, Array]:
-    """Return the sections that tell solids' vertices."""
+    """Return the sections that hold solids' vertices [m], shape (v, 3) for each solid."""
     padded = [_padded(corners) for corners in vertices]
     hulls = np.concatenate([np.zeros(0), *(corners.T.ravel() for corners in padded if len(corners))])
     return {
@@ -106,7 +106,7 @@ def hull_sections(vertices: Sequence[Array]) -> dict[int, Array]:
 
 
 def _padded(corners: Array) -> Array:
-    """Return corners, the last as often as it takes to fill all lanes."""
+    """Return corners [m], shape (v, 3), the last as often as it takes to fill all lanes, shape (w, 3)."""
     if len(corners) % LANES == 0:
         return corners
     return np.concatenate([corners, np.repeat(corners[-1:], -len(corners) % LANES, axis=0)])
@@ -120,12 +120,12 @@ def firsts(parts: Sequence[Sized]) -> NDArray[np.int64]:
 
 
 def words(values: NDArray[np.int64]) -> Array:
-    """Return integers in the room of doubles."""
+    """Return integers, of any shape, in the space of doubles, one after the other, one-dimensional."""
     return np.ascontiguousarray(values, np.int64).ravel().view(np.float64)
 
 
 def singles(values: NDArray[Any]) -> Array:
-    """Return floats in the room of doubles."""
+    """Return floats, s in any shape, in the space of doubles, two in each, shape (ceil(s / 2),)."""
     padded = np.zeros(values.size + values.size % 2, dtype=np.float32)
     padded[: values.size] = values.ravel()
     return padded.view(np.float64)

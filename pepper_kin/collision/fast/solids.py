@@ -139,7 +139,15 @@ _NONE = read_only(np.zeros((0, 3)))
 
 
 def _half_space(normal: Array, offset: float) -> tuple[Array, Array]:
-    """Return axes and center of a box that holds all of n . x <= d within VAST of the world's origin."""
+    """Return axes and center of a box that holds all of n . x <= d within VAST of the world's origin.
+
+    Args:
+        normal: n, a unit vector, shape (3,).
+        offset: d [m].
+
+    Returns:
+        The axes as columns, shape (3, 3), and the center [m], shape (3,).
+    """
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)
     return np.column_stack([across, np.cross(normal, across), normal]), (offset - VAST) * normal
@@ -160,7 +168,10 @@ def _points(geometry: ConvexMesh | TriangleMesh | PointCloud | Mesh) -> tuple[Ar
 
 
 def _corners(points: Array) -> Array:
-    """Return those of the points that span their convex hull; all of them where they lie in a plane."""
+    """Return those of the points [m], shape (k, 3), that span their convex hull, shape (c, 3).
+
+    All of them where they lie in a plane.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     try:

@@ -24,7 +24,7 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
 from pepper_kin.core.collision.scene_trees import write_gaps
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def structure_of(checker: CollisionChecker) -> Structure:
     return _structure(checker.pepper, checker.scene)
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     attached = tuple(scene.attached.values())
     held = frozenset(pair for pair in scene.allowed if attached and not scene.objects.keys() & set(pair))
@@ -194,7 +194,7 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     )
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def _moving(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], allowed: frozenset[tuple[str, str]]
 ) -> MovingParts:
@@ -209,7 +209,7 @@ def _moving(
     )
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=512)
 def _solid_of_body(body: Body) -> Solid:
     """Return a body that moves as compiled code sees it, the robot's the same whatever it holds."""
     return solid_of(body.owner, body.geometry, body.joint, body.pose)
@@ -251,7 +251,7 @@ def ball_order(solid: Solid) -> tuple[bool, int]:
     return not solid.segment, len(ball_cover(solid).outer)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=512)
 def bounding_ball(solids: tuple[Solid, ...]) -> tuple[Array, float]:
     """Return center, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
     points, radii = [], []

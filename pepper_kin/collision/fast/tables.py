@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.core.collision.joint_ranges import CELLS
 from pepper_kin.core.collision.layout import Array
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def tables_of(pepper: PepperModel) -> tuple[Array, Array, Array]:
     """Return the sections TABLE_HEADS, TABLES and TABLE_CELLS of a robot."""
     return pack_tables(dependent_ranges(pepper))
@@ -44,6 +42,7 @@ def _cells(table: DependentRange, width: float) -> Array:
     spans = np.stack([first, last + 1], axis=1).ravel()
 
     def over_spans(function: np.ufunc, values: Array) -> Array:
+        """Return the reduction of rows' values [rad], shape (rows,), to cells, shape (CELLS,)."""
         return np.asarray(function.reduceat(np.append(values, values[-1]), spans)[::2])
 
     least, greatest = np.minimum, np.maximum

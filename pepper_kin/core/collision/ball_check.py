@@ -130,7 +130,7 @@ def tables_of(memory: at.Array) -> Tables:
         here(scene, at.BOXES),
         here(scene, at.OBJECTS),
         here(scene, at.CLOUDS),
-        here(memory, at.CLOUD_ROOM),
+        here(memory, at.CLOUD_WORKSPACE),
         here(memory, at.LINKS),
         here(memory, at.LINK_PARTS),
         here(memory, at.SIDES),

@@ -18,7 +18,7 @@ from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE
 from pepper_kin.core.collision.joint_ranges import edge_keeps_ranges, violations
 from pepper_kin.core.collision.layout import (
     EDGE_NUMBERS,
-    ROOM,
+    STATES_AT_ONCE,
     WIDEST,
     Array,
     section,
@@ -123,7 +123,7 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
     Args:
         memory: The block.
         rows: Configurations, one after the other, shape (count n,).
-        count: How many, ROOM at most.
+        count: How many, STATES_AT_ONCE at most.
     """
     kept, t, doubts = _start(memory, rows, count), tables_of(memory), 0
     n, status = int(section(memory, at.NUMBERS)[at.N]), section_bits(memory, at.STATUS)
@@ -146,8 +146,8 @@ def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int,
     """Write the verdicts on rows of q from `begin` to `end`; returns how many balls left in doubt."""
     n, doubts, status = q.shape[1], 0, section_bits(memory, at.STATUS)
     flat = q.reshape(-1)
-    for first in range(begin, end, ROOM):
-        count = min(ROOM, end - first)
+    for first in range(begin, end, STATES_AT_ONCE):
+        count = min(STATES_AT_ONCE, end - first)
         doubts += check_rows(memory, flat[n * first : n * (first + count)], count)
         for i in range(count):
             verdicts[first + i] = status[i]
@@ -290,7 +290,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
             return False
         if word_at(t.doubtful) == 0:
             continue
-        if waiting + LANES > ROOM:
+        if waiting + LANES > STATES_AT_ONCE:
             if not _decided_free(memory, waiting):
                 return False
             waiting = 0
@@ -340,18 +340,18 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
 
 
 @compiled("void(float64[::1], float64, float64, float64)")
-def set_margins(memory: Array, margin: float, self_margin: float, lever: float) -> None:
+def set_margins(memory: Array, margin: float, self_margin: float, radius: float) -> None:
     """Write the margins into a block.
 
     Args:
         memory: The block.
         margin: To the scene [m].
         self_margin: Between two parts of the robot [m].
-        lever: About how far from their joint neighboring bodies meet: turns that into an angle [m].
+        radius: About how far from their joint neighboring bodies meet: turns that into an angle [m].
     """
     numbers = section(memory, at.NUMBERS)
     numbers[at.MARGIN], numbers[at.SELF_MARGIN] = margin, self_margin
-    numbers[at.RANGE_MARGIN] = self_margin / lever
+    numbers[at.RANGE_MARGIN] = self_margin / radius
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
@@ -361,7 +361,7 @@ def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
     Args:
         memory: The block.
         rows: Configurations, one after the other.
-        count: How many, ROOM at most.
+        count: How many, STATES_AT_ONCE at most.
         answers: Receives FREE, CONTACT or TIE of each as an integer.
     """
     spans = floats_at(memory, at.SIZE + 1)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_ROOM, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_WORKSPACE_SIZE, TIE, ConvexCore, nearer_than
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
@@ -39,12 +39,12 @@ HEAD = 16
 """Numbers at the head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a
 multiple of eight), rows of a layer, layers, points, how many cells the field resolves at most, then places
 in the block, in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision,
-their coordinates in double precision, and of room."""
+their coordinates in double precision, and of workspace."""
 BEYOND = 1e-5
 """What ranges of cells are widened by, for rounding [m]."""
-POINT_ROOM = GJK_ROOM + 21
-"""Doubles of room that `point_verdict` and `cloud_verdict` need: that of `nearer_than`, half lengths and pose
-of a point, its coordinates, and an axis."""
+POINT_WORKSPACE_SIZE = GJK_WORKSPACE_SIZE + 21
+"""Doubles of workspace that `point_verdict` and `cloud_verdict` need: that of `nearer_than`, half lengths and
+pose of a point, its coordinates, and an axis."""
 ROUNDED = 1e-6
 """What the field may be wrong by, for rounding [m]."""
 FAR = 1e18
@@ -165,7 +165,7 @@ def _fill_field(c: Cloud, widest: int, scratch: int) -> None:
     Args:
         c: The cloud, its field zero where points are and not zero elsewhere.
         widest: Distances above this many cells are not distinguished.
-        scratch: Address of room for as many singles as a layer has cells, or `layers` times a row.
+        scratch: Address of workspace for as many singles as a layer has cells, or `layers` times a row.
     """
     most = (widest - 0.5) ** 2
     for r in range(c.rows * c.layers):
@@ -196,7 +196,7 @@ def _spread_across(begin: int, stride: int, count: int, width: int, widest: int,
         count: Lines.
         width: Singles of a line.
         widest: Distances above this many lines are not distinguished.
-        scratch: Address of room for `count` lanes.
+        scratch: Address of workspace for `count` lanes.
     """
     for i in range(0, 4 * width, 4 * LANES):
         for j in range(count):
@@ -232,7 +232,7 @@ def field_squared(c: Cloud, x: Any, y: Any, z: Any, scratch: int) -> Any:
         x: Coordinates in its frame [m].
         y: The same.
         z: The same.
-        scratch: Address of room for eight singles.
+        scratch: Address of workspace for eight singles.
     """
     edge, rate = c.edge, 1.0 / c.edge
     u = _clamped(x, c.x, c.x + c.row * edge)
@@ -346,14 +346,14 @@ def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, ax
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
         axis: Address of the direction that parted the two last, changed.
-        scratch: Address of room for POINT_ROOM doubles, zeros at first.
+        scratch: Address of workspace for POINT_WORKSPACE_SIZE doubles, zeros at first.
     """
     x, y, z = double_at(place), double_at(place + 8), double_at(place + 16)
     distance = point_to_core(core, x, y, z)
     if distance > threshold + tie:
         return FREE
     if core.kind == HULL:
-        half = scratch + 8 * GJK_ROOM
+        half = scratch + 8 * GJK_WORKSPACE_SIZE
         store_double(half + 24, x)
         store_double(half + 32, y)
         store_double(half + 40, z)
@@ -375,10 +375,10 @@ def cloud_verdict(
         reach: Points farther than this from the core's center do not matter [m].
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        places: Address of room for POINT_ROOM doubles, zeros at first.
+        places: Address of workspace for POINT_WORKSPACE_SIZE doubles, zeros at first.
     """
     c, worst = cloud_at(address), FREE
-    point, axis = places + 8 * (GJK_ROOM + 15), places + 8 * (GJK_ROOM + 18)
+    point, axis = places + 8 * (GJK_WORKSPACE_SIZE + 15), places + 8 * (GJK_WORKSPACE_SIZE + 18)
     dx, dy, dz = (
         double_at(core.pose) - double_at(pose),
         double_at(core.pose + 8) - double_at(pose + 8),
@@ -477,9 +477,9 @@ def clouds_verdict(
         addressed: Of its block.
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        scratch: Address of room for POINT_ROOM doubles.
+        scratch: Address of workspace for POINT_WORKSPACE_SIZE doubles.
     """
-    c, worst, place = cloud_at(address), FREE, scratch + 8 * (GJK_ROOM + 15)
+    c, worst, place = cloud_at(address), FREE, scratch + 8 * (GJK_WORKSPACE_SIZE + 15)
     for p in range(int(double_at(address + 56))):
         at = c.points + 24 * p
         for i in range(3):
@@ -513,8 +513,8 @@ def thin(points: Array, low: Array, edge: float, table: NDArray[np.int64], boxes
         points: Coordinates, shape (k, 3) [m].
         low: Least corner of the first cube [m].
         edge: Edge of a cube [m].
-        table: Room, all -1, its size a power of two above k.
-        boxes: Written: of each cube the middle of the box around its points; and room, shape (k, 6).
+        table: Workspace, all -1, its size a power of two above k.
+        boxes: Written: of each cube the middle of the box around its points; and workspace, shape (k, 6).
     """
     count, mask, off = 0, table.size - 1, 0.0
     keys, owner = np.empty((points.shape[0], 3), np.int64), np.empty(points.shape[0], np.int64)

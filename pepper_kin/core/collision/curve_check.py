@@ -1,4 +1,4 @@
-"""Whether states and whole curves of one motion are free, with steps as long as the distance kept allows."""
+"""Collision checks of states and curves of one motion, with steps as long as the distance kept allows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges
-from pepper_kin.core.collision.layout import ROOM, Array
+from pepper_kin.core.collision.layout import STATES_AT_ONCE, Array
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
@@ -20,7 +20,7 @@ LONGEST, SHORTER = 0.008, 4
 """Greatest distance that a point of the body moves between states of a curve [m], and by how much each of the
 next is shorter than the one before."""
 SHORTEST = LONGEST / SHORTER**2
-"""Half a millimeter [m]: what other rooms look at states apart."""
+"""Half a millimeter [m]: the distance of states checked elsewhere."""
 FINEST = SHORTEST / SHORTER**2
 """The least of those distances [m], for what passes something nearer than half of `SHORTEST`: nothing can dip
 deeper than half of this between two states."""
@@ -30,7 +30,7 @@ SPARSE = 8
 
 
 class MotionCheck(NamedTuple):
-    """What tells of states of one motion whether they are free and can be held.
+    """Checks of states of one motion: whether they are free of collision and can be held.
 
     Attributes:
         verdicts: Address of `check.row_verdicts`; 0: all states are left to `ask`.
@@ -41,7 +41,7 @@ class MotionCheck(NamedTuple):
             it still and, where there are edges, the floor's force along z and its moments about x and y.
         quick: Whether ties count as near where only a distance is asked for that lets steps be longer.
         least: Margins to the scene below this are kept by what never moves against the world [m].
-        lever: See `check.set_margins` [m].
+        radius: See `check.set_margins` [m].
         still: Block that compares what stands.
         moving: Block that compares what moves.
         standing: Where the joints stand that do not move, shape (n,).
@@ -52,13 +52,13 @@ class MotionCheck(NamedTuple):
         heads: Heads of the tables of joints' dependent ranges, see `joint_ranges`.
         tables: Their rows.
         held_step: Greatest distance that a point of the body moves between states that are to be held [m].
-        states: Room, shape (ROOM, n).
-        given: Room, shape (ROOM, n + m).
-        asked: Room, shape (ROOM, n), or (ROOM, n + 3) where there are edges.
-        answers: Room, shape (ROOM,).
-        margins: Room, shape (2,).
-        work: As large as the kernel asks.
-        words: Room for 8 numbers.
+        states: Workspace, shape (STATES_AT_ONCE, n).
+        inputs: Workspace, shape (STATES_AT_ONCE, n + m).
+        torques: Workspace, shape (STATES_AT_ONCE, n), or (STATES_AT_ONCE, n + 3) where there are edges.
+        answers: Workspace, shape (STATES_AT_ONCE,).
+        margins: Workspace, shape (2,).
+        work: Workspace of the size that the kernel asks for.
+        words: Workspace, shape (8,).
     """
 
     verdicts: int
@@ -66,7 +66,7 @@ class MotionCheck(NamedTuple):
     load: int
     quick: bool
     least: float
-    lever: float
+    radius: float
     still: Floats1
     moving: Floats1
     standing: Floats1
@@ -77,8 +77,8 @@ class MotionCheck(NamedTuple):
     tables: Floats1
     held_step: float
     states: Floats2
-    given: Floats2
-    asked: Floats2
+    inputs: Floats2
+    torques: Floats2
     answers: Ints1
     margins: Floats1
     work: Floats1
@@ -89,19 +89,19 @@ class Intervals(NamedTuple):
     """Parts of a piecewise polynomial curve.
 
     Attributes:
-        piece: The piece of each, shape (N,).
-        begin: The parameter at its start, counted from the piece's first break, shape (N,).
+        segment: The segment of each, shape (N,).
+        begin: The parameter at its start, counted from the segment's first break, shape (N,).
         width: Its width, shape (N,).
     """
 
-    piece: Ints1
+    segment: Ints1
     begin: Floats1
     width: Floats1
 
 
 @compiled
 def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) -> None:
-    """Have ties among verdicts settled, if there are any."""
+    """Have ties among verdicts decided, if there are any."""
     for i in range(count):
         if verdicts[i] == TIE:
             margins = check.margins.ctypes.data
@@ -115,8 +115,8 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
     check.margins[0], check.margins[1] = margin, self_margin
     if check.verdicts == 0:
         return False
-    set_margins(check.still, margin, self_margin, check.lever)
-    set_margins(check.moving, margin, self_margin, check.lever)
+    set_margins(check.still, margin, self_margin, check.radius)
+    set_margins(check.moving, margin, self_margin, check.radius)
     answers = check.answers.ctypes.data
     if margin >= check.least and call_four(check.ask, 0, 0, answers, check.margins.ctypes.data) != 0:
         return True
@@ -125,20 +125,22 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
 
 
 @compiled
-def _look(check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool) -> None:
+def _check_states(
+    check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool
+) -> None:
     """Write the verdicts on states, shape (>= count, n), at margins into `answers`.
 
     Args:
-        check: Tells of states.
+        check: Checks of the states of one motion.
         states: The states.
-        count: Number of states, ROOM at most.
+        count: Number of states, STATES_AT_ONCE at most.
         margins: To the scene and to the robot itself [m].
         surely: Whether ties may count as contacts.
     """
     answers = check.answers
     check.margins[0], check.margins[1] = margins
     if check.verdicts != 0:
-        set_margins(check.moving, margins[0], margins[1], check.lever)
+        set_margins(check.moving, margins[0], margins[1], check.radius)
         call_four(check.verdicts, check.moving.ctypes.data, states.ctypes.data, count, answers.ctypes.data)
     else:
         for i in range(count):
@@ -150,21 +152,27 @@ def _look(check: MotionCheck, states: Array, count: int, margins: tuple[float, f
 @compiled
 def _held(check: MotionCheck, count: int) -> bool:
     """Return whether the first configurations in `states` can be held still, without tipping over."""
-    states, given, asked, effort, n = check.states, check.given, check.asked, check.effort, check.effort.size
+    states, inputs, torques, effort, n = (
+        check.states,
+        check.inputs,
+        check.torques,
+        check.effort,
+        check.effort.size,
+    )
     for k in range(count):
         for j in range(n):
-            given[k, j] = states[k, j]
+            inputs[k, j] = states[k, j]
         for j in range(check.masses.size):
-            given[k, n + j] = check.masses[j]
-    evaluate_batch(check.load, given[:count], given, given, asked[:count], check.work, check.words)
+            inputs[k, n + j] = check.masses[j]
+    evaluate_batch(check.load, inputs[:count], inputs, inputs, torques[:count], check.work, check.words)
     for k in range(count):
         for j in range(n):
-            if not abs(asked[k, j]) <= effort[j]:
+            if not abs(torques[k, j]) <= effort[j]:
                 return False
         for e in range(check.edges.shape[0]):
             moment = 0.0
             for j in range(check.edges.shape[1]):
-                moment += check.edges[e, j] * asked[k, n + j]
+                moment += check.edges[e, j] * torques[k, n + j]
             if not moment >= 0.0:
                 return False
     return True
@@ -176,9 +184,9 @@ def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: floa
     if blocked(check, margin, self_margin):
         return 0
     found = 0
-    for first in range(0, ends.shape[0], ROOM):
-        count = min(ROOM, ends.shape[0] - first)
-        _look(check, ends[first:], count, (margin, self_margin), False)
+    for first in range(0, ends.shape[0], STATES_AT_ONCE):
+        count = min(STATES_AT_ONCE, ends.shape[0] - first)
+        _check_states(check, ends[first:], count, (margin, self_margin), False)
         if first == 0 and check.answers[0] != FREE:
             return 0
         for i in range(count):
@@ -191,12 +199,12 @@ def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float,
     """Write the margins that the ends of a motion allow, to the scene and to the robot itself [m].
 
     Each is halved until the start and a goal keep it; to itself the robot gives up half of what it could
-    keep, since joints near one another must have room to move.
+    keep, since joints near one another have to move.
 
     Args:
-        check: Tells of states.
+        check: Checks of the states of one motion.
         ends: The start, then goals, shape (1 + m, n).
-        margin: The margin wished [m].
+        margin: The margin requested [m].
         least: A smaller one counts as none [m].
         kept: Receives the margins, shape (2,).
     """
@@ -215,8 +223,8 @@ def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, k
 
     See `kept_margins` for the arguments.
     """
-    for first in range(0, ends.shape[0], ROOM):
-        count = min(ROOM, ends.shape[0] - first)
+    for first in range(0, ends.shape[0], STATES_AT_ONCE):
+        count = min(STATES_AT_ONCE, ends.shape[0] - first)
         for k in range(count):
             for j in range(ends.shape[1]):
                 check.states[k, j] = ends[first + k, j]
@@ -235,14 +243,14 @@ def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, k
 def count_intervals(
     breaks: Floats1, coefficients: Floats3, reach: Floats1, step: float, counts: Ints1
 ) -> int:
-    """Write the number of intervals of each piece; return their sum.
+    """Write the number of intervals of each segment; return their sum.
 
     On none of them any point of the body moves farther than the step: a point moves at most
-    sum_j reach_j |dq_j|, and |dq_j/ds| on a piece is at most the greatest of the control values of that
+    sum_j reach_j |dq_j|, and |dq_j/ds| on a segment is at most the greatest of the control values of that
     quadratic, since it is a Bezier curve.
 
     Args:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
         reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
         step: [m].
@@ -263,18 +271,18 @@ def count_intervals(
 
 @compiled("void(float64[::1], int64[::1], Intervals)")
 def write_intervals(breaks: Floats1, counts: Ints1, parts: Intervals) -> None:
-    """Write as many equal intervals of each piece as counted."""
+    """Write as many equal intervals of each segment as counted."""
     place = 0
     for i in range(counts.size):
         h = (breaks[i + 1] - breaks[i]) / counts[i]
         for k in range(counts[i]):
-            parts.piece[place], parts.begin[place], parts.width[place] = i, k * h, h
+            parts.segment[place], parts.begin[place], parts.width[place] = i, k * h, h
             place += 1
 
 
 @compiled
 def _write_middle(coefficients: Array, i: int, x: float, state: Array) -> None:
-    """Write the state of a curve on a piece."""
+    """Write the state of a curve on a segment."""
     for j in range(state.size):
         value = coefficients[i, 2, j] + x * coefficients[i, 3, j]
         state[j] = coefficients[i, 0, j] + x * (coefficients[i, 1, j] + x * value)
@@ -292,7 +300,7 @@ def _near_ones(
     """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
 
     Args:
-        check: Tells of states.
+        check: Checks of the states of one motion.
         coefficients: Of the curve, shape (m, 4, n).
         parts: The intervals.
         kept: Margins that all middles have to keep [m].
@@ -307,14 +315,14 @@ def _near_ones(
     alike = far[0] == kept[0] and far[1] == kept[1]
     if not alike and step > FINEST:
         all_near = blocked(check, far[0], far[1])
-    for first in range(0, parts.piece.size, ROOM):
-        count = min(ROOM, parts.piece.size - first)
+    for first in range(0, parts.segment.size, STATES_AT_ONCE):
+        count = min(STATES_AT_ONCE, parts.segment.size - first)
         for k in range(count):
             place = first + k
             middle = parts.begin[place] + 0.5 * parts.width[place]
-            _write_middle(coefficients, parts.piece[place], middle, states[k])
+            _write_middle(coefficients, parts.segment[place], middle, states[k])
         if step > FINEST and not alike and not all_near:
-            _look(check, states, count, far, True)
+            _check_states(check, states, count, far, True)
             left = 0
             for k in range(count):
                 if answers[k] != FREE:
@@ -327,7 +335,7 @@ def _near_ones(
             for k in range(count):
                 _copy_interval(parts, first + k, parts, near + k)
         if left > 0:
-            _look(check, states, left, kept, False)
+            _check_states(check, states, left, kept, False)
             for k in range(left):
                 if answers[k] != FREE:
                     return -1
@@ -339,14 +347,14 @@ def _near_ones(
 @compiled
 def _copy_interval(source: Intervals, k: int, target: Intervals, place: int) -> None:
     """Copy an interval to a place among the same or other ones."""
-    target.piece[place], target.begin[place] = source.piece[k], source.begin[k]
+    target.segment[place], target.begin[place] = source.segment[k], source.begin[k]
     target.width[place] = source.width[k]
 
 
 @compiled
 def _sparse_first(parts: Intervals) -> Intervals:
     """Return the same intervals, but every `SPARSE`th before all others."""
-    count, place = parts.piece.size, 0
+    count, place = parts.segment.size, 0
     ordered = Intervals(np.empty(count, np.int64), np.empty(count), np.empty(count))
     for k in range(SPARSE // 2, count, SPARSE):
         _copy_interval(parts, k, ordered, place)
@@ -369,7 +377,7 @@ def _held_along(check: MotionCheck, breaks: Array, coefficients: Array, reach: A
         for k in range(counts[i]):
             _write_middle(coefficients, i, (k + 0.5) * h, check.states[waiting])
             waiting += 1
-            if waiting == ROOM:
+            if waiting == STATES_AT_ONCE:
                 if not _held(check, waiting):
                     return False
                 waiting = 0
@@ -397,8 +405,8 @@ def is_clear(
     margins asked for.  Dependent ranges of joints are kept at every point.
 
     Args:
-        check: Tells of states.
-        breaks: Ends of the pieces, shape (m + 1,).
+        check: Checks of the states of one motion.
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n) [rad or m].
         reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
         margin: To the scene [m].
@@ -425,7 +433,7 @@ def is_clear(
         for k in range(SHORTER * near):
             source = k // SHORTER
             width = parts.width[source] / SHORTER
-            cut.piece[k], cut.width[k] = parts.piece[source], width
+            cut.segment[k], cut.width[k] = parts.segment[source], width
             cut.begin[k] = parts.begin[source] + width * (k % SHORTER)
         parts = cut
         near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)

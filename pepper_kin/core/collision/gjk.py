@@ -24,8 +24,8 @@ TOUCHING = 1e-10
 """Cores nearer than this count as meeting [m]."""
 FREE, CONTACT, TIE = 0, 1, 2
 """Verdicts: surely further than the threshold, surely nearer, too near to it to tell."""
-GJK_ROOM = 40
-"""Doubles of room that `nearer_than` needs."""
+GJK_WORKSPACE_SIZE = 40
+"""Doubles of workspace that `nearer_than` needs."""
 SINGLE = 1e-6
 """What single precision may be wrong by in the height of a vertex, of its distance from the core's center.
 
@@ -174,7 +174,7 @@ def _nearest_in_hull(scratch: Array, count: int) -> int:
     """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
 
     Args:
-        scratch: Corners, three numbers each, and weights of the present point, written; and room.
+        scratch: Corners, three numbers each, and weights of the present point, written; and workspace.
         count: How many corners there are; those kept are moved to the front.
 
     Returns:
@@ -241,11 +241,11 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
         tie: Distances within this of the threshold are ties [m].
         axis: Address of the direction that parted the cores when they were last asked about, a unit vector
             in the frame of the first, or zero; it is tried first.  Written where they are parted.
-        scratch: Address of room for GJK_ROOM doubles.
+        scratch: Address of a workspace of GJK_WORKSPACE_SIZE doubles.
     """
     if separation(a, b, axis) > threshold + tie:
         return FREE
-    points = floats_at(scratch, GJK_ROOM)
+    points = floats_at(scratch, GJK_WORKSPACE_SIZE)
     now, pose, other = points[_NOW:], a.pose, b.pose
     apart_x, apart_y = double_at(pose) - double_at(other), double_at(pose + 8) - double_at(other + 8)
     apart_z = double_at(pose + 16) - double_at(other + 16)

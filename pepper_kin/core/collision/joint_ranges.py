@@ -165,7 +165,7 @@ def _piece_keeps(rows: Array, count: int, stack: Array) -> bool:
     Args:
         rows: See `_line_keeps`.
         count: Number of rows.
-        stack: Room, shape (_HALVINGS + 2, 8); the first row holds the Bezier points of both joints.
+        stack: Workspace, shape (_HALVINGS + 2, 8); the first row holds the Bezier points of both joints.
     """
     top = 0
     while top >= 0:

@@ -1,6 +1,6 @@
-"""Blocks of doubles with all that compiled checking needs: sections of constants and of room.
+"""Blocks of doubles with all that compiled checking needs: sections of constants and of workspace.
 
-One block is a robot's, with room to work in, one for each thread; the other is a scene's, which is only read
+One block is a robot's, with workspace, one for each thread; the other is a scene's, which is only read
 and is named in the first by its address.
 """
 
@@ -16,7 +16,7 @@ from pepper_kin.kernels.intrinsics import floats_at
 
 Array: TypeAlias = NDArray[np.float64]
 
-ROOM = 64
+STATES_AT_ONCE = 64
 """Configurations that go through the stages together."""
 WIDEST = 16.0
 """Beyond this angle or distance [rad or m] single precision is not trusted: such a configuration is a tie."""
@@ -40,7 +40,7 @@ ALIGNMENT = 8
     ROOTS,
     ROOT_LISTS,
     CLOUDS,
-    CLOUD_ROOM,
+    CLOUD_WORKSPACE,
     LINKS,
     LINK_PARTS,
     SIDES,
@@ -85,7 +85,7 @@ ALIGNMENT = 8
     LEVERS,
     GAPS,
     GAP_STATES,
-    PAIR_ROOM,
+    PAIR_WORKSPACE,
     LOADS,
     EDGES,
 ) = range(63)
@@ -204,10 +204,10 @@ def extended(block: Array, sections: dict[int, Array]) -> Array:
 
 
 def aligned(size: int) -> Array:
-    """Return room for doubles, the first of them at a multiple of 64 bytes."""
-    room = np.empty(size + ALIGNMENT)
-    first = (-room.ctypes.data // 8) % ALIGNMENT
-    return room[first : first + size]
+    """Return an array of doubles, the first of them at a multiple of 64 bytes."""
+    memory = np.empty(size + ALIGNMENT)
+    first = (-memory.ctypes.data // 8) % ALIGNMENT
+    return memory[first : first + size]
 
 
 def aligned_copy(block: Array) -> Array:

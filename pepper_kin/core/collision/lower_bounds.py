@@ -27,7 +27,14 @@ from pepper_kin.core.collision.ball_check import (
     to_frame,
 )
 from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
-from pepper_kin.core.collision.layout import CLOUD, ROOM, Array, section, section_bits, section_single
+from pepper_kin.core.collision.layout import (
+    CLOUD,
+    STATES_AT_ONCE,
+    Array,
+    section,
+    section_bits,
+    section_single,
+)
 from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, ball_meets, pair_distance, place_solids
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
@@ -226,8 +233,8 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
         bounds: Written, shape (m, classes + groups).
     """
     coordinates, n, scene = section_single(memory, at.COORDINATES), q.shape[1], at.scene_of(memory)
-    for start in range(0, q.shape[0], ROOM):
-        count = min(ROOM, q.shape[0] - start)
+    for start in range(0, q.shape[0], STATES_AT_ONCE):
+        count = min(STATES_AT_ONCE, q.shape[0] - start)
         t = tables_of(memory)
         for first in range(0, count, LANES):
             for i in range(LANES):

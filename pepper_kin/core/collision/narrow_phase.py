@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
 from pepper_kin.core.collision.clouds import (
-    POINT_ROOM,
+    POINT_WORKSPACE_SIZE,
     cloud_verdict,
     clouds_verdict,
     point_in_cloud,
@@ -36,7 +36,7 @@ from pepper_kin.core.collision.layout import (
     NUMBERS,
     OTHER,
     PAIR_FIRST,
-    PAIR_ROOM,
+    PAIR_WORKSPACE,
     PAIRS,
     Q_FULL,
     ROOT_LISTS,
@@ -149,7 +149,7 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
     if one.kind == OTHER or two.kind == OTHER:
         return TIE
     threshold, axis = pad_a + pad_b + margin, _axis_of(memory, slot)
-    verdict, scratch = TIE, address_of(memory, PAIR_ROOM)
+    verdict, scratch = TIE, address_of(memory, PAIR_WORKSPACE)
     if one.kind == CLOUD or two.kind == CLOUD:
         first, second = section_bits(memory, CLOUDS), section_bits(other, CLOUDS)
         if one.kind == CLOUD and two.kind == CLOUD:
@@ -381,8 +381,8 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
         How many are marked.
     """
     solids, poses, count = section(memory, SOLIDS), section(memory, SOLID_POSES), 0
-    scratch = address_of(memory, PAIR_ROOM)
-    axis = scratch + 8 * (POINT_ROOM - 3)
+    scratch = address_of(memory, PAIR_WORKSPACE)
+    axis = scratch + 8 * (POINT_WORKSPACE_SIZE - 3)
     near[:] = 0
     place_solids(memory, q)
     for a in range(solids.size // SOLID_SIZE):

@@ -39,8 +39,8 @@ class ObjectSets(NamedTuple):
         members: Places of the objects, set after set, shape (k,).
         ends: Where each set ends there, shape (s,).
         met: 1 where a set is compared with a group, shape (s, g).
-        order: Room; receives the places of the objects, tree after tree, shape (k,).
-        trees: Room for set, first object and end of objects of each tree, shape (2 s, 3).
+        order: Receives the places of the objects, tree after tree, shape (k,).
+        trees: Receives set, first object and end of objects of each tree, shape (2 s, 3).
     """
 
     rows: Floats2

@@ -74,7 +74,7 @@ def solve_box(
 def _change(
     matrix: Floats2, gradient: Floats1, low: Floats1, high: Floats1, step: Floats1, state: Ints1, i: int
 ) -> int:
-    """Return the state that joint i should have after the step."""
+    """Return the state that joint i should have after the step; arguments as of `solve_box`."""
     if state[i] == FREE:
         return LOW if step[i] < low[i] - 1e-12 else HIGH if step[i] > high[i] + 1e-12 else FREE
     if high[i] - low[i] <= 1e-14:
@@ -101,7 +101,8 @@ def solve_free(
     """Solve for the free joints by Cholesky's factorization, with the others at their bounds.
 
     The free joints' rows stand one after the other in `factor`, the right side in its last column.  The
-    factor grows column by column: the numbers of one column do not wait for one another.
+    factor grows column by column: the numbers of one column do not wait for one another.  Arguments and
+    result as of `solve_box`.
     """
     k, count = gradient.size, 0
     for i in range(k):

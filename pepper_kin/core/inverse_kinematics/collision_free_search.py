@@ -30,6 +30,8 @@ from pepper_kin.core.inverse_kinematics.search import (
     make_problem,
     motion,
     set_bounds,
+    write_shifted,
+    write_start,
     write_straightened,
     write_way_start,
 )
@@ -51,8 +53,15 @@ STARTS_FOR_TORQUE, STRAIGHTENED = 4, (1.0, 1.5)
 """Starts that are spent on a solution that the motors cannot hold; the first are that solution with the
 joints that carry much put back to where q0 has them, or beyond."""
 
-CLOSEST_STARTS = 8
-"""Starts for the closest configuration that touches nothing."""
+CLOSEST_STARTS = 24
+"""Starts for the closest configuration that touches nothing, if the search has so many."""
+
+SHIFTS, VAIN_SHIFTS = 96, 32
+"""Shifts of the closest configuration so far, from each of which a descent looks for a closer one: at most so
+many, and at most so many in vain (iterated local search: Lourenco, Martin and Stutzle, 2003)."""
+
+GAINED = 1e-3
+"""A smaller gain, as a part of the cost, is none: half of it as a part of the weighted distance."""
 
 FREE, MET, HELD, NEARNESS = range(4)
 """Places in a judgment; of two configurations the better is larger in the first of these in which they
@@ -61,20 +70,21 @@ differ."""
 
 @compiled
 def _judge(search: Search, workspace: Workspace, judgment: Floats1) -> None:
-    """Judge `given`: whether it is free, meets the tasks, can be held, and how near it is.
+    """Judge `inputs`: whether it is free, meets the tasks, can be held, and how near it is.
 
-    It is near to q0 where the tasks are met, else to the target.
+    It is near to q0 where the tasks are met, else to the target.  The judgment, shape (4,), is written.
     """
     met, cost = is_met(search.problem, workspace), workspace.result[search.problem.tolerance.size]
-    free = is_free(search.tests, workspace.given)
+    free = is_free(search.tests, workspace.inputs)
     judgment[FREE] = free
     judgment[MET] = met
-    judgment[HELD] = free and met and is_held(search, workspace.given)
-    judgment[NEARNESS] = -motion(search.problem, workspace.given) if met else -cost
+    judgment[HELD] = free and met and is_held(search, workspace.inputs)
+    judgment[NEARNESS] = -motion(search.problem, workspace.inputs) if met else -cost
 
 
 @compiled(lean=True)
 def _is_better(judgment: Floats1, best: Floats1) -> bool:
+    """Whether a judgment is better than another, both of shape (4,)."""
     for i in range(judgment.size):
         if judgment[i] != best[i]:
             return judgment[i] > best[i]
@@ -83,7 +93,7 @@ def _is_better(judgment: Floats1, best: Floats1) -> bool:
 
 @compiled
 def _take_better(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Keep `given` as the answer if it is the best so far."""
+    """Keep `inputs` as the answer if it is the best so far; its judgment, shape (4,), is kept in `best`."""
     judgment = np.empty(4)
     _judge(search, workspace, judgment)
     if _is_better(judgment, best):
@@ -93,7 +103,7 @@ def _take_better(search: Search, workspace: Workspace, best: Floats1, answer: Fl
 
 @compiled
 def _descend_clear(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Descend from `given` to where the tasks are met and nothing touches."""
+    """Descend from `inputs` to where the tasks are met and nothing touches."""
     problem, options = search.problem, search.options
     answer[problem.reference.size + problem.tolerance.size + ITERATIONS] += descend(
         problem, search.tests, workspace, options.max_iterations, SEARCH_GAIN, 0, CLEARING
@@ -103,6 +113,7 @@ def _descend_clear(search: Search, workspace: Workspace, best: Floats1, answer: 
 
 @compiled
 def _is_solved(best: Floats1) -> bool:
+    """Whether a judgment, shape (4,), is that of a configuration that is free and meets the tasks."""
     return best[FREE] > 0 and best[MET] > 0
 
 
@@ -113,6 +124,14 @@ def _search_round(
     """Descend from so many starts ever farther from q0, until one ends well.
 
     Where that one asks too much of the motors, a few starts more look for another.
+
+    Args:
+        search: The search.
+        workspace: Its workspace.
+        count: Number of starts.
+        number: Of the first of them among the points of the unit cube.
+        best: Judgment of the answer, shape (4,), overwritten.
+        answer: The best configuration so far, shape (n + t + EXTRA,), overwritten.
     """
     problem, tried = search.problem, 0
     for i in range(count + STARTS_FOR_TORQUE):
@@ -136,28 +155,54 @@ def _search_closest(
 ) -> None:
     """Look for the configuration clear of collisions that comes closest to the targets, q0 if nothing better.
 
-    Where a descent ends in contact, it goes on with more weight on the distances.
+    First from starts of many kinds, then from the best so far with its joints shifted, as long as that leads
+    closer.  Arguments as of `_search_round`.
+    """
+    problem, n, restarts = search.problem, search.problem.reference.size, search.options.restarts
+    workspace.inputs[:n] = problem.reference
+    evaluate(problem, workspace.inputs, workspace.result)
+    _take_better(search, workspace, best, answer)
+    starts = min(CLOSEST_STARTS, restarts + 2)
+    for i in range(starts):
+        if i == 0:
+            workspace.inputs[:n] = search.start
+        elif i == 1:
+            workspace.inputs[:n] = problem.reference
+        elif i % 2 == 0:
+            write_way_start(search, workspace, number + i, i / starts)
+        else:
+            write_start(search, workspace, 4 * (restarts + i), -1)
+        if not _descend_firmly(search, workspace, best, answer):
+            return
+    vain = 0
+    for i in range(min(SHIFTS, 3 * restarts)):
+        if vain >= min(VAIN_SHIFTS, restarts):
+            break
+        least = best[NEARNESS]
+        write_shifted(search, workspace, number + i, answer)
+        if not _descend_firmly(search, workspace, best, answer):
+            return
+        vain = vain + 1 if best[NEARNESS] <= least + GAINED * abs(least) else 0
+
+
+@compiled
+def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
+    """Descend from `inputs`, with more weight on the distances where that ends in contact.
+
+    Returns whether the search goes on.
     """
     problem, n, t = search.problem, search.problem.reference.size, search.problem.tolerance.size
-    workspace.given[:n] = problem.reference
-    evaluate(problem, workspace.given, workspace.result)
-    _take_better(search, workspace, best, answer)
-    for i in range(min(CLOSEST_STARTS, search.options.restarts + 2)):
-        if i == 0:
-            workspace.given[:n] = search.start
-        elif i == 1:
-            workspace.given[:n] = problem.reference
-        else:
-            write_way_start(search, workspace, number + i, i / CLOSEST_STARTS)
-        for weight in FIRM_CLEARING:
-            if is_over(problem, workspace):
-                return
-            answer[n + t + ITERATIONS] += descend(
-                problem, search.tests, workspace, search.options.max_iterations, SMALL_GAIN, 0, weight
-            )
-            _take_better(search, workspace, best, answer)
-            if is_free(search.tests, workspace.given):
-                break
+    answer[n + t + RESTARTS] += 1
+    for weight in FIRM_CLEARING:
+        if is_over(problem, workspace):
+            return False
+        answer[n + t + ITERATIONS] += descend(
+            problem, search.tests, workspace, search.options.max_iterations, SMALL_GAIN, 0, weight
+        )
+        _take_better(search, workspace, best, answer)
+        if is_free(search.tests, workspace.inputs):
+            break
+    return True
 
 
 @compiled
@@ -173,13 +218,13 @@ def search_among_obstacles(
         workspace: Its workspace.
         bounds: See `solve_rows`.
         met: Whether the configuration that was found meets the tasks.
-        answer: That configuration; overwritten.
+        answer: That configuration, see `solve_rows`, shape (n + t + EXTRA,); overwritten.
     """
     tables, options, n, best = search.tables, search.options, search.start.size, np.full(4, -math.inf)
     number, few = CANDIDATES * options.restarts, options.restarts < WIDE_STARTS
     search.start[:] = answer[:n]
     if met:
-        workspace.given[:n] = search.start
+        workspace.inputs[:n] = search.start
         _descend_clear(search, workspace, best, answer)
         _search_round(search, workspace, min(STARTS, options.restarts), number, best, answer)
         if _is_solved(best):
@@ -187,10 +232,10 @@ def search_among_obstacles(
     problem = make_problem(tables, options, n, search.problem.work, search.problem.reference)
     set_bounds(problem, bounds)
     wide = Search(tables, options, search.tests, problem, search.torque, search.costs, search.start)
-    larger = make_workspace(workspace.given, problem, search.tests)
+    larger = make_workspace(workspace.inputs, problem, search.tests)
     larger.watch[0], larger.stop[0] = workspace.watch[0], workspace.stop[0]
     if met and larger.stop[0] == 0:
-        larger.given[:n] = search.start
+        larger.inputs[:n] = search.start
         _descend_clear(wide, larger, best, answer)
         for _ in range(1 if few else WIDE_ROUNDS):
             number += STARTS + WIDE_STARTS
@@ -207,9 +252,12 @@ def search_among_obstacles(
 
 @compiled
 def clear_solution(search: Search, workspace: Workspace, met: bool, answer: Floats1) -> int:
-    """Descend once from a configuration that touches something; returns the status."""
+    """Descend once from a configuration that touches something; returns the status.
+
+    Arguments as of `search_among_obstacles`.
+    """
     best = np.full(4, -math.inf)
-    workspace.given[: search.start.size] = answer[: search.start.size]
+    workspace.inputs[: search.start.size] = answer[: search.start.size]
     if met:
         _descend_clear(search, workspace, best, answer)
     return SOLVED if _is_solved(best) else COLLISION

@@ -60,8 +60,8 @@ class SolverProblem(NamedTuple):
         work: The kernel's workspace.
         task_joints: k.
         joints: Places in q of the joints that move, shape (m,), m >= k; the kernel knows the first k.
-        low: Their lower bounds, shape (m,).
-        high: Their upper bounds, shape (m,).
+        low: Their lower bounds [rad or m], shape (m,).
+        high: Their upper bounds [rad or m], shape (m,).
         scale: d_i^2, the weights of the damping lambda |diag(d) dq|^2, shape (m,).
         reference: q_ref, shape (n,).
         tolerance: Squared tolerances of the tasks, shape (t,).
@@ -112,16 +112,16 @@ class Workspace(NamedTuple):
     """Arrays that descents write to; m joints, t tasks.
 
     Attributes:
-        given: The kernel's input at q: q, weights and targets.
+        inputs: The kernel's input at q: q [rad or m], squared weights and targets, shape (n + t + ...,).
         trial: The same at the configuration to try.
-        result: The kernel's output at q.
+        result: The kernel's output at q, see `SolverProblem`, shape (t + 1 + k + k (k + 1) / 2,).
         other: The same at the configuration to try.
-        matrix: Shape (m, m).
-        factor: Shape (m, m + 1).
-        gradient: Shape (m,).
-        step: Shape (m,).
-        least: Lower bounds of the step, shape (m,).
-        most: Upper bounds of the step, shape (m,).
+        matrix: Matrix of the step's quadratic program, shape (m, m).
+        factor: Its factor, see `solve_box`, shape (m, m + 1).
+        gradient: Gradient of that program, shape (m,).
+        step: Its solution [rad or m], shape (m,).
+        least: Lower bounds of the step [rad or m], shape (m,).
+        most: Upper bounds of the step [rad or m], shape (m,).
         state: Active bounds, shape (m,).
         near: What is near at q, see `near_rows`, shape (MOST_NEAR, n + 2); empty where collisions are not
             considered.
@@ -132,7 +132,7 @@ class Workspace(NamedTuple):
         stop: 1 or TIMED_OUT where the search has to end, shape (1,).
     """
 
-    given: Floats1
+    inputs: Floats1
     trial: Floats1
     result: Floats1
     other: Floats1
@@ -220,9 +220,9 @@ def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
 
 
 @compiled(lean=True, inline=True)
-def evaluate(problem: SolverProblem, given: Floats1, result: Floats1) -> None:
-    """Call the kernel."""
-    call_kernel(problem.kernel, given.ctypes.data, result.ctypes.data, problem.work.ctypes.data)
+def evaluate(problem: SolverProblem, inputs: Floats1, result: Floats1) -> None:
+    """Call the kernel; inputs and result as of `Workspace`."""
+    call_kernel(problem.kernel, inputs.ctypes.data, result.ctypes.data, problem.work.ctypes.data)
 
 
 @compiled(lean=True)
@@ -244,22 +244,22 @@ def descend(
     Args:
         problem: The problem.
         tests: Used where the descent has to clear what touches.
-        workspace: `given` holds the start, and afterwards the result; `result` the kernel's output there.
+        workspace: `inputs` holds the start, and afterwards the result; `result` the kernel's output there.
         max_iterations: Number of steps proposed at most.
         small_gain: A step that gains less than this part of the cost is the last; where it is more than
             SMALL_GAIN, the minimum is not looked for to its very end.
         cautious_steps: How many steps keep away from the bounds.
         clearing: Weight of the shortages of distance; 0 to leave collisions out.
     """
-    given, trial, result, other = workspace.given, workspace.trial, workspace.result, workspace.other
+    inputs, trial, result, other = workspace.inputs, workspace.trial, workspace.result, workspace.other
     index, t, to_the_end = problem.joints, problem.tolerance.size, small_gain <= SMALL_GAIN
-    _copy(given, trial, problem.reference.size)
-    evaluate(problem, given, result)
-    cost = result[t] + _posture_cost(problem, given)
+    _copy(inputs, trial, problem.reference.size)
+    evaluate(problem, inputs, result)
+    cost = result[t] + _posture_cost(problem, inputs)
     damping, backed, cautious, iterations = FIRST_DAMPING, False, cautious_steps > 0, 0
     timed, workspace.near_count[0] = problem.deadline < np.inf, 0
     if clearing > 0.0:
-        cost += _look_around(tests, workspace, given, clearing)
+        cost += _look_around(tests, workspace, inputs, clearing)
         _keep_near(workspace)
     while iterations < max_iterations and damping < MOST_DAMPING:
         if (
@@ -276,14 +276,14 @@ def descend(
         if not _propose(problem, workspace, cautious):
             damping *= 10
             continue
-        size = _distance(index, trial, given)
+        size = _distance(index, trial, inputs)
         evaluate(problem, trial, other)
         new_cost = other[t] + _posture_cost(problem, trial)
         if clearing > 0.0 and new_cost < cost:
             new_cost += _look_around(tests, workspace, trial, clearing)
         gain = cost - new_cost
         if gain > 0:
-            _copy(trial, given, problem.reference.size)
+            _copy(trial, inputs, problem.reference.size)
             _copy(other, result, result.size)
             if clearing > 0.0:
                 _keep_near(workspace)
@@ -301,13 +301,14 @@ def descend(
 
 @compiled(lean=True, inline=True)
 def _copy(source: Floats1, target: Floats1, count: int) -> None:
+    """Copy the first numbers of an array."""
     for i in range(count):
         target[i] = source[i]
 
 
 @compiled(lean=True, inline=True)
 def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
-    """Return the largest change of one joint."""
+    """Return the largest change of one joint [rad or m]; the joints are at `index` in a and b."""
     size = 0.0
     for i in range(index.size):
         size = max(size, abs(a[index[i]] - b[index[i]]))
@@ -315,7 +316,7 @@ def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
 
 
 @compiled(lean=True)
-def reflect(problem: SolverProblem, given: Floats1) -> None:
+def reflect(problem: SolverProblem, inputs: Floats1) -> None:
     """Put each joint from q to c - REFLECTION (q - c), c the middle of its range; see `REFLECTION`.
 
     A joint without bounds stays where it is.
@@ -323,7 +324,7 @@ def reflect(problem: SolverProblem, given: Floats1) -> None:
     for i in range(problem.joints.size):
         middle = 0.5 * (problem.low[i] + problem.high[i])
         if abs(middle) < np.inf:
-            given[problem.joints[i]] = middle - REFLECTION * (given[problem.joints[i]] - middle)
+            inputs[problem.joints[i]] = middle - REFLECTION * (inputs[problem.joints[i]] - middle)
 
 
 @compiled(lean=True, inline=True)
@@ -342,7 +343,7 @@ def _linearize(
     start = problem.tolerance.size + 1
     place = start + k
     for i in range(m):
-        q = workspace.given[index[i]]
+        q = workspace.inputs[index[i]]
         slope = POSTURE_WEIGHT**2 * (q - problem.reference[index[i]])
         if i < k:
             slope = result[start + i] + slope
@@ -382,23 +383,24 @@ def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bo
     else:
         good = solve_box(matrix, gradient, least, most, step, state, factor)
     for i in range(step.size):
-        q = workspace.given[problem.joints[i]] + min(max(step[i], least[i]), most[i])
+        q = workspace.inputs[problem.joints[i]] + min(max(step[i], least[i]), most[i])
         workspace.trial[problem.joints[i]] = min(max(q, problem.low[i]), problem.high[i])
     return good
 
 
 @compiled(lean=True, inline=True)
-def _posture_cost(problem: SolverProblem, given: Floats1) -> float:
+def _posture_cost(problem: SolverProblem, inputs: Floats1) -> float:
+    """Return eps^2 |q - q_ref|^2 / 2, q the beginning of `inputs`."""
     total = 0.0
     for i in range(problem.joints.size):
-        shift = given[problem.joints[i]] - problem.reference[problem.joints[i]]
+        shift = inputs[problem.joints[i]] - problem.reference[problem.joints[i]]
         total += shift * shift
     return 0.5 * POSTURE_WEIGHT**2 * total
 
 
 @compiled(lean=True)
 def _look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearing: float) -> float:
-    """Write what is near at q into `near_trial`; return the cost of it."""
+    """Write what is near at q, shape (n,) or longer, into `near_trial`; return the cost of it."""
     rows = workspace.near_trial
     count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, MOST_NEAR, tests.near_memory)
     workspace.near_count[1] = count

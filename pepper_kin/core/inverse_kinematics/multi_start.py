@@ -72,15 +72,21 @@ all."""
 
 @compiled(lean=True)
 def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
-    """Descend from the start in `given` and, until a good solution, from further starts; collisions left out.
+    """Descend from `inputs` and, until a good solution, from further starts; collisions are left out.
 
-    Returns whether the tasks are met.
+    Args:
+        search: The search.
+        workspace: Its workspace; `inputs` holds the start.
+        answer: Written, see `solve_rows`, shape (n + t + EXTRA,).
+
+    Returns:
+        Whether the tasks are met.
     """
     problem, tests, options = search.problem, search.tests, search.options
     n, t = problem.reference.size, problem.tolerance.size
-    evaluate(problem, workspace.given, workspace.result)
+    evaluate(problem, workspace.inputs, workspace.result)
     best_met = is_met(problem, workspace)
-    best_held = best_met and is_held(search, workspace.given)
+    best_held = best_met and is_held(search, workspace.inputs)
     best_value = 0.0 if best_met else workspace.result[t]
     keep(workspace, answer, n, t)
     iterations, first_met, used, tries, agreed, near = 0, 0, 0, 0, False, False
@@ -97,12 +103,12 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
             if turn > 0 and agreed:
                 write_start(search, workspace, used - 1, turn)
             elif turn > 0:
-                reflect(problem, workspace.given)
+                reflect(problem, workspace.inputs)
             steps = descend(problem, tests, workspace, steps_left, SEARCH_GAIN, CAUTIOUS_STEPS, 0.0)
             iterations, steps_left = iterations + steps, steps_left - steps
             met = is_met(problem, workspace)
-            held = met and is_held(search, workspace.given)
-            value = motion(problem, workspace.given) if met else workspace.result[t]
+            held = met and is_held(search, workspace.inputs)
+            value = motion(problem, workspace.inputs) if met else workspace.result[t]
             search.costs[tries] = workspace.result[t]
             tries += 1
             better = met and not best_met
@@ -123,7 +129,7 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
             break
     if not (best_met and problem.stop_when_met) and workspace.stop[0] == 0:
         for i in range(n):
-            workspace.given[i] = answer[i]
+            workspace.inputs[i] = answer[i]
         iterations += descend(problem, tests, workspace, options.max_iterations, SMALL_GAIN, 0, 0.0)
         best_met = is_met(problem, workspace)
         keep(workspace, answer, n, t)
@@ -134,7 +140,14 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
 
 @compiled
 def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1, answer: Floats1) -> bool:
-    """Whether the same joints meet the tasks once their limits are taken away."""
+    """Whether the same joints meet the tasks once their limits are taken away.
+
+    Args:
+        search: The search with limits.
+        workspace: Its workspace, overwritten.
+        moves: Whether each joint of `tables.joints` moves (0 or 1), shape (n,).
+        answer: The best configuration so far, see `solve_rows`, shape (n + t + EXTRA,).
+    """
     bounded, tests, options = search.problem, search.tests, search.options
     m, n = bounded.joints.size, bounded.reference.size
     low, high = np.empty(m), np.empty(m)
@@ -151,9 +164,9 @@ def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1,
         if workspace.stop[0] != 0 or is_over(problem, workspace):
             return False
         if number == 0:
-            workspace.given[:n] = answer[:n]
+            workspace.inputs[:n] = answer[:n]
         elif number == 1:
-            workspace.given[:n] = problem.reference
+            workspace.inputs[:n] = problem.reference
         else:
             write_start(free, workspace, number - 2, -1)
         steps = min(STEPS_WITHOUT_LIMITS, options.max_iterations)
@@ -172,19 +185,19 @@ def solve_rows(
     bounds: Floats2,
     options: SearchOptions,
     tests: CollisionTests,
-    given: Floats2,
+    inputs: Floats2,
     answers: Floats2,
     begin: int,
     end: int,
 ) -> None:
-    """Solve for each row of `given` from `begin` to `end`.
+    """Solve for each row of `inputs` from `begin` to `end`.
 
     Args:
         tables: The robot and tasks.
         bounds: Lower and upper bounds of `tables.joints`, and whether they move (0 or 1), shape (3, n).
         options: How much to search.
         tests: What knows the scene; only zeros where collisions are not considered.
-        given: q0, weights and targets, shape (N, ...).
+        inputs: q0, weights and targets, shape (N, ...).
         answers: q, squared errors, and EXTRA numbers, shape (N, n + t + EXTRA), written.
         begin: First row.
         end: One after the last row.
@@ -193,13 +206,13 @@ def solve_rows(
     problem = make_problem(tables, options, tables.task_joints, work, np.empty(n))
     costs = np.empty((options.restarts + 2) * (REFLECTIONS + 1))
     search = Search(tables, options, tests, problem, np.empty(n), costs, np.empty(n))
-    workspace = make_workspace(given[begin], problem, tests)
+    workspace = make_workspace(inputs[begin], problem, tests)
     for row in range(begin, end):
         answer = answers[row]
         answer[n + t :] = 0.0
-        problem.reference[:] = given[row, :n]
-        workspace.given[:] = given[row]
-        workspace.trial[:] = given[row]
+        problem.reference[:] = inputs[row, :n]
+        workspace.inputs[:] = inputs[row]
+        workspace.trial[:] = inputs[row]
         set_bounds(problem, bounds)
         met = _search(search, workspace, answer)
         status = SOLVED if met else UNREACHABLE
@@ -230,7 +243,7 @@ def descend_row(
     bounds: Floats2,
     options: SearchOptions,
     tests: CollisionTests,
-    given: Floats1,
+    inputs: Floats1,
     reference: Floats1,
     clear: bool,
 ) -> int:
@@ -241,14 +254,14 @@ def descend_row(
         bounds: See `solve_rows`.
         options: Its tolerances and number of steps count.
         tests: What knows the scene.
-        given: A row of input.
+        inputs: A row of input.
         reference: q_ref of the posture term and place of the joints that may not move, shape (n,).
         clear: Whether to keep clear of collisions; then joints move that no task depends on, too.
     """
     n, work = tables.effort.size, np.empty(tables.work_size)
     problem = make_problem(tables, options, n if clear else tables.task_joints, work, reference)
     set_bounds(problem, bounds)
-    workspace = make_workspace(given, problem, tests)
+    workspace = make_workspace(inputs, problem, tests)
     steps = descend(
         problem,
         tests,
@@ -258,5 +271,5 @@ def descend_row(
         0 if clear else CAUTIOUS_STEPS,
         FIRM_CLEARING[0] if clear else 0.0,
     )
-    given[:] = workspace.given
+    inputs[:] = workspace.inputs
     return steps

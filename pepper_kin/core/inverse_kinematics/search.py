@@ -1,4 +1,4 @@
-"""What searches share: tables and options, starts, and the judgment of configurations."""
+"""Parts of all searches: tables and options, starts, and the judgment of configurations."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ HEAVY = 1.5
 """Joints with d_i above this carry much (hip and knee); every other restart keeps them at q0, where gravity
 is easiest to bear."""
 
-SPREADS = (0.1, 0.2, 0.4)
-"""Standard deviations of the shifts that look for a way round an obstacle [rad or m]."""
+SPREADS = (0.1, 0.25, 0.6)
+"""Standard deviations of the shifts that look for a way around an obstacle [rad or m]."""
 
 STATUS, ITERATIONS, RESTARTS, EXTRA = 0, 1, 2, 3
 """What an answer holds after q and the squared errors, and how many numbers these are."""
@@ -79,12 +79,16 @@ class SearchOptions(NamedTuple):
     Attributes:
         tolerance: Squared tolerances of the t tasks, shape (t,).
         first: x_0 of the points of the unit cube that restarts are made from, in the order of `joints`,
-        shape (n,). advance: alpha of these points x_j = frac(x_0 + j alpha), shape (n,). restarts: Further
-        starts. max_iterations: Steps from each start. thorough: Whether to search on where what was found
-        touches something, and to ask whether joint limits are in the way; else it is only moved clear.
-        stop_when_met: Whether nothing is left to gain once all tasks are well met. clock: Address of
-        `clock_gettime`. deadline: When to stop [s], infinite for never. signals: See
-        `pepper_kin.kernels.interrupts`.
+            shape (n,).
+        advance: alpha of these points x_j = frac(x_0 + j alpha), shape (n,).
+        restarts: Further starts.
+        max_iterations: Steps from each start.
+        thorough: Whether to search on where what was found touches something, and to ask whether joint limits
+            are in the way; else it is only moved clear.
+        stop_when_met: Whether nothing is left to gain once all tasks are well met.
+        clock: Address of `clock_gettime`.
+        deadline: When to stop [s], infinite for never.
+        signals: See `pepper_kin.kernels.interrupts`.
     """
 
     tolerance: Floats1
@@ -107,9 +111,9 @@ class Search(NamedTuple):
         options: How much to search.
         tests: What knows the scene.
         problem: The problem of one row.
-        torque: Workspace, shape (n,).
+        torque: Gravity torque, shape (n,) [N m or N].
         costs: Costs of the descents so far, shape (number of descents at most,).
-        start: Workspace, shape (n,).
+        start: Where descents among obstacles start from, shape (n,) [rad or m].
     """
 
     tables: TaskTables
@@ -135,7 +139,7 @@ def _point(options: SearchOptions, i: int, number: int) -> float:
 
 @compiled(lean=True)
 def write_start(search: Search, workspace: Workspace, number: int, only: int) -> None:
-    """Write the start of a restart, counted from 0, into `given`.
+    """Write the start of a restart, counted from 0, into `inputs`.
 
     Where `only` is not negative, it is this one of the number's points as it stands.
     """
@@ -164,44 +168,44 @@ def write_start(search: Search, workspace: Workspace, number: int, only: int) ->
         if cost < least or c == first:
             least = cost
             for i in range(index.size):
-                workspace.given[index[i]] = trial[index[i]]
+                workspace.inputs[index[i]] = trial[index[i]]
 
 
 @compiled(lean=True)
 def write_way_start(search: Search, workspace: Workspace, number: int, reach: float) -> None:
-    """Write a start into `given` that lies part of the way from q0 to a point of the joint box."""
+    """Write a start into `inputs` that lies part of the way, `reach`, from q0 to a point of the joint box."""
     problem = search.problem
     for i in range(problem.joints.size):
         q0 = problem.reference[problem.joints[i]]
         bottom, top = max(problem.low[i], q0 - math.pi), min(problem.high[i], q0 + math.pi)
         q = q0 + reach * (bottom + _point(search.options, i, number) * (top - bottom) - q0)
-        workspace.given[problem.joints[i]] = min(max(q, problem.low[i]), problem.high[i])
+        workspace.inputs[problem.joints[i]] = min(max(q, problem.low[i]), problem.high[i])
 
 
 @compiled(lean=True)
 def write_straightened(search: Search, workspace: Workspace, part: float, answer: Floats1) -> None:
-    """Write the best solution so far into `given`, the joints that carry much moved back by a part to q0."""
+    """Write the best solution so far into `inputs`, the joints that carry much moved back by a part to q0."""
     problem = search.problem
     for i in range(problem.joints.size):
         j = problem.joints[i]
         back = part if problem.scale[i] > HEAVY**2 else 0.0
         q = answer[j] + back * (problem.reference[j] - answer[j])
-        workspace.given[j] = min(max(q, problem.low[i]), problem.high[i])
+        workspace.inputs[j] = min(max(q, problem.low[i]), problem.high[i])
 
 
 @compiled(lean=True)
 def write_shifted(search: Search, workspace: Workspace, number: int, answer: Floats1) -> None:
-    """Write the best configuration so far into `given`, each joint shifted a little."""
+    """Write the best configuration so far into `inputs`, each joint shifted a little."""
     problem, spread = search.problem, SPREADS[number % 3] * math.sqrt(12.0)
     for i in range(problem.joints.size):
         j = problem.joints[i]
         shift = spread * (_point(search.options, i, CANDIDATES * number) - 0.5)
-        workspace.given[j] = min(max(answer[j] + shift, problem.low[i]), problem.high[i])
+        workspace.inputs[j] = min(max(answer[j] + shift, problem.low[i]), problem.high[i])
 
 
 @compiled(lean=True, inline=True)
 def is_held(search: Search, q: Floats1) -> bool:
-    """Whether the motors hold q: |g_i| <= effort limit for every joint."""
+    """Whether the motors hold q, shape (n,) or longer: |g_i| <= effort limit for every joint."""
     tables = search.tables
     call_kernel(tables.gravity, q.ctypes.data, search.torque.ctypes.data, search.problem.work.ctypes.data)
     worst = 0.0
@@ -212,7 +216,13 @@ def is_held(search: Search, q: Floats1) -> bool:
 
 @compiled(lean=True)
 def agree(costs: Floats1, count: int, least_count: int) -> bool:
-    """Whether the least weighted distance was found often enough to be believed."""
+    """Whether the least weighted distance was found often enough to be believed.
+
+    Args:
+        costs: Costs of descents, half the squares of weighted distances, shape (>= count,).
+        count: How many of them there are.
+        least_count: How many there have to be.
+    """
     if count < least_count:
         return False
     least = costs[0]
@@ -227,7 +237,7 @@ def agree(costs: Floats1, count: int, least_count: int) -> bool:
 
 @compiled(lean=True, inline=True)
 def motion(problem: SolverProblem, q: Floats1) -> float:
-    """Return |diag(d) (q - q0)|^2."""
+    """Return |diag(d) (q - q0)|^2, q the beginning of an array."""
     total = 0.0
     for i in range(problem.joints.size):
         shift = q[problem.joints[i]] - problem.reference[problem.joints[i]]
@@ -237,16 +247,16 @@ def motion(problem: SolverProblem, q: Floats1) -> float:
 
 @compiled(lean=True, inline=True)
 def keep(workspace: Workspace, answer: Floats1, n: int, t: int) -> None:
-    """Write q and the squared errors into an answer."""
+    """Write q and the t squared errors into an answer, shape (n + t + EXTRA,)."""
     for i in range(n):
-        answer[i] = workspace.given[i]
+        answer[i] = workspace.inputs[i]
     for i in range(t):
         answer[n + i] = workspace.result[i]
 
 
 @compiled(lean=True, inline=True)
 def is_met(problem: SolverProblem, workspace: Workspace) -> bool:
-    """Whether every task is met at `given`."""
+    """Whether every task is met at `inputs`."""
     return fraction_of_tolerance(workspace.result, problem.tolerance) <= 1.0
 
 
@@ -254,7 +264,15 @@ def is_met(problem: SolverProblem, workspace: Workspace) -> bool:
 def make_problem(
     tables: TaskTables, options: SearchOptions, count: int, work: Floats1, reference: Floats1
 ) -> SolverProblem:
-    """Return the problem in which the first `count` joints move; `_set_bounds` sets its bounds."""
+    """Return the problem in which the first `count` joints move; `set_bounds` sets its bounds.
+
+    Args:
+        tables: The robot and tasks.
+        options: How much to search.
+        count: m, number of joints that move.
+        work: The kernel's workspace, shape (tables.work_size,).
+        reference: q_ref, shape (n,) [rad or m].
+    """
     return SolverProblem(
         tables.kernel, work, tables.task_joints, tables.joints[:count], np.empty(count), np.empty(count),
         tables.scale[:count], reference, options.tolerance, options.stop_when_met, options.clock,
@@ -264,7 +282,10 @@ def make_problem(
 
 @compiled(lean=True)
 def set_bounds(problem: SolverProblem, bounds: Floats2) -> None:
-    """Set the bounds of a problem whose reference is set; joints that may not move stay there."""
+    """Set the bounds of a problem whose reference is set; joints that may not move stay there.
+
+    `bounds` are those of `solve_rows`, shape (3, n).
+    """
     for i in range(problem.joints.size):
         fixed, q0 = bounds[2, i] == 0.0, problem.reference[problem.joints[i]]
         problem.low[i] = q0 if fixed else bounds[0, i]

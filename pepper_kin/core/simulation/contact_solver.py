@@ -34,8 +34,10 @@ ALIGNED = 1e-7
 """Sliding slower than this has no direction [m/s]."""
 ITERATIONS = 60
 LINE_STEPS = 40
-DECREMENT = 1e-20
-"""Kinetic energy that a further Newton step would take off, at which there is none [J]."""
+CONVERGED = 3e-13
+"""Change of the contacts' velocities at which there is no further Newton step [m/s]."""
+FASTEST = 1e6
+"""Velocities of free bodies add up to less than this [m/s and rad/s]."""
 FRICTION_ITERATIONS = 10
 COULOMB_TOLERANCE = 1e-4  # [m/s], ends friction iterations
 SOLVE_PROBLEM = 1
@@ -96,9 +98,12 @@ class SolverState(NamedTuple):
         impulses: Normal, first and second tangent of each point [N s], in the first 3 k.
         forces: At the points, in the world's axes [N], shape (MOST_POINTS, 3).
         load: On the robot [N m or N], shape (n,).
-        numbers: k, N, how many convex problems were solved, and whether a call-back solved them.
+        numbers: k, N, how many convex problems were solved, whether a call-back solved them, and the number
+            of steps that `wrench` holds.
         coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s], shape (1,).
         addresses: See `solve_contacts`.
+        wrench: Force [N] of the contacts on the robot and moment about the world's origin [N m], in each of
+            the last steps, shape (s, 6).
     """
 
     velocity: Floats1
@@ -108,6 +113,7 @@ class SolverState(NamedTuple):
     numbers: Ints1
     coulomb_error: Floats1
     addresses: Ints1
+    wrench: Floats2
 
 
 @compiled
@@ -528,12 +534,12 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
         for k in range(size):
             direction[k] = -gradient[k]
         solve_cholesky(hessian, direction)
-        decrement = 0.0
-        for k in range(size):
-            decrement -= gradient[k] * direction[k]
-        if decrement < DECREMENT:
-            return iteration
         multiply(jacobian, direction, moved)
+        fastest = 0.0
+        for value in moved:
+            fastest = max(fastest, abs(value))
+        if fastest < CONVERGED:
+            return iteration
         _edge_velocities(moved, none, friction, change)
         if _same_sides(y, change):
             _move(u, 1.0, direction)
@@ -655,46 +661,3 @@ def multiply(matrix: Floats2, vector: Floats1, result: Floats1) -> None:
         for k in range(matrix.shape[1]):
             total += matrix[i, k] * vector[k]
         result[i] = total
-
-
-@compiled(lean=True)
-def apply_solution(
-    problem: ContactProblem, rows: Floats2, bodies: BodyTable, h: float, state: SolverState
-) -> bool:
-    """Write velocities of all bodies, forces of all points in the world's axes and the load on the robot.
-
-    Returns:
-        Whether all velocities and loads are finite.
-    """
-    count, velocity, gravity = len(problem.bias), bodies.velocity, bodies.gravity
-    u, impulses, load = state.velocity[: len(problem.free)], state.impulses[: 3 * count], state.load
-    jacobian, tangents, columns, forces = problem.jacobian, problem.tangents, problem.columns, state.forces
-    total, touched = 0.0, len(u)
-    for b in range(len(columns)):
-        k = columns[b]
-        if k >= 0:
-            touched -= 6
-        for i in range(6):
-            if k >= 0:
-                velocity[b, i] = u[k + i]
-            elif i < 3:
-                velocity[b, i] += h * gravity[i]
-            total += velocity[b, i]
-    for c in range(count):
-        n, t = rows[c, 3:6], tangents[c]
-        for i in range(3):
-            k, m = (i + 1) % 3, (i + 2) % 3
-            across = n[k] * t[m] - n[m] * t[k]
-            forces[c, i] = (
-                impulses[3 * c] * n[i] + impulses[3 * c + 1] * t[i] + impulses[3 * c + 2] * across
-            ) / h
-    for k in range(len(load)):
-        load[k] = 0.0
-    if touched:
-        for r in range(len(impulses)):
-            if impulses[r] != 0.0:
-                for k in range(len(load)):
-                    load[k] += jacobian[r, k] * impulses[r] / h
-        for k in range(len(load)):
-            total += load[k]
-    return math.isfinite(total)

@@ -8,9 +8,10 @@ import numpy as np
 
 from pepper_kin.core.simulation.contact_solver import (
     ADDRESSES,
+    FASTEST,
+    ContactProblem,
     RobotMotion,
     SolverState,
-    apply_solution,
     assemble,
     solve_contacts,
 )
@@ -26,7 +27,7 @@ from pepper_kin.core.simulation.narrow_phase import (
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable, move_joints, tree_motion
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
-from pepper_kin.kernels.signatures import Array, Floats1, record_of
+from pepper_kin.kernels.signatures import Array, Floats1, Floats2, Ints1, record_of
 
 SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NOT_FINITE, CALLBACK_FAILED = (
     range(7)
@@ -83,9 +84,10 @@ def world_tables(
         impulses=np.zeros(3 * MOST_POINTS),
         forces=np.zeros((MOST_POINTS, 3)),
         load=np.zeros(joints),
-        numbers=np.zeros(4, np.int64),
+        numbers=np.zeros(5, np.int64),
         coulomb_error=np.zeros(1),
         addresses=np.zeros(ADDRESSES, np.int64),
+        wrench=np.zeros((1, 6)),
     )
     return WorldTables(TABLES, callback, by_callback, tree, tree_motion(tree), shapes, bodies, points, state)
 
@@ -98,7 +100,7 @@ def no_world(n: int) -> WorldTables:
         return kind(*(np.empty((0,) * field.ndim, field.dtype) for field in fields))
 
     state = empty(SolverState)._replace(
-        load=np.zeros(n), numbers=np.zeros(4, np.int64), addresses=np.zeros(ADDRESSES, np.int64)
+        load=np.zeros(n), numbers=np.zeros(5, np.int64), addresses=np.zeros(ADDRESSES, np.int64)
     )
     return WorldTables(
         NO_WORLD,
@@ -115,7 +117,7 @@ def no_world(n: int) -> WorldTables:
 
 @compiled("int64(WorldTables, float64[::1], RobotMotion, float64)")
 def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
-    """Advance the free bodies by h, and write to `world.state.load` what contacts do to the robot.
+    """Advance the free bodies by h, and write to `world.state` what contacts do to the robot.
 
     Without contact the robot would go to v + h mass_hat^-1 force; with it, it goes to
     v + h mass_hat^-1 (force + load).
@@ -157,14 +159,70 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
             return NOT_POSITIVE_DEFINITE
         if not solve_contacts(problem, points.rows, world.callback, world.by_callback, state):
             return NOT_SOLVED if _is_finite(problem.free) else FORCE_NOT_FINITE
-        finite = apply_solution(problem, points.rows, bodies, h, state)
+        finite = _apply_solution(problem, points.rows, bodies, h, state)
     if not finite:
         for b in range(len(before)):
             for i in range(6):
                 bodies.velocity[b, i] = before[b, i]
         return NOT_FINITE
     integrate_bodies(bodies, h)
+    row = state.numbers[4]
+    if row < len(state.wrench):
+        _add_wrench(count, world.shapes.of_robot, points, state.forces, state.wrench[row])
+        state.numbers[4] = row + 1
     return SOLVED
+
+
+@compiled(lean=True)
+def _add_wrench(count: int, of_robot: Ints1, points: ContactPoints, forces: Floats2, wrench: Floats1) -> None:
+    """Add the forces on the robot, and their moments about the world's origin."""
+    for c in range(count):
+        sign = float(of_robot[points.shapes[c, 0]] - of_robot[points.shapes[c, 1]])
+        for i in range(3):
+            k, m = (i + 1) % 3, (i + 2) % 3
+            wrench[i] += sign * forces[c, i]
+            wrench[3 + i] += sign * (points.rows[c, k] * forces[c, m] - points.rows[c, m] * forces[c, k])
+
+
+@compiled(lean=True)
+def _apply_solution(
+    problem: ContactProblem, rows: Floats2, bodies: BodyTable, h: float, state: SolverState
+) -> bool:
+    """Write velocities of all bodies and forces of all points, and add the load on the robot.
+
+    Returns:
+        Whether all velocities are below `FASTEST` and all loads finite.
+    """
+    count, velocity, gravity = len(problem.bias), bodies.velocity, bodies.gravity
+    u, impulses, load = state.velocity[: len(problem.free)], state.impulses[: 3 * count], state.load
+    jacobian, tangents, columns, forces = problem.jacobian, problem.tangents, problem.columns, state.forces
+    total, touched = 0.0, len(u)
+    for b in range(len(columns)):
+        k = columns[b]
+        if k >= 0:
+            touched -= 6
+        for i in range(6):
+            if k >= 0:
+                velocity[b, i] = u[k + i]
+            elif i < 3:
+                velocity[b, i] += h * gravity[i]
+            total += abs(velocity[b, i])
+    for c in range(count):
+        n, t = rows[c, 3:6], tangents[c]
+        for i in range(3):
+            k, m = (i + 1) % 3, (i + 2) % 3
+            across = n[k] * t[m] - n[m] * t[k]
+            forces[c, i] = (
+                impulses[3 * c] * n[i] + impulses[3 * c + 1] * t[i] + impulses[3 * c + 2] * across
+            ) / h
+    if touched:
+        for r in range(len(impulses)):
+            if impulses[r] != 0.0:
+                for k in range(len(load)):
+                    load[k] += jacobian[r, k] * impulses[r] / h
+        for k in range(len(load)):
+            total += 0.0 * load[k]
+    return total < FASTEST
 
 
 @compiled

@@ -41,6 +41,7 @@ class ShapeTable(NamedTuple):
             half the length of a cylinder; offset of a half-space, shape (k, 3) [m].
         mover: STANDS, ON_ROBOT or FREE, shape (k,).
         owner: Joint or free body that moves it, shape (k,).
+        of_robot: 1 where it is a part of the robot or hangs on it, else 0, shape (k,).
         own_rotation: In the frame of that joint or body, shape (k, 3, 3).
         own_position: [m], shape (k, 3).
         ball: Center, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
@@ -56,6 +57,7 @@ class ShapeTable(NamedTuple):
     size: Floats2
     mover: Ints1
     owner: Ints1
+    of_robot: Ints1
     own_rotation: Floats3
     own_position: Floats2
     ball: Floats2
@@ -91,7 +93,8 @@ class ContactPoints(NamedTuple):
     """Points where shapes touch, or could during the step.
 
     Attributes:
-        rows: Point, normal (from the second shape to the first) and gap, shape (MOST_POINTS, 7).
+        rows: Point, normal (from the second shape to the first) and gap, shape (MOST_POINTS, 7); the point
+            halfway between the surfaces, or on the first where there is a gap and the second is not free.
         shapes: The two shapes of each point, shape (MOST_POINTS, 2).
         undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
     """
@@ -210,6 +213,9 @@ def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[
             if swapped:
                 for m in range(3, 6):
                     points.rows[k, m] = -points.rows[k, m]
+            if points.rows[k, 6] > 0.0 and shapes.mover[j] != FREE:  # it will touch where its surface is now
+                for m in range(3):
+                    points.rows[k, m] += 0.5 * points.rows[k, 6] * points.rows[k, 3 + m]
         found += new
     return found, left
 

@@ -168,7 +168,7 @@ def tighten_middle(
         limits: The limits.
         rows: The constraints with `middle`; those that are exceeded are tightened.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of a limit's room up to which an excess tightens nothing.
+        least: Share of what a limit leaves beyond rest, up to which an excess tightens nothing.
         changed: Is set where constraints are changed, shape (N,).
     """
     n, n_tau, middle = grid.at.shape[2], limits.torque.size, rows.middle

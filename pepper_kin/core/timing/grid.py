@@ -41,10 +41,10 @@ def fill_grid(breaks: Array, coefficients: Array, intervals: int, grid: PathGrid
         intervals: Least number of intervals in all.
         grid: Receives the result; N = `interval_count`, M = N + m.
     """
-    pieces, _, n = coefficients.shape
+    segments, _, n = coefficients.shape
     at, taylor = grid.at, grid.taylor
     interval, node = 0, 0
-    for i in range(pieces):
+    for i in range(segments):
         count = _count(breaks, i, intervals)
         h = (breaks[i + 1] - breaks[i]) / count
         for part in range(count + 1):
@@ -62,7 +62,7 @@ def fill_grid(breaks: Array, coefficients: Array, intervals: int, grid: PathGrid
                 grid.step[interval], grid.first[interval], grid.s[interval] = h, node, breaks[i] + x
                 interval += 1
             node += 1
-    grid.s[interval] = breaks[pieces]
+    grid.s[interval] = breaks[segments]
 
 
 @compiled("void(float64[:, :, ::1], float64[:, :, ::1])", lean=True)

@@ -117,7 +117,7 @@ def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, sample_tim
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        sample_times: Receives the result, with room for `instant_count`.
+        sample_times: Receives the result, at least `instant_count` long.
 
     Returns:
         Their number.
@@ -154,7 +154,7 @@ def instants_near_limits(
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        sample_times: Receives the result, with room for `instant_count`.
+        sample_times: Receives the result, at least `instant_count` long.
 
     Returns:
         Their number.

@@ -36,6 +36,9 @@ Array = NDArray[np.float64]
 CHECK_STEP = 0.001
 """Torques and edge moments are looked at at multiples of this [s]."""
 
+LONGEST_MOTION = 3600.0
+"""A motion that takes longer than this [s] is not looked at every millisecond, and so refused."""
+
 MORE, LEAST = 1.1, 2e-6
 """A motion is stretched a little further than needed: by so many times the excess, and by so much."""
 
@@ -49,7 +52,7 @@ class TorqueKernel(NamedTuple):
     Attributes:
         address: Of the `batch` of a kernel from q, v and a to torques.
         work: As large as the kernel asks.
-        words: Room for 8 numbers.
+        words: Workspace, 8 numbers.
     """
 
     address: int
@@ -58,18 +61,18 @@ class TorqueKernel(NamedTuple):
 
 
 class TimedPath(NamedTuple):
-    """A path whose timing is sought, with room for all that is worked out on the way.
+    """A path whose timing is sought, with the workspace for it.
 
     Attributes:
         breaks: Ends of the pieces, shape (m + 1,).
         curve: Coefficients, constant term first, shape (m, 4, n).
-        grid: Room for the path on its grid.
-        effects: Room for its torques; no moments and no speeds of frames.
+        grid: Receives the path on its grid.
+        effects: Receives its torques; no moments and no speeds of frames.
         torques: The same memory with a row for each state, shape (3 M, n or 0).
         limits: Its limits, those of torque included.
-        rows: Room for the constraints.
+        rows: Receives the constraints.
         space: Work space of the search, of which `states` may share memory with `lines`.
-        states: Room, shape (3, 3 M, n).
+        states: Workspace, shape (3, 3 M, n).
         times: Receives the times at the grid points, shape (N + 1,).
         motion: Receives the pieces of the motion, constant term first, shape (N, 7, n).
     """
@@ -95,10 +98,15 @@ def _write_torques(kernel: TorqueKernel, states: Array, torque: Array) -> None:
 
 @compiled
 def _kept(path: TimedPath, kernel: TorqueKernel, stretch: float) -> float:
-    """Look at torques at every multiple of 1 ms where they are near their limits; return the stretch."""
+    """Look at torques at every multiple of 1 ms where they are near their limits; return the stretch.
+
+    Of a motion that would take longer than `LONGEST_MOTION`, inf.
+    """
     grid, rows, limit, x, n = path.grid, path.rows, path.limits.torque, path.space.best, path.curve.shape[2]
     duration = profile_duration(grid, x)
     while stretch < np.inf:
+        if duration * stretch > LONGEST_MOTION:
+            return np.inf
         count_most = instant_count(duration, stretch, CHECK_STEP)
         samples = Instants(np.empty(count_most, np.int64), np.empty(count_most))
         count = instants_near_limits(grid, rows, limit, 0, x, stretch, CHECK_STEP, samples)
@@ -120,7 +128,7 @@ def time_path(path: TimedPath, kernel: TorqueKernel, intervals: int) -> tuple[in
     """Find the fastest motion along a path within limits of velocity, acceleration and torque.
 
     Args:
-        path: The path; its scratch arrays are written to.
+        path: The path; its workspace is written to.
         kernel: Of the torques.
         intervals: Least number of intervals of the grid, those that the arrays are made for.
 
@@ -139,29 +147,3 @@ def time_path(path: TimedPath, kernel: TorqueKernel, intervals: int) -> tuple[in
     if status == FOUND and stretch < np.inf:
         motion_polynomials(grid, path.space.best, stretch, path.times, path.motion)
     return status, failed, stretch
-
-
-@compiled("int64(float64[::1], float64[:, :, ::1], float64, int64[::1])")
-def find_kinks(breaks: Floats1, curve: Floats3, least: float, kinks: Ints1) -> int:
-    """Find the breaks at which the derivative of a piecewise cubic path jumps.
-
-    Args:
-        breaks: Ends of the pieces, shape (m + 1,).
-        curve: Coefficients, constant term first, shape (m, 4, n).
-        least: Jumps up to this part of the derivatives are rounding.
-        kinks: Receives the places among the breaks, room for m.
-
-    Returns:
-        Their number.
-    """
-    found = 0
-    for i in range(1, curve.shape[0]):
-        h, before, after, gap = breaks[i] - breaks[i - 1], 0.0, 0.0, 0.0
-        for j in range(curve.shape[2]):
-            first, second, third = curve[i - 1, 1, j], curve[i - 1, 2, j], curve[i - 1, 3, j]
-            end, start = first + (2.0 * second + 3.0 * third * h) * h, curve[i, 1, j]
-            before, after, gap = max(before, abs(end)), max(after, abs(start)), max(gap, abs(start - end))
-        if gap > least * (before + after + least):
-            kinks[found] = i
-            found += 1
-    return found

@@ -38,17 +38,17 @@ class SearchBuffers:
         signals: See `interrupt_table`.
 
     Attributes:
-        given: Input of `solve_rows`, shape (1, width).
+        inputs: Input of `solve_rows`, shape (1, width).
         answers: Its output, shape (1, n + t + EXTRA).
-        row: The row of `given`, shape (width,).
+        row: The row of `inputs`, shape (width,).
         answer: The row of `answers`, shape (n + t + EXTRA,).
         tolerance: Squared tolerances, shape (t,).
         signals: See `interrupt_table`.
     """
 
     def __init__(self, width: int, n: int, tasks: int, signals: np.ndarray) -> None:
-        self.given, self.answers = np.empty((1, width)), np.empty((1, n + tasks + EXTRA))
-        self.row, self.answer, self.tolerance = self.given[0], self.answers[0], np.empty(tasks)
+        self.inputs, self.answers = np.empty((1, width)), np.empty((1, n + tasks + EXTRA))
+        self.row, self.answer, self.tolerance = self.inputs[0], self.answers[0], np.empty(tasks)
         self.signals = signals
         self._key: tuple[SearchBudget, bool, int] | None = None
         self._options: SearchOptions | None = None
@@ -77,7 +77,6 @@ class CompiledTasks:
         bounds: Lower and upper limits of `tables.joints`, and 1 for each: all may move, shape (3, n).
         target_places: Where each task's target lies in a row of input; None for tasks in Python.
         width: Length of a row of input.
-        solve: The function `solve_rows`, as it is called fastest.
         python: The tasks in Python, where there is no machine code for them.
         spare: Buffers that no search uses.
     """
@@ -87,10 +86,14 @@ class CompiledTasks:
     bounds: Array
     target_places: tuple[slice | None, ...]
     width: int
-    solve: Callable[..., None]
     python: PythonTasks | None
     _kernels: tuple[Kernel, ...]
     spare: list[SearchBuffers] = field(default_factory=list)
+
+    @property
+    def solve(self) -> Callable[..., None]:
+        """The function `solve_rows` as it is called fastest; planning does without, and without its code."""
+        return solve_rows.native
 
     def buffers(self) -> SearchBuffers:
         """Return buffers to use; append them to `spare` afterwards."""
@@ -125,7 +128,7 @@ class CompiledTasks:
             row[n + k] = weight * weight
             if targets is not None:
                 row[targets] = target_of(task)
-            tolerance[k] = allowed * allowed
+            tolerance[k] = squared_tolerance(allowed)
             finite = finite and allowed < np.inf
         return finite
 
@@ -143,7 +146,7 @@ class PythonTasks:
 
     Attributes:
         address: Of a C function like that of `task_function`; valid while this object lives.
-        signals: Told to stop when a task raises.
+        signals: Set to stop when a task raises.
     """
 
     def __init__(self, pepper: PepperModel, tasks: Sequence[Task], index: np.ndarray) -> None:
@@ -166,11 +169,11 @@ class PythonTasks:
     def _answers(self) -> Generator[int, int, None]:
         """Take the arguments of the kernel, call after call, and write its results."""
         n, k = self._pepper.n, self._index.size
-        size = len(self._tasks) + 1 + k + k * (k + 1) // 2
+        size = _answer_size(len(self._tasks), k)
         try:
             while True:
-                given, result, _ = (yield 0), (yield 0), (yield 0)
-                q = floats_at(given, n).copy()
+                inputs, result, _ = (yield 0), (yield 0), (yield 0)
+                q = floats_at(inputs, n).copy()
                 floats_at(result, size)[:] = self._values(read_only(q))
         except GeneratorExit:
             return
@@ -181,7 +184,7 @@ class PythonTasks:
                 yield 0
             except GeneratorExit:
                 return
-            except BaseException:  # a second signal: the first one tells enough
+            except BaseException:  # a second signal: the first one is enough
                 continue
 
     def _values(self, q: Array) -> Array:
@@ -200,8 +203,23 @@ class PythonTasks:
         return np.concatenate([errors, [cost], slope.T @ residual, (slope.T @ slope)[self._upper]])
 
 
-SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks"))
-"""Packages on which the kernels depend."""
+ROUNDING, RELATIVE_ROUNDING = 1e-13, 1e-9
+"""By how much two computations of the same error differ at most [m or rad], and as a part of a tolerance."""
+
+
+def _answer_size(tasks: int, joints: int) -> int:
+    """Return the length of what a kernel of tasks writes, as `make_workspace` allocates it."""
+    return tasks + 1 + joints + joints * (joints + 1) // 2
+
+
+SOURCES = tuple(
+    f"pepper_kin.{name}"
+    for name in (
+        "symbolic", "model", "ik.fast", "ik.tasks", "ik.problem", "batch.states", "dynamics.center_of_mass",
+        "kinematics.frames", "kinematics.jacobian",
+    )
+)  # fmt: skip
+"""Packages and modules on which the kernels depend; joints of a center of mass are found by numbers."""
 
 _kept: RobotMemory[tuple[Structure, ...], CompiledTasks] = RobotMemory()
 _lock = threading.Lock()
@@ -236,14 +254,14 @@ def _with_machine_code(pepper: PepperModel, tasks: tuple[Structure, ...]) -> Com
 
     key = f"ik {tasks!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
     made = compile_function(step, key=key, batch=False)
-    return _compiled(pepper, index, [task.target_size for task in tasks], made.single_address, made)
+    return _compiled(pepper, index, [task.target_size for task in tasks], made=made)
 
 
 def _compiled(
     pepper: PepperModel,
     index: np.ndarray,
     target_sizes: Sequence[int | None],
-    address: int,
+    address: int = 0,
     made: Kernel | None = None,
     python: PythonTasks | None = None,
 ) -> CompiledTasks:
@@ -257,10 +275,14 @@ def _compiled(
     others = np.ones(pepper.n, dtype=bool)
     others[index] = False
     joints = np.concatenate([index, np.flatnonzero(others)]).astype(np.int64)
+    n, k, tasks = pepper.n, index.size, len(target_sizes)
+    work = max(gravity.work_size, 0 if made is None else made.work_size) + 8
+    if made is not None:
+        address = made.address_of("single", inputs=place, outputs=_answer_size(tasks, k), work=work)
     tables = TaskTables(
         kernel=address,
-        gravity=gravity.single_address,
-        work_size=max(gravity.work_size, 0 if made is None else made.work_size) + 8,
+        gravity=gravity.address_of("single", inputs=n, outputs=n, work=work),
+        work_size=work,
         task_joints=index.size,
         joints=joints,
         # By its kernel: a first answer does not wait for Pinocchio to load.
@@ -273,10 +295,21 @@ def _compiled(
         bounds=np.array([pepper.lower_limits[joints], pepper.upper_limits[joints], np.ones(pepper.n)]),
         target_places=tuple(places),
         width=place,
-        solve=solve_rows.native,
         python=python,
         _kernels=(gravity,) if made is None else (gravity, made),
     )
+
+
+def squared_tolerance(allowed: float) -> float:
+    """Return the square of a tolerance as machine code compares with it.
+
+    It is smaller by more than rounding: errors that are computed anew, by another code, are within the
+    tolerance too.
+    """
+    if allowed == np.inf:
+        return np.inf
+    least = max(allowed - RELATIVE_ROUNDING * allowed - ROUNDING, 0.5 * allowed)
+    return least * least
 
 
 def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:

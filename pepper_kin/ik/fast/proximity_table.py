@@ -12,7 +12,7 @@ from pepper_kin.collision.fast.solids import HULL, OTHER, Solid
 from pepper_kin.collision.fast.structure import Structure, structure_of
 from pepper_kin.core.inverse_kinematics.proximity import FULL, HEAD, SHAPE, place_still, sizes
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 
 LEVER = 0.3
 """Meters that count as a radian where joints leave a dependent range."""
@@ -110,7 +110,7 @@ def _outermost(vertices: Array) -> Array:
     return np.asarray(vertices[np.unique((vertices @ directions.T).argmax(axis=0))])
 
 
-@lru_cache(maxsize=32)
+@kept_for_robot(most=32)
 def _tree(pepper: PepperModel) -> tuple[Array, Array, Array]:
     """Return the joints of the tree, which of them carry each, and how their coordinates depend on q."""
     joints, gains = joint_table(pepper), np.asarray(pepper.full_map)

@@ -11,7 +11,7 @@ import numpy as np
 from pepper_kin.core.inverse_kinematics.multi_start import descend_row
 from pepper_kin.core.inverse_kinematics.search import CANDIDATES, EXTRA, STATUS, STOP
 from pepper_kin.ik.collisions import NO_TESTS, Collisions
-from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, unit_points
+from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, squared_tolerance, unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import TaskSolver
@@ -60,7 +60,7 @@ def search_compiled(
     options = buffers.options(budget, finite, ready.tables.task_joints)
     tests = NO_TESTS if collisions is None else collisions.tests(buffers.signals)
     bounds = ready.bounds if movable is None else ready.bounds_of(movable)
-    ready.solve(ready.tables, bounds, options, tests, buffers.given, buffers.answers, 0, 1)
+    ready.solve(ready.tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
     q = buffers.answer[:n].copy()
     q.setflags(write=False)
     status, iterations, used = buffers.answer[-EXTRA:].tolist()
@@ -135,15 +135,15 @@ class Rows:
         ready = compiled_tasks(pepper, tasks)
         n, t = pepper.n, len(tasks)
         self.statuses = STATUSES
-        self._given = np.empty((len(starts), ready.width))
-        self._given[:, :n] = starts
-        self._given[:, n : n + t] = [task.weight**2 for task in tasks]
+        self._inputs = np.empty((len(starts), ready.width))
+        self._inputs[:, :n] = starts
+        self._inputs[:, n : n + t] = [task.weight**2 for task in tasks]
         for place, task in zip(ready.target_places, tasks, strict=True):
             assert place is not None
             targets = getattr(task, task.target_name)
-            self._given[:, place] = targets.reshape(-1, place.stop - place.start)
+            self._inputs[:, place] = targets.reshape(-1, place.stop - place.start)
         buffers = ready.buffers()
-        buffers.tolerance[:] = [task.tolerance**2 for task in tasks]
+        buffers.tolerance[:] = [squared_tolerance(task.tolerance) for task in tasks]
         finite = all(task.tolerance < math.inf for task in tasks)
         options = buffers.options(budget, finite, ready.tables.task_joints)
         self._answers = np.empty((len(starts), n + t + EXTRA))
@@ -159,7 +159,7 @@ class Rows:
         """
         collisions = Collisions(*self._world)  # blocks of memory of this thread
         tests = collisions.tests(self._buffers.signals)
-        self._ready.solve(*self._fixed, tests, self._given, self._answers, begin, end)
+        self._ready.solve(*self._fixed, tests, self._inputs, self._answers, begin, end)
         stopped = self._answers[begin:end, sum(self._sizes) + STATUS] == STOP
         if stopped.any():
             self._ready.check(self._buffers)

@@ -34,7 +34,7 @@ HOME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 # placo reads bounds as finite numbers.
 UNBOUNDED = 1e6
 
-_robots = threading.local()
+_robots: RobotMemory[str, threading.local] = RobotMemory()
 
 
 class PlacoSolver(StepSolver):
@@ -82,7 +82,7 @@ class PlacoSolver(StepSolver):
         damping: float,
         half_spaces: HalfSpaces | None = None,
     ) -> Array | None:
-        """Return the step; see `StepSolver`."""
+        """Return the step dq from q, shape (n,) each [rad or m]; see `StepSolver`."""
         problem, pepper = self._problem, self._problem.pepper
         if not problem.movable.any():
             return np.zeros(pepper.n)
@@ -106,7 +106,10 @@ class PlacoSolver(StepSolver):
         return np.clip(step, -STEP_BOUND, STEP_BOUND) if np.isfinite(step).all() else None
 
     def _enter(self, q: Array) -> None:
-        """Set the robot's state and the box of this step; the robot is shared by all solvers of a thread."""
+        """Set the robot's state, q of shape (n,) [rad or m], and the box of this step.
+
+        The robot is shared by all solvers of a thread.
+        """
         problem, model = self._problem, self._robot.model
         self._robot.state.q = np.concatenate([HOME, problem.pepper.to_full(q)])
         lower = np.full(model.nq, -UNBOUNDED)
@@ -118,7 +121,7 @@ class PlacoSolver(StepSolver):
         self._robot.update_kinematics()
 
     def _constrain(self, q: Array, half_spaces: HalfSpaces) -> Any:
-        """Add normals (q + dq) <= offsets + normals q, the form that placo takes."""
+        """Add normals (q + dq) <= offsets + normals q, placo's form, at q, shape (n,) [rad or m]."""
         normals = np.zeros((half_spaces.offsets.size, self._robot.model.nq))
         normals[:, BASE_POSITION + self._rows] = half_spaces.normals
         constraint = self._solver.add_joint_space_half_spaces_constraint(
@@ -160,7 +163,17 @@ class PlacoSolver(StepSolver):
         return None
 
     def _pair(self, q: Array, weight: float, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Return A and b of A (q + dq) <= b that stand for w (J dq + r) = 0."""
+        """Return A and b of A (q + dq) <= b that stand for w (J dq + r) = 0.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            weight: w.
+            residual: r, shape (m,).
+            jacobian: J, shape (m, n).
+
+        Returns:
+            A, shape (2 m, N), with a column for each of placo's N coordinates, and b, shape (2 m,).
+        """
         rows = np.zeros((residual.size, self._robot.model.nq))
         rows[:, BASE_POSITION + self._rows] = weight * jacobian
         right = weight * (jacobian @ q - residual)
@@ -190,11 +203,8 @@ def robot_of(pepper: PepperModel) -> Any:
     """
     import placo
 
-    memory: RobotMemory[str, Any] | None = getattr(_robots, "by_model", None)
-    if memory is None:
-        memory = _robots.by_model = RobotMemory()
-    known = memory.of(pepper)
-    robot = known.get("")
+    local = _robots.of(pepper).setdefault("", threading.local())
+    robot: Any = getattr(local, "robot", None)
     if robot is None:
         if np.abs(pepper.full_offset).max() > 0:
             raise InvalidValueError(
@@ -207,7 +217,7 @@ def robot_of(pepper: PepperModel) -> Any:
         if changed is not None:
             for joint, inertia in enumerate(changed.inertias):
                 robot.model.inertias[joint + 1] = inertia
-        known[""] = robot
+        local.robot = robot
     return robot
 
 

@@ -39,7 +39,7 @@ class ProxsuiteSolver(StepSolver):
         damping: float,
         half_spaces: HalfSpaces | None = None,
     ) -> Array | None:
-        """Return the step; see `StepSolver`."""
+        """Return the step dq from q, shape (n,) each [rad or m]; see `StepSolver`."""
         problem, index = self._problem, self._index
         if not index.size:
             return np.zeros(problem.pepper.n)
@@ -59,6 +59,18 @@ class ProxsuiteSolver(StepSolver):
     def _solve(
         self, hessian: Array, gradient: Array, lower: Array, upper: Array, half_spaces: HalfSpaces | None
     ) -> Array | None:
+        """Return the change of the k movable joints that minimizes the quadratic program.
+
+        Args:
+            hessian: Second derivative of the cost, shape (k, k).
+            gradient: First derivative of the cost, shape (k,).
+            lower: Lower bound of the change [rad or m], shape (k,).
+            upper: Upper bound of the change [rad or m], shape (k,).
+            half_spaces: More inequalities, if any.
+
+        Returns:
+            The change [rad or m], shape (k,); None where the program has no solution.
+        """
         from proxsuite import proxqp
 
         rows = 0 if half_spaces is None else half_spaces.offsets.size

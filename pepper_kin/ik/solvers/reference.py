@@ -68,7 +68,7 @@ class StepSolver(ABC):
 
         Args:
             q: Joint positions within the bounds [rad or m], shape (n,).
-            residuals: The tasks' residuals at q.
+            residuals: The tasks' residuals at q, shape (m,) each, with m of the task.
             reference: q_ref [rad or m], shape (n,).
             damping: lambda.
             half_spaces: More inequalities, if any.
@@ -128,7 +128,10 @@ class ReferenceSolver(TaskSolver):
         )
 
     def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
-        """Return where damped steps from a start end; each lowers the cost, else the damping grows."""
+        """Return where damped steps from a start end, shape (n,) each [rad or m].
+
+        Each step lowers the cost, else the damping grows.
+        """
         problem, q, damping = self._problem, self._problem.clip(start), FIRST_DAMPING
         residuals = problem.residuals(q)
         cost = problem.cost(q, residuals, problem.q0)
@@ -158,6 +161,7 @@ class ReferenceSolver(TaskSolver):
         return q
 
     def _judged(self, q: Array, collisions: Collisions) -> Candidate:
+        """Return the joint positions q, shape (n,) [rad or m], as a candidate."""
         problem = self._problem
         residuals = problem.residuals(q)
         met, free = problem.is_met(residuals), collisions.free(q)
@@ -218,7 +222,12 @@ def starts(problem: Problem, seed: int, count: int) -> Iterator[Array]:
 
 
 def _half_spaces(cuts: deque[Array], q: Array) -> HalfSpaces | None:
-    """Return what a step from q has to keep; where a margin is used up, it may not shrink further."""
+    """Return what a step from q has to keep; where a margin is used up, it may not shrink further.
+
+    Args:
+        cuts: g and b of half-spaces g . q' >= b, shape (n + 1,) each.
+        q: Joint positions [rad or m], shape (n,).
+    """
     if not cuts:
         return None
     rows = np.array(cuts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -29,8 +30,9 @@ class JointPosture(Task):
     tolerance and a small weight it is a preference, which other tasks override.
 
     Attributes:
-        target: Positions [rad or m], shape (n,) or one for each of `joints`, read-only.
-        joints: The joints meant; None for all, in the robot's order.
+        target: Positions [rad or m], shape (n,) or one for each joint that `joints` stands for, read-only.
+        joints: The joints meant, by names of joints and groups, such as `("right_arm", "HeadYaw")`; a group
+            stands for its joints in the robot's order. None for all, in the robot's order.
         weight: Weight in the sum of squares.
         tolerance: Largest deviation of a task that is met [rad or m].
         hard: Whether it is met even where soft tasks suffer from it.
@@ -59,7 +61,7 @@ class JointPosture(Task):
         names = None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
         if names is not None and (not names or len(set(names)) < len(names)):
             raise InvalidValueError("joints of posture", list(names), "at least one joint, each once")
-        target = as_targets(q, "posture", (None if names is None else len(names),))
+        target = as_targets(q, "posture", (None,))
         self._fill(
             "posture", weight, tolerance, hard,
             target=read_only(target),
@@ -70,13 +72,34 @@ class JointPosture(Task):
 
     def indices(self, pepper: PepperModel) -> list[int]:
         """Return the places of the joints in the robot's joint vector."""
-        return [pepper.joint_index(name) for name in self.joints or pepper.joint_names]
+        return [pepper.joint_index(name) for name in pepper.resolve_joints(self.joints)]
+
+    def on(self, pepper: PepperModel) -> JointPosture:
+        """Return the posture with names of joints only."""
+        if self.joints is None:
+            return self
+        names = pepper.resolve_joints(self.joints)
+        if names == self.joints:
+            return self
+        other = copy.copy(self)
+        object.__setattr__(other, "joints", names)
+        return other
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot that lacks a joint, or has another number of them."""
+        """Refuse a robot that lacks a joint, or another number of positions than there are joints.
+
+        Raises:
+            UnknownNameError: for a name that is neither a joint nor a group.
+            InvalidValueError: for another number of positions.
+        """
         if self.joints is None:
             as_joint_vectors(pepper, self.target, "posture")
-        self.indices(pepper)
+            return
+        names = pepper.resolve_joints(self.joints)
+        if self.target.shape[-1] != len(names):
+            raise InvalidValueError(
+                "posture", f"shape {self.target.shape}", f"shape ({len(names)},), for {', '.join(names)}"
+            )
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return S q - target [rad or m]."""

@@ -53,6 +53,14 @@ class JointValue(JointPosture):
         )
         object.__setattr__(self, "label", joint)
 
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot that lacks the joint.
+
+        Raises:
+            UnknownNameError: listing the joints.
+        """
+        pepper.joint_index(self.label)
+
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the joint's position."""
         index = self.indices(pepper)[0]

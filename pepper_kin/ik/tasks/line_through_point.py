@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +20,7 @@ from pepper_kin.ik.tasks.task import (
     words_for_vector,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.shapes import read_only
 
 
@@ -134,7 +133,7 @@ def _across(direction: Array, jacobian: Array) -> Array:
     return np.asarray(jacobian - np.outer(direction, direction @ jacobian))
 
 
-@lru_cache(maxsize=64)
+@kept_for_robot(most=64)
 def _distance(pepper: PepperModel, start: str, frame: str) -> float:
     """Return how far two frames are apart at the neutral posture [m]."""
     q = pepper.neutral()

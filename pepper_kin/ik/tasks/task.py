@@ -101,6 +101,10 @@ class Task(ABC):
         object.__setattr__(one, self.target_name, read_only(getattr(self, self.target_name)[row]))
         return one
 
+    def on(self, pepper: PepperModel) -> Self:
+        """Return the task for a robot, with groups of joints replaced by their joints."""
+        return self
+
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot that lacks a frame or joint of the task: its frame, where a task says no more.
 

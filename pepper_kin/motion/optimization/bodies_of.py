@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.bodies import bodies, checked_pairs
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.near_rows import Bodies
 from pepper_kin.motion.optimization.nearest import BOX, COLUMNS, CYLINDER, HALF, KIND
 
@@ -20,7 +19,7 @@ VAST = 25.0
 """Half length of the box that stands for a half-space [m]."""
 
 
-@lru_cache(maxsize=16)
+@kept_for_robot(most=16)
 def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies, tuple[str, ...]]:
     """Return the bodies of a robot in a scene, and the frames whose poses they need.
 
@@ -56,7 +55,7 @@ def bodies_of(pepper: PepperModel, scene: Scene, margin: float) -> tuple[Bodies,
     return made, frames
 
 
-@lru_cache(maxsize=16)
+@kept_for_robot(most=16)
 def _frames_of_joints(pepper: PepperModel) -> tuple[tuple[str, ...], dict[int, int], tuple[Array, ...]]:
     """Return a link for each moving joint, Pinocchio's joint -> its place, and the joints' poses there."""
     model = pepper.inner_model
@@ -73,7 +72,7 @@ def _placement(pepper: PepperModel, link: str) -> Array:
     return np.array(pepper.inner_model.frames[pepper.frame_id(link)].placement.homogeneous)
 
 
-@lru_cache(maxsize=16)
+@kept_for_robot(most=16)
 def _joints(pepper: PepperModel, frames: tuple[str, ...]) -> tuple[Any, Array, Any]:
     """Return frame, axis with origin, and kind of every joint, in the order of the model's coordinates."""
     import pinocchio

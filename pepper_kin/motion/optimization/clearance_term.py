@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.bodies_of import bodies_of
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving, whole_states
@@ -27,7 +26,7 @@ from pepper_kin.motion.optimization.near_rows import (
     place_axes,
 )
 from pepper_kin.motion.optimization.term_memory import (
-    ROOM,
+    MEMORY_SIZE,
     floats_of,
     memory_of,
     set_array,
@@ -50,7 +49,7 @@ _POSE = 16
 _N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
 (
     _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
-    _PAIRS, _GAP, _COLUMNS, _ROOM,
+    _PAIRS, _GAP, _COLUMNS, _WORKSPACE,
 ) = range(7, 37, 2)  # fmt: skip
 
 
@@ -60,7 +59,7 @@ class _Prepared(NamedTuple):
     Attributes:
         memory: Memory of such a term without what is its own.
         rows_count: Number of rows of a sample.
-        workspace_size: Numbers of its room for each sample, and for all.
+        workspace_size: Numbers of its workspace for each sample, and for all.
         keep_alive: What the memory points to.
     """
 
@@ -70,7 +69,7 @@ class _Prepared(NamedTuple):
     keep_alive: object
 
 
-@lru_cache(maxsize=16)
+@kept_for_robot(most=16)
 def _prepared(
     pepper: PepperModel, scene: Scene, margin: float, moving: bytes, only_moving: bool
 ) -> _Prepared:
@@ -82,7 +81,10 @@ def _prepared(
         apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
         places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
         bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
-    address, scratch = (poses.batch_address, poses.work_size) if poses else (0, 0)
+    address, scratch = 0, 0
+    if poses:
+        scratch = poses.work_size
+        address = poses.address_of("batch", inputs=pepper.n, outputs=_POSE * len(frames), work=scratch)
     memory, kept = memory_of(
         [pepper.n, margin, address, scratch, len(frames), 1.0, 0.0],
         [np.zeros(0), moved, np.zeros(pepper.n), *bodies, columns, np.zeros(0)],
@@ -125,12 +127,12 @@ class ClearanceTerm(FlooredTerm):
         )
 
     def reserve(self, count: int) -> None:
-        """Make room in memory for a number of samples."""
+        """Allocate memory for a number of samples."""
         size = count * self._workspace_size[0] + self._workspace_size[1]
         if size > self._workspace.size:
             self._workspace = np.empty(size)
             self.memory[_KNOWN] = 0.0
-            set_array(self.memory, _ROOM, self._workspace)
+            set_array(self.memory, _WORKSPACE, self._workspace)
 
     def least_distance(self, q: Array) -> float:
         """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
@@ -161,13 +163,13 @@ def _bodies_in(memory: Floats1) -> Bodies:
 def _search_near(
     memory: Floats1, q: Floats1, count: int, most: int, influence: float
 ) -> tuple[Floats4, NearRows, NearWorkspace]:
-    """Return the poses and the nearest pairs at positions of the moving joints, and room that was used.
+    """Return the poses and the nearest pairs at positions of the moving joints, and the workspace used.
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
     n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
     scratch, used, size, joints = (
-        floats_of(memory, _ROOM),
+        floats_of(memory, _WORKSPACE),
         np.zeros(1, np.int64),
         bodies.frame.size,
         bodies.slides.size,
@@ -270,7 +272,7 @@ def _write_slopes(
 def clearance_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, ROOM)
+    memory = floats_at(memory_address, MEMORY_SIZE)
     floors, moving = floats_of(memory, _FLOOR), words_of(memory, _JOINTS).size
     if what == TIGHTEN and not any_below_zero(floors):
         return 0

@@ -12,7 +12,7 @@ from pepper_kin.kernels.intrinsics import call_batch, floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.motion.optimization.term_memory import (
-    ROOM,
+    MEMORY_SIZE,
     floats_of,
     memory_of,
     set_array,
@@ -49,14 +49,19 @@ class KernelTerm(CompiledTerm):
         values, slopes = kernels
         row, column = np.nonzero(matrix)
         first = np.searchsorted(row, np.arange(len(matrix) + 1))
+        n, outputs = moving.pepper.n, matrix.shape[1]
+        work = max(values.work_size, slopes.work_size)
+        addresses = [
+            values.address_of("batch", inputs=3 * n, outputs=outputs, work=work),
+            slopes.address_of("batch", inputs=3 * n, outputs=3 * outputs * n, work=work),
+        ]
         memory, kept = memory_of(
-            [float(moving.pepper.n), matrix.shape[1], values.batch_address, slopes.batch_address,
+            [float(n), outputs, *addresses,
              values.work_size, slopes.work_size],
             [moving.joints, moving.rest, np.zeros(moving.pepper.n), first, column, matrix[row, column],
              np.zeros(0)],
         )  # fmt: skip
-        n, outputs = moving.pepper.n, matrix.shape[1]
-        self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + max(values.work_size, slopes.work_size)
+        self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + work
         self._workspace = np.zeros(0)
         super().__init__(
             kernel_rows.address,
@@ -69,7 +74,7 @@ class KernelTerm(CompiledTerm):
         )
 
     def reserve(self, count: int) -> None:
-        """Make room in memory for a number of samples."""
+        """Allocate memory for a number of samples."""
         size = count * self._workspace_size[0] + self._workspace_size[1]
         if size > self._workspace.size:
             self._workspace = np.zeros(size)
@@ -119,7 +124,7 @@ def _map_rows(
 def kernel_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, ROOM)
+    memory = floats_at(memory_address, MEMORY_SIZE)
     n, outputs = int(memory[_N]), int(memory[_OUTPUTS])
     joints, rest, still = words_of(memory, _JOINTS), floats_of(memory, _REST), floats_of(memory, _STILL)
     lines = words_of(memory, _FIRST), words_of(memory, _COLUMN), floats_of(memory, _WEIGHT)

@@ -28,7 +28,7 @@ _EXCESS = 0.02  # share by which torques between the points of the transcription
 
 
 class MinimumTorqueStatus(ResultStatus):
-    """How the search for a swing ended; `advice` says what to try."""
+    """How the search for a motion ended; `advice` says what to try."""
 
     SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
     NOT_CONVERGED = "not_converged", "Raise max_iterations, or try another solver."
@@ -89,14 +89,14 @@ def minimum_torque_trajectory(
         start: First configuration [rad or m], shape (n,).
         goal: Last configuration [rad or m], shape (n,).
         duration: Duration [s].
-        intervals: Pieces of the motion.
+        intervals: Segments of the motion.
         solver: "newton": splines of zero acceleration at both ends, by compiled kernels, in a fraction of a
             second.  "ipopt" and "fatrop": direct transcription by CasADi with free accelerations at both
             ends and exact Hessians, in seconds to minutes; a reference.
         max_iterations: Of the solver.
 
     Returns:
-        The swing.
+        The motion.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, start equal to goal, or an unknown solver.
@@ -121,7 +121,7 @@ def minimum_torque_trajectory(
         status = MinimumTorqueStatus.LIMITS_EXCEEDED
     figures = figures_of(pepper, trajectory)
     message = (
-        f"A swing of {duration:.3g} s with an effort of {figures.effort:.4g} s after {iterations} steps; "
+        f"A motion of {duration:.3g} s with an effort of {figures.effort:.4g} s after {iterations} steps; "
         f"it uses up to {share:.1%} of the limits, of {limit} most."
     )
     return MinimumTorqueTrajectory(

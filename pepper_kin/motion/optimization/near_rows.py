@@ -55,7 +55,7 @@ class NearRows(NamedTuple):
 
 
 class NearWorkspace(NamedTuple):
-    """Room for the search at K states.
+    """Workspace of the search at K states.
 
     Attributes:
         frames: Poses of F frames with states side by side: origin, x, y and z axis, shape (F, 12, K).
@@ -91,7 +91,7 @@ def find_near_rows(
         bodies: The bodies.
         influence: Distances beyond this do not count [m]; rows that are left have this distance.
         near: Written.
-        scratch: Room.
+        scratch: Workspace.
     """
     distance, pairs = near.distance, bodies.pairs
     states, most = distance.shape

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision import Scene
+from pepper_kin.collision import Scene, least_clearance
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -26,11 +26,12 @@ from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import PathLike
 from pepper_kin.trajectory.payload import AtFrames, at_frames
-from pepper_kin.trajectory.trajectory import sample_times
+from pepper_kin.trajectory.trajectory import examination_step, sample_times
+from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem
@@ -45,6 +46,8 @@ _STEP = 0.001  # [s], between the states at which the result is examined
 _DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
 _MORE = 1.0 + 1e-6
+_ROUNDING = 1e-9  # of a limit
+_SLOWER = 50  # times at most
 _DETOUR = 0.25  # share of a joint's range by which other starts leave the straight line at most
 _TORQUE_SPARE = 1.0 - 3e-4  # share of the torques that may be used at every millisecond
 _KEPT = 0.5  # share of the margin that the motion between samples must keep
@@ -85,21 +88,20 @@ def optimize(
 
     Args:
         pepper: The robot.
-        path: A plan, a trajectory, or a path as `retime` takes it (two configurations: a straight line).
-            Joints that do not move in it stay still.
+        path: A plan, a path as `retime` takes it (two configurations: a straight line), or a trajectory, made
+            slower first where it breaks limits.  Joints that do not move in it stay still.
         scene: The world around the robot.
         cost: Weights of time, jerk, effort and closeness; by default time and a little jerk.
         duration: Duration that the motion shall have [s]; by default it is free.
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
-        intervals: Pieces of the spline, at least 4; three times as many where these come too near.
+        intervals: Pieces of the spline, at least 4; three times as many if these come too near.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: The same of acceleration limits.
         torque_scale: The same of effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
         payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`.
-        jerk: Limits of jerk as in `retime`, which hold at every instant; None for none.  A path that is given
-            is timed without them to start from.
+        jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
         timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
@@ -122,10 +124,11 @@ def optimize(
     begin = time.perf_counter()
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
     scales = (velocity_scale, acceleration_scale, torque_scale)
-    before, limits = _timed(pepper, path, *scales, balance, payload), _scaled(pepper, *scales, balance, held)
+    limits = _scaled(pepper, *scales, balance, held)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
+    before = _within_limits(pepper, path, _timed(pepper, path, *scales, balance, payload), limits, rate)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
         return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks, jerk=rate)
@@ -195,18 +198,48 @@ def _scaled(
     payload: AtFrames,
 ) -> Limits:  # fmt: skip
     """Return shares of a robot's limits."""
+    wheels = wheel_limits(pepper)
     return Limits(
         pepper.velocity_limits * velocity,
         pepper.acceleration_limits * acceleration,
         pepper.effort_limits * torque,
         balance,
         payload,
+        wheels=None if wheels is None else wheels.scaled(velocity, acceleration),
+    )
+
+
+def _within_limits(
+    pepper: PepperModel, path: object, motion: Trajectory, limits: Limits, jerk: Array | None
+) -> Trajectory:
+    """Return the motion to start from, made slower if it is a user's and breaks limits.
+
+    Raises:
+        InfeasibleError: where slower is no help.
+    """
+    if motion is not path:
+        return motion
+    motion = motion.scaled(stretch_at_extremes(motion, limits, jerk))
+    for _ in range(_SLOWER):
+        state = motion(sample_times(motion.duration, examination_step(motion.duration)))
+        stretch = measure_use(pepper, state, limits).stretch
+        if stretch <= 1.0 + _ROUNDING:
+            return motion
+        if not np.isfinite(stretch):
+            break
+        motion = motion.scaled(stretch * _MORE)
+    raise InfeasibleError(
+        "trajectory",
+        "the motion given passes where the robot cannot hold itself still within the limits asked for",
+        "raise torque_scale, lower the payload, or give another motion",
     )
 
 
 def _jerk_limits(pepper: PepperModel, jerk: JerkLike, solver: str) -> Array:
     if solver != SOLVERS[0]:
-        raise InvalidValueError("jerk", jerk, f"None with solver={solver!r}, which does not know such limits")
+        raise InvalidValueError(
+            "jerk", jerk, f"None with solver={solver!r}, which does not support jerk limits"
+        )
     return jerk_limits(pepper, jerk)
 
 
@@ -311,8 +344,8 @@ class _Judge:
 
         def refused(status: OptimizedStatus, message: str) -> Optimized:
             return Optimized(
-                status, message, self.before, self.before, old, old, self.cost, float("nan"), descent, 0.0,
-                self._errors(self.before),
+                status, message, self.before, self.before, old, old, self.cost, self._measured(self.before),
+                descent, 0.0, self._errors(self.before),
             )  # fmt: skip
 
         if descent.status is OptimizationStatus.START_INFEASIBLE:
@@ -323,6 +356,7 @@ class _Judge:
         states = found(sample_times(found.duration, _STEP))
         limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
         stretch = measure_use(self.pepper, states, limits).stretch
+        stretch = max(stretch, stretch_at_extremes(found, limits, self.jerk))
         if not np.isfinite(stretch):
             return refused(OptimizedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
@@ -348,8 +382,8 @@ class _Judge:
             return refused(OptimizedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
         message = f"Went from {gain} in {descent.iterations} steps."
         return Optimized(
-            OptimizedStatus.IMPROVED, message, found, self.before, new, old, self.cost, clearance, descent,
-            0.0, errors,
+            OptimizedStatus.IMPROVED, message, found, self.before, new, old, self.cost,
+            self._measured(found), descent, 0.0, errors,
         )  # fmt: skip
 
     def _before_is_clear(self) -> bool:
@@ -367,6 +401,14 @@ class _Judge:
         times = np.linspace(0.0, motion.duration, _CONSTRAINT_STATES)
         q = motion(times).position
         return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
+
+    def _measured(self, motion: Trajectory) -> Callable[[], float]:
+        """Return what measures the least distance along a motion at every millisecond, by coal [m]."""
+        return lambda: (
+            least_clearance(
+                self.pepper, motion(sample_times(motion.duration, _STEP)).position, self.scene
+            ).distance
+        )
 
     def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
         """Return the least distance along a motion [m], by the search; -inf where something touches.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from pepper_kin.motion.optimization.cost import Cost, Figures
 from pepper_kin.planners.optimization import LocalResult
@@ -28,13 +31,12 @@ class Optimized:
         status: How it ended.
         message: What happened, in a sentence with numbers.
         trajectory: The optimized motion where it was improved, else the one before.
-        before: The motion that was given; where a path was given, along it in the shortest time.
+        before: The motion that was given, made slower where it broke the limits asked for; where a path was
+            given, along it in the shortest time.
         figures: Duration, jerk and effort of `trajectory`.
         figures_before: The same of `before`.
         cost: The weights.
-        clearance: Least distance of `trajectory` to the scene and between parts of the robot, every 4 ms, as
-            the search measures it: more than 8 cm beyond the margin counts as that [m]; nan where it is
-            `before`.
+        evidence: What gives `clearance`, or its value.
         descent: How the search itself ended; None where it had no start.
         time: Wall time [s], the timing of a given path included.
         constraint_errors: Largest error of each task that was to stay met, along `trajectory`, by Pinocchio,
@@ -48,10 +50,23 @@ class Optimized:
     figures: Figures
     figures_before: Figures
     cost: Cost
-    clearance: float
+    evidence: Callable[[], float] | float
     descent: LocalResult | None
     time: float
     constraint_errors: tuple[float, ...] = ()
+
+    @cached_property
+    def clearance(self) -> float:
+        """Least distance of `trajectory` to the scene and between parts of the robot [m], by coal.
+
+        Of every millisecond, measured when first asked for; by how much bodies may come nearer in between is
+        the `resolution` that `check` states.
+        """
+        return self.evidence() if callable(self.evidence) else self.evidence
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Travel with the clearance instead of the means to measure it."""
+        return {**self.__dict__, "clearance": self.clearance, "evidence": self.clearance}
 
     @property
     def success(self) -> bool:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision.checker import LEVER
+from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.signatures import Floats1
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving
-from pepper_kin.motion.optimization.term_memory import ROOM, floats_of, memory_of, words_of
+from pepper_kin.motion.optimization.term_memory import MEMORY_SIZE, floats_of, memory_of, words_of
 from pepper_kin.planners.optimization import KINDS, ROWS, START, TIGHTEN, VALUES
 
 Array = NDArray[np.float64]
@@ -63,7 +62,7 @@ class RangeTerm(FlooredTerm):
 
     def __init__(self, moving: Moving, self_margin: float, per_interval: int) -> None:
         pepper = moving.pepper
-        margin = self_margin / LEVER
+        margin = self_margin / RANGE_RADIUS
         place = np.full(pepper.n, -1)
         place[moving.joints] = np.arange(moving.joints.size)
         edges = [
@@ -113,7 +112,7 @@ def _edge_at(x: Floats1, y: Floats1, at: float) -> tuple[float, float]:
 def range_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, ROOM)
+    memory = floats_at(memory_address, MEMORY_SIZE)
     floors, joints, rest = floats_of(memory, _FLOOR), words_of(memory, _JOINTS), floats_of(memory, _REST)
     edges, signs, first = words_of(memory, _EDGES), floats_of(memory, _SIGNS), words_of(memory, _FIRST)
     x, y, n, rows = floats_of(memory, _X), floats_of(memory, _Y), joints.size, signs.size
@@ -149,7 +148,7 @@ def range_rows(states: int, result: int, asked: int, memory_address: int) -> int
     return 0
 
 
-@lru_cache(maxsize=16)
+@kept_for_robot(most=16)
 def _edges_of(pepper: PepperModel, margin: float) -> tuple[_Edge, ...]:
     """Return the edges of all tables of a robot."""
     limits = pepper.lower_limits, pepper.upper_limits

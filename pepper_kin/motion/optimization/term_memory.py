@@ -11,7 +11,7 @@ from pepper_kin.kernels.signatures import Floats1, Ints1
 
 Array = NDArray[np.float64]
 
-ROOM = 48
+MEMORY_SIZE = 48
 """Most numbers of such a memory."""
 
 
@@ -24,7 +24,7 @@ def memory_of(numbers: list[float], arrays: list[np.ndarray]) -> tuple[Array, li
         numbers: Whatever the term needs.
         arrays: Of float64 or int64.
     """
-    memory, kept = np.zeros(ROOM), [np.ascontiguousarray(array) for array in arrays]
+    memory, kept = np.zeros(MEMORY_SIZE), [np.ascontiguousarray(array) for array in arrays]
     memory[: len(numbers)] = numbers
     for place, array in enumerate(kept):
         set_array(memory, len(numbers) + 2 * place, array)
@@ -38,7 +38,7 @@ def set_array(memory: Array, place: int, array: np.ndarray) -> None:
 
 @compiled
 def take(scratch: Floats1, used: Ints1, size: int) -> Floats1:
-    """Return the next part of a room, and count it as used."""
+    """Return the next part of a workspace, and count it as used."""
     begin = used[0]
     used[0] = begin + size
     return scratch[begin : begin + size]

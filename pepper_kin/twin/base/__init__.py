@@ -9,9 +9,9 @@
 Poses on the floor are x, y [m] and yaw [rad].
 """
 
+from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.twin.base.balance import BalanceEvent, BalanceMonitor, BalanceReport
 from pepper_kin.twin.base.controller import BaseController, world_velocity
-from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
 from pepper_kin.twin.base.odometry import Odometry, arc_between, arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
 from pepper_kin.twin.base.tipping import (

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
+from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only
-from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
 
 Array = NDArray[np.float64]
 
@@ -135,20 +135,32 @@ class BalanceMonitor:
         return self.wheel_names[number], self.wheel_names[(number + 1) % len(self.wheel_names)]
 
     def assess_run(self, run: Any, external: ArrayLike | None = None) -> BalanceReport:
-        """Return the balance over a run of the twin (anything with `time`, `position` and `velocity`).
+        """Return the balance over a run of the twin, with the pushes and contacts that it has recorded.
 
-        Accelerations are differences of the velocities: central, and one-sided at the ends.
+        Accelerations are differences of the velocities: central, and one-sided at the ends.  So a state's
+        outside forces are the mean of the step before it and the step after it.
 
         Args:
-            run: The run, of two steps or more.
-            external: See `assess`.
+            run: The run, of two states or more; or anything with `time`, `position` and `velocity`, on which
+                nothing acts from outside if it has no `external_wrench`.
+            external: All that acts on the robot from outside, force [N] and moment [N m], shape (6,) or
+                (T, 6), in place of what the run has recorded; see `assess`.
 
         Raises:
-            InvalidValueError: for a run of one state.
+            InvalidValueError: for a run of one state, or for one with loads on joints of which no force is
+                known, without `external`.
         """
-        if len(run.time) < 2:
-            raise InvalidValueError("run", f"{len(run.time)} states", "two states or more")
+        count = len(run.time)
+        if count < 2:
+            raise InvalidValueError("run", f"{count} states", "two states or more")
         a = np.gradient(run.velocity, run.time, axis=0)
+        if external is None:
+            steps = np.asarray(getattr(run, "external_wrench", np.zeros((count, 6))))[1:]
+            unknown = int(np.isnan(steps).any(axis=1).sum())
+            if unknown:
+                loads = f"loads on joints in {unknown} steps, of which no outside force is known"
+                raise InvalidValueError("run", loads, "the force and moment of all of them as `external`")
+            external = (np.concatenate([steps[:1], steps]) + np.concatenate([steps, steps[-1:]])) / 2
         return self.assess(run.time, run.position, run.velocity, a, external)
 
     def assess(
@@ -190,7 +202,15 @@ class BalanceMonitor:
         return BalanceReport(times, wrench, point, distances, friction, held, self._event(times, distances))
 
     def _support(self, wrench: Array, q: Array) -> tuple[Array, Array, Array | None]:
-        """Return zero-moment point, its distances inside the edges, and the loads of three wheels."""
+        """Return zero-moment point, its distances inside the edges, and the loads of three wheels.
+
+        Args:
+            wrench: Of the floor on the robot, force [N], then moment [N m], shape (T, 6).
+            q: Joint positions [rad or m], shape (T, n).
+
+        Returns:
+            Point [m], shape (T, 2), distances [m], shape (T, k), and loads [N], shape (T, 3), or None.
+        """
         poses = frame_pose(self.pepper, q, self.base_frame)
         vertical = wrench[:, 2]
         pressed = vertical > 0
@@ -210,6 +230,12 @@ class BalanceMonitor:
         return point, distances, loads
 
     def _event(self, time: Array, distances: Array) -> BalanceEvent | None:
+        """Return the first time at which the point is outside, None if there is none.
+
+        Args:
+            time: [s], shape (T,).
+            distances: Of the point inside the edges [m], shape (T, k).
+        """
         margin = distances.min(axis=1)
         outside = np.flatnonzero(margin < 0)
         if not len(outside):

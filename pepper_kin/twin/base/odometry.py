@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_real
 from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.base.omni_base import OmniBase
 
@@ -99,7 +99,7 @@ class Odometry:
     ) -> None:
         count = len(base.wheel_map)
         error = as_finite(radius_error, "radius_error", () if np.ndim(radius_error) == 0 else (count,))
-        if not 0 <= wheel_slip < np.inf:
+        if not 0 <= as_real(wheel_slip) < np.inf:
             raise InvalidValueError("wheel_slip", wheel_slip, "a finite number of at least 0 [rad]")
         self.base = base
         self._pose = read_only(as_finite(pose, "pose", (3,)))
@@ -130,7 +130,7 @@ class Odometry:
 
 
 def _coefficients(angle: Array) -> tuple[Array, Array]:
-    """Return sin(w)/w and (1 - cos w)/w, by their series near 0."""
+    """Return sin(w)/w and (1 - cos w)/w of angles w [rad], shape (...), by their series near 0."""
     small = np.abs(angle) < _STRAIGHT
     safe = np.where(small, 1.0, angle)
     ratio = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
@@ -140,4 +140,5 @@ def _coefficients(angle: Array) -> tuple[Array, Array]:
 
 
 def _triples(value: ArrayLike, quantity: str) -> Array:
+    """Return finite triples x, y [m], yaw [rad], shape (..., 3), by the name of a quantity."""
     return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (3,))

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import read_only
-from pepper_kin.twin.base.geometry import BaseGeometry, pepper_base
 
 Array = NDArray[np.float64]
 
@@ -43,8 +43,7 @@ class OmniBase:
         if isinstance(base, PepperModel):  # a robot without these wheels is not Pepper
             for name in self.geometry.wheel_names:
                 base.frame_id(f"{name}_link")
-        (x, y), (ax, ay) = self.geometry.contacts.T, self.geometry.axles.T
-        rows = np.column_stack([ay, -ax, -y * ay - x * ax]) / self.geometry.wheel_radius
+        rows = self.geometry.wheel_map
         if np.linalg.matrix_rank(rows, tol=1e-9 * np.abs(rows).max()) < 3:
             raise ModelError(f"wheels {', '.join(self.geometry.wheel_names)} leave a motion undetermined")
         self.wheel_map = read_only(rows)
@@ -109,4 +108,5 @@ class OmniBase:
 
 
 def _rows(value: ArrayLike, quantity: str, length: int) -> Array:
+    """Return finite numbers, shape (..., length), by the name of a quantity."""
     return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (length,))

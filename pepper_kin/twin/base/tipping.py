@@ -92,6 +92,15 @@ def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, e
 def _edge_moments(
     monitor: BalanceMonitor, report: BalanceReport, q: Array, body: tuple[Array, Array], edge: int
 ) -> EdgeMoments:
+    """Return what `edge_moments` does.
+
+    Args:
+        monitor: The robot and its wheels.
+        report: Balance over the motion.
+        q: The same joint positions [rad or m], shape (T, n).
+        body: Center of mass [m], shape (T, 3), and inertia about it [kg m^2], shape (T, 3, 3).
+        edge: Number of the edge.
+    """
     pepper, (center, about_center) = monitor.pepper, body
     mass = total_mass(pepper)
     weight = mass * float(np.linalg.norm(pepper.inner_model.gravity.linear))
@@ -182,6 +191,14 @@ def simulate_tipping(
 def _verdict(
     monitor: BalanceMonitor, time: Array, angle: Array, edge: NDArray[np.int64]
 ) -> tuple[TippingStatus, str]:
+    """Return how a motion ended that did not end in a fall, and a message.
+
+    Args:
+        monitor: The robot and its wheels.
+        time: [s], shape (T,).
+        angle: Tilt [rad], shape (T,).
+        edge: Number of the edge that the robot turns about, -1 for none, shape (T,).
+    """
     if not (edge >= 0).any():
         return TippingStatus.STOOD, "all wheels stayed on the floor"
     peak = int(np.argmax(angle))
@@ -229,7 +246,13 @@ def _advanced(
 
 
 def _whole_body(pepper: PepperModel, base_frame: str, q: Array) -> tuple[Array, Array]:
-    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame."""
+    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame.
+
+    Args:
+        pepper: The robot.
+        base_frame: Frame of the base.
+        q: Joint positions [rad or m], shape (T, n).
+    """
     model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, rest = pepper.frame_id(base_frame), np.zeros(model.nv)
     center, inertia = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
@@ -251,6 +274,15 @@ def _check(
     start: tuple[int, float, float] | None,
     restitution: float,
 ) -> None:
+    """Refuse arguments of `simulate_tipping` that are not allowed.
+
+    Args:
+        monitor: The robot and its wheels.
+        report: Balance over the motion.
+        q: Joint positions [rad or m], to be of shape (T, n), T > 1.
+        start: Edge, tilt [rad] and rate [rad/s] at the beginning.
+        restitution: Share of the rate kept.
+    """
     shape = (len(report.time), monitor.pepper.n)
     if np.shape(q) != shape or shape[0] < 2:
         raise InvalidValueError("q", f"shape {np.shape(q)}", f"shape {shape}, two states or more")

@@ -60,7 +60,12 @@ class Intrinsics:
     k3: float = 0.0
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where the lens puts points of the plane z = 1 (Brown, Decentering distortion, 1966)."""
+        """Return where the lens puts points of the plane z = 1 (Brown, Decentering distortion, 1966).
+
+        Args:
+            x: To the right, shape (...).
+            y: Down, shape (...).
+        """
         square = x * x + y * y
         radial = 1.0 + square * (self.k1 + square * (self.k2 + square * self.k3))
         return (

@@ -34,7 +34,7 @@ class ColorCamera(ErringSensor):
         return self.camera.color(state.q, state.scene)
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.uint8]:
-        """Return the picture with noise in each channel."""
+        """Return the picture, shape (240, 320, 3), with noise in each channel."""
         noisy = self.noise.disturbed(truth.astype(float), sample)
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
@@ -56,11 +56,16 @@ class DepthCamera(ErringSensor):
         return self.camera.depth(state.q, state.scene)
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.float64]:
-        """Return depths whose noise grows with the square of the distance beyond the least."""
+        """Return depths whose noise grows with the square of the distance beyond the least.
+
+        Args:
+            truth: Depths [m], shape (240, 320).
+            sample: Number of the sample.
+        """
         beyond = np.where(np.isfinite(truth), truth, 0.0) - self.specification.minimum
         deviation = self.specification.noise + self.specification.noise_growth * beyond**2
         return self.noise.disturbed(truth, sample, deviation)
 
     def limited(self, value: NDArray[Any]) -> NDArray[np.float64]:
-        """Return depths with -inf below the range and inf above it."""
+        """Return depths [m], shape (240, 320), with -inf below the range and inf above it."""
         return within_range(self.specification, value)

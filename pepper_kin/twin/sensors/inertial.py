@@ -67,7 +67,7 @@ class Orientation(ErringSensor):
         return _upper(Quaternion(np.array(rotation)).coeffs())
 
     def measured(self, truth: NDArray[Any], sample: int) -> Array:
-        """Return truth * exp(bias + noise)."""
+        """Return truth * exp(bias + noise), quaternions x, y, z, w, shape (4,)."""
         from pinocchio import Quaternion
 
         turn = self.noise.disturbed(np.zeros(3), sample)

@@ -65,9 +65,10 @@ class SensorNoise:
         """Return truth with bias and noise, rounded to the resolution.
 
         Args:
-            truth: What is there; infinities stay.
+            truth: What is there, in the sensor's unit, shape (...); infinities stay.
             sample: Number of the sample.
-            deviation: Standard deviation of the noise; the specification's if omitted.
+            deviation: Standard deviation of the noise, one number or of the truth's shape; that of the
+                specification if omitted.
         """
         noise = self.specification.noise if deviation is None else deviation
         value = truth + self.bias(truth.shape) + noise * self.generator(sample).standard_normal(truth.shape)
@@ -75,7 +76,12 @@ class SensorNoise:
 
 
 def rounded_to(step: float, values: Array) -> Array:
-    """Return values after rounding them, in place, to the nearest multiple of a step; a step of 0 is none."""
+    """Return values after rounding them, in place, to the nearest multiple of a step; a step of 0 is none.
+
+    Args:
+        step: In the unit of the values.
+        values: The values, shape (...).
+    """
     if step:
         values /= step
         np.rint(values, out=values)
@@ -84,6 +90,11 @@ def rounded_to(step: float, values: Array) -> Array:
 
 
 def within_range(specification: SensorSpecification, distance: Array) -> Array:
-    """Return distances with -inf for what is too near and inf for what is too far (ROS's REP 117)."""
+    """Return distances with -inf for what is too near and inf for what is too far (ROS's REP 117).
+
+    Args:
+        specification: The sensor, with its range.
+        distance: Distances [m], shape (...).
+    """
     near = np.where(distance < specification.minimum, -np.inf, distance)
     return np.where(distance > specification.maximum, np.inf, near)

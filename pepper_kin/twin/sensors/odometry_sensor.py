@@ -54,7 +54,12 @@ class WheelOdometry(ErringSensor):
         return np.array([*pose[:2, 3], yaw, *twist])
 
     def measured(self, truth: NDArray[Any], sample: int) -> Array:
-        """Return pose and velocity from disturbed turns of the wheels."""
+        """Return pose and velocity from disturbed turns of the wheels, shape (6,).
+
+        Args:
+            truth: x, y [m], yaw [rad] and twist [m/s, m/s, rad/s] of the base, shape (6,).
+            sample: Number of the sample.
+        """
         place = np.asarray(truth[:3], dtype=float)
         if self._before is None:
             self._before, self._pose = place.copy(), place.copy()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
-from pepper_kin.collision.mesh_file import read_mesh
+from pepper_kin.collision.mesh_file import file_state, read_mesh
 from pepper_kin.collision.solids import SceneGeometry, padding
 from pepper_kin.core.ray_casting import (
     BALLS,
@@ -110,7 +110,7 @@ class RayCaster:
         self.place_checked(pose)
 
     def place_checked(self, poses: Array) -> None:
-        """Do what `place` does for finite poses of the right shape."""
+        """Do what `place` does for finite poses of the right shape, (m, 4, 4)."""
         self._placed.pose[:] = poses
         place_solids(self._bounds, self._bounded, _SOLIDS_IN_LEAF, self._placed)
 
@@ -120,7 +120,8 @@ class RayCaster:
         Args:
             origins: Where the rays start, in the world [m], shape (..., 3).
             directions: Directions of any length but 0, shape (..., 3); broadcast against the origins.
-            maximum: Nothing beyond this distance counts [m], one number or one for each ray.
+            maximum: Nothing beyond this distance counts [m], one number or one for each ray,
+                shape (...).
 
         Raises:
             InvalidValueError: for NaN, infinity, shapes that do not broadcast, a direction of length 0, or a
@@ -133,7 +134,13 @@ class RayCaster:
         return RayHits(hits.distance.reshape(shape), hits.solid.reshape(shape), normal)
 
     def distances(self, origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.inf) -> Array:
-        """Return only the distances of `cast`, inf where nothing is met, shape (...) [m]."""
+        """Return only the distances of `cast`, inf where nothing is met, shape (...) [m].
+
+        Args:
+            origins: Where the rays start, in the world [m], shape (..., 3).
+            directions: Directions of any length but 0, shape (..., 3); broadcast against the origins.
+            maximum: Nothing beyond this distance counts [m], one number or one for each ray, shape (...).
+        """
         rays = rays_of(origins, directions, maximum)
         return self.distances_checked(rays).reshape(rays.shape)
 
@@ -171,7 +178,13 @@ class Rays(NamedTuple):
 
 
 def rays_of(origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.inf) -> Rays:
-    """Return rays as compiled code takes them; see `RayCaster.cast` for arguments and errors."""
+    """Return rays as compiled code takes them; see `RayCaster.cast` for errors.
+
+    Args:
+        origins: Where the rays start, in the world [m], shape (..., 3).
+        directions: Directions of any length but 0, shape (..., 3); broadcast against the origins.
+        maximum: Nothing beyond this distance counts [m], one number or one for each ray, shape (...).
+    """
     start = as_finite(origins, "origins", (None,) * (np.ndim(origins) - 1) + (3,))
     aim = as_finite(directions, "directions", (None,) * (np.ndim(directions) - 1) + (3,))
     most = np.asarray(maximum, dtype=float)
@@ -251,9 +264,16 @@ def _bounds(solids: Solids) -> Array:
     return result
 
 
+def _tree(geometry: SceneGeometry | Mesh) -> _Tree:
+    """Return the tree over a mesh's triangles or a cloud's balls; it is kept while a file stays as it is."""
+    assert isinstance(geometry, Mesh | ConvexMesh | TriangleMesh | PointCloud)  # others have no parts
+    return _kept_tree(geometry, file_state(geometry.path) if isinstance(geometry, Mesh) else ())
+
+
 @lru_cache(maxsize=256)
-def _tree(geometry: Mesh | ConvexMesh | TriangleMesh | PointCloud) -> _Tree:
-    """Return the tree over a mesh's triangles or a cloud's balls; shapes never change, so it is kept."""
+def _kept_tree(
+    geometry: Mesh | ConvexMesh | TriangleMesh | PointCloud, state: tuple[str | int, ...]
+) -> _Tree:
     if isinstance(geometry, PointCloud):
         parts = np.zeros((len(geometry.points), 9))
         parts[:, :3] = geometry.points

@@ -107,7 +107,14 @@ class RobotRays:
     def distances(
         self, q: ArrayLike, scene: Scene | None, origins: ArrayLike, directions: ArrayLike
     ) -> Array:
-        """Return only the distances of `look`, inf where nothing is met, shape (...) [m]."""
+        """Return only the distances of `look`, inf where nothing is met, shape (...) [m].
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            scene: The world; None for an empty one.
+            origins: Where the rays start, in the world [m], shape (..., 3).
+            directions: Their directions in the world, shape (..., 3).
+        """
         self._place(as_joint_vectors(self.pepper, q, "q"), _EMPTY if scene is None else scene)
         rays = rays_of(origins, directions)
         other = self._world.distances_checked(rays)
@@ -129,6 +136,7 @@ class RobotRays:
         return np.minimum(self._robot.distances_checked(rays._replace(most=other)), other)
 
     def _place(self, q: Array, scene: Scene) -> None:
+        """Move robot and world to where they are with the robot at q [rad or m], shape (n,)."""
         moved = self._q is None or not np.array_equal(q, self._q)
         if moved and self._links:
             poses = frame_poses(self.pepper, q, self._links)
@@ -148,6 +156,7 @@ class RobotRays:
         self._q, self._scene = q.copy(), scene
 
     def _world_poses(self, q: Array, scene: Scene) -> Array:
+        """Return the poses of the world's m shapes, shape (m, 4, 4), at q [rad or m], shape (n,)."""
         poses = [item.transform_object_to_world for item in scene.objects.values()]
         held = tuple(scene.attached.values())
         if held:

@@ -155,6 +155,7 @@ class SampledTogether:
             )
 
     def _said(self, sensor: ErringSensor, truth: NDArray[Any], sample: int) -> NDArray[Any]:
+        """Return a sensor's reading of a truth, both of the sensor's shape and in its unit."""
         if not self._noise:
             return sensor.limited(truth)
         return sensor.limited(sensor.measured(truth.astype(sensor.dtype, copy=False), sample))
@@ -184,7 +185,7 @@ class _Errors:
         """Turn truths into readings.
 
         Args:
-            row: Begins with the truths.
+            row: Begins with the truths of the linear sensors, each in its unit, shape (k,).
             sample: Number of the sample; None for no errors, but the range.
         """
         value, noise = row[: len(self._bias)], self._noise

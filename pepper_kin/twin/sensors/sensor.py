@@ -72,8 +72,13 @@ class ErringSensor(Sensor):
 
     @abstractmethod
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[Any]:
-        """Return this sensor's reading of a truth, for the sample of a number."""
+        """Return this sensor's reading of a truth.
+
+        Args:
+            truth: In the sensor's unit, of the sensor's `shape`.
+            sample: Number of the sample.
+        """
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return a value as far as the sensor's range reaches."""
+        """Return a value, of the sensor's `shape`, as far as the sensor's range reaches."""
         return value

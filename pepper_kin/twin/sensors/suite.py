@@ -213,7 +213,13 @@ class SensorSuite:
     def _sensed(
         self, time: float, vectors: Mapping[str, ArrayLike | None], world: Surroundings
     ) -> tuple[SensedState, list[tuple[SampledTogether, int]]]:
-        """Return a state as it is now, and which sensors are due, each with the number of its sample."""
+        """Return a state as it is now, and which sensors are due, each with the number of its sample.
+
+        Args:
+            time: [s].
+            vectors: "q" [rad or m], "v", "a" and "torque" [N m or N], shape (n,) each; None for zero.
+            world: What is around the robot.
+        """
         if not (math.isfinite(time) and time >= self._time):
             raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
         checked = [self._vector(name, value) for name, value in vectors.items()]
@@ -226,6 +232,7 @@ class SensorSuite:
         return SensedState(self.pepper, float(time), checked, world, tuple(frames)), due
 
     def _vector(self, quantity: str, value: ArrayLike | None) -> NDArray[np.float64]:
+        """Return a finite joint vector, shape (n,), by the name of its quantity; zero for None."""
         if value is None:
             return np.zeros(self.pepper.n)
         vector = as_joint_vectors(self.pepper, value, quantity)

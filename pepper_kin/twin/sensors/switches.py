@@ -116,7 +116,7 @@ class Pads:
         return pressed
 
     def _reaches(self, number: int, pad: Array, solid: Solid, pose: Array) -> bool:
-        """Return whether a solid reaches into a pad; poses are transforms to the world."""
+        """Return whether a solid reaches into a pad; poses are transforms to the world, shape (4, 4)."""
         import coal
 
         request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -161,6 +161,7 @@ def _solid(geometry: SceneGeometry) -> Solid:
 
 
 def _placement(pose: Array) -> Any:
+    """Return a pose, shape (4, 4), as coal takes it."""
     import coal
 
     return coal.Transform3s(np.array(pose[:3, :3]), np.array(pose[:3, 3]))
@@ -187,7 +188,7 @@ class Switch(ErringSensor):
         return np.asarray(self._pads.pressed(state)[self._number])
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.bool_]:
-        """Return the opposite of the truth in a share `error_rate` of the samples."""
+        """Return the opposite of the truth, shape (), in a share `error_rate` of the samples."""
         rate = self.specification.error_rate
         wrong = self.noise.generator(sample).random() < rate
         return np.asarray(truth != wrong)

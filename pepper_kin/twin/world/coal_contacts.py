@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.core.simulation.narrow_phase import MARGIN, ContactPoints
+from pepper_kin.core.simulation.narrow_phase import FREE, MARGIN, ContactPoints
 from pepper_kin.twin.world.colliders import Colliders
 
 
@@ -51,6 +51,8 @@ class CoalContacts:
         length = float(np.linalg.norm(normal))
         normal = normal / (length if distance > 0 else -length) if length > 1e-9 else -np.array(result.normal)
         points.rows[row, :3] = 0.5 * (first - pads[i] * normal + second + pads[j] * normal)
+        if gap > 0 and table.mover[j] != FREE:
+            points.rows[row, :3] += 0.5 * gap * normal
         points.rows[row, 3:6] = normal
         points.rows[row, 6] = gap
         points.shapes[row] = i, j

@@ -99,6 +99,7 @@ def colliders(
         size=np.array([size for _, size, _ in measured]).reshape(-1, 3),
         mover=np.array([row.mover for row in rows], dtype=np.int64),
         owner=np.array([row.index for row in rows], dtype=np.int64),
+        of_robot=np.array([row.of_robot for row in rows], dtype=np.int64),
         own_rotation=np.ascontiguousarray(poses[:, :3, :3]),
         own_position=np.ascontiguousarray(poses[:, :3, 3]),
         ball=np.array([ball for _, _, ball in measured]).reshape(-1, 4) + pads[:, None] * [0, 0, 0, 1],

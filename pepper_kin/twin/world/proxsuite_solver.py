@@ -83,7 +83,11 @@ class ImpulseProgram:
 
 
 def _edges(friction: Array) -> Array:
-    """Return the edges of each point's pyramid as (normal, first, second tangent), shape (k, 4, 3)."""
+    """Return the edges of each point's pyramid as (normal, first, second tangent), shape (k, 4, 3).
+
+    Args:
+        friction: Coefficients of the points, shape (k,).
+    """
     edges = np.zeros((len(friction), 4, 3))
     edges[:, :, 0] = 1.0
     edges[:, 0, 1], edges[:, 1, 1] = friction, -friction
@@ -92,4 +96,10 @@ def _edges(friction: Array) -> Array:
 
 
 def _edge_rows(edges: Array, rows: Array) -> Array:
+    """Return rows of the edges, shape (4 k, N).
+
+    Args:
+        edges: Of each point's pyramid, shape (k, 4, 3).
+        rows: Of normal, first and second tangent of each point, shape (3 k, N).
+    """
     return np.einsum("kei,kin->ken", edges, rows.reshape(len(edges), 3, -1)).reshape(4 * len(edges), -1)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
-from pepper_kin.core.simulation.contact_solver import ADDRESSES, SOLVE_PROBLEM, RobotMotion
+from pepper_kin.core.simulation.contact_solver import ADDRESSES, FASTEST, SOLVE_PROBLEM, RobotMotion
 from pepper_kin.core.simulation.contact_step import (
     CALLBACK_FAILED,
     FORCE_NOT_FINITE,
@@ -24,15 +24,17 @@ from pepper_kin.core.simulation.contact_step import (
     world_tables,
 )
 from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, BodyTable
+from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice
 from pepper_kin.model.shapes import read_only, transform
 from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.contact_error import ContactError
+from pepper_kin.twin.world import body_limits
 from pepper_kin.twin.world.coal_contacts import CoalContacts
-from pepper_kin.twin.world.colliders import Colliders, colliders
+from pepper_kin.twin.world.colliders import colliders
 from pepper_kin.twin.world.contact import StepSolution, WorldContact
 from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
 from pepper_kin.twin.world.proxsuite_solver import ImpulseProblem, ImpulseProgram
@@ -46,7 +48,7 @@ _CAUSES = {
     TOO_MANY_POINTS: f"more than {MOST_POINTS} points in contact",
     NOT_POSITIVE_DEFINITE: "the robot's mass matrix is not positive definite",
     FORCE_NOT_FINITE: "the robot's force or velocity is NaN",
-    NOT_FINITE: "velocities became infinite or NaN",
+    NOT_FINITE: f"velocities became NaN, infinite or faster than {FASTEST:g} m/s or rad/s",
     CALLBACK_FAILED: "a distance could not be computed",
 }
 GRAVITY = (0.0, 0.0, -9.81)
@@ -63,21 +65,19 @@ class World:
     Args:
         pepper: The robot; None for a world without one.
         scene: What stands in the world, and what hangs on the robot; None for nothing.
-        friction: Coefficient of everything without its own coefficient, at least 0.
+        friction: Coefficient of everything without its own coefficient, from 0 to 100.
         gravity: [m/s^2], shape (3,).
         solver: "compiled", Newton's method in machine code, or "proxsuite", for the same problem.
 
     Raises:
-        InvalidValueError: for a friction below 0, NaN, an unknown solver, or objects named like links.
+        InvalidValueError: for a friction below 0 or above 100, NaN, an unknown solver, or an object that is
+            named like a link.
         UnknownNameError: for frames that the robot lacks.
     """
 
     _bodies: BodyTable
-    _colliders: Colliders
-    _coal: CoalContacts
     _tables: WorldTables
     _solved: bool
-    _step: int
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class World:
                 f"{', '.join(self.scene.attached)} attached",
                 "nothing attached where there is no robot",
             )
-        self.friction = _friction("friction", friction)
+        self.friction = body_limits.check_friction("friction", friction)
         self.gravity = read_only(as_finite(gravity, "gravity", (3,)))
         self._solver = check_choice("solver", solver, SOLVERS)
         self._tree = tree_table(pepper)
@@ -155,7 +155,7 @@ class World:
     def last_solution(self) -> StepSolution | None:
         """How the last step was solved; None where nothing touched."""
         state = self._tables.state
-        count, size, problems, by_callback = state.numbers.tolist()
+        count, size, problems, by_callback, _ = state.numbers.tolist()
         if not (self._solved and count):
             return None
         return StepSolution(
@@ -181,17 +181,18 @@ class World:
 
         Args:
             name: A name that neither scene nor robot nor another body has.
-            size: Full lengths [m], shape (3,).
-            mass: [kg], above 0.
-            position: Of its center in the world [m], shape (3,).
+            size: Full lengths [m], shape (3,), from 1e-6 to 1e3 each.
+            mass: [kg], 1e-15 to 1e6, at most 1e5 times heavier or lighter than other bodies and the robot.
+            position: Of its center in the world [m], shape (3,), at most 1e5 each.
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            velocity: Of its center [m/s] and of its turning [rad/s], in the world, shape (6,).
-            friction: Its own coefficient; that of the world if omitted.
+            velocity: Of its center [m/s] and turning [rad/s], in the world, shape (6,), at most 1e5 each.
+            friction: Its own coefficient, at most 100; that of the world if omitted.
 
         Raises:
             InvalidValueError: naming body and quantity, for what is not allowed.
         """
-        x, y, z = as_finite(size, f"size of {name!r}", (3,)).tolist()
+        lengths = as_finite(size, f"size of {name!r}", (3,)).tolist()
+        x, y, z = (body_limits.check_size(f"size of {name!r}", length) for length in lengths)
         self._add(name, Box((x, y, z)), mass, transform(*_pose(name, position, rpy)), velocity, friction)
 
     def add_ball(
@@ -204,8 +205,8 @@ class World:
         velocity: ArrayLike = (0.0,) * 6,
         friction: float | None = None,
     ) -> None:
-        """Add a free solid ball of a radius [m]; see `add_box`."""
-        shape = Sphere(check_positive(f"radius of {name!r}", radius, "m"))
+        """Add a free solid ball of a radius [m] at a position [m], shape (3,); see `add_box`."""
+        shape = Sphere(body_limits.check_size(f"radius of {name!r}", radius, 0.5))
         pose = transform(*_pose(name, position, (0.0, 0.0, 0.0)))
         self._add(name, shape, mass, pose, velocity, friction)
 
@@ -217,7 +218,7 @@ class World:
         *,
         velocity: ArrayLike | None = None,
     ) -> None:
-        """Put a free body somewhere; what is omitted stays.
+        """Put a free body at position [m], rpy [rad], shape (3,), velocity, shape (6,); omitted ones stay.
 
         Raises:
             UnknownNameError: listing the free bodies.
@@ -229,9 +230,9 @@ class World:
         new = transform(*_pose(name, np.zeros(3), np.zeros(3) if rpy is None else rpy))
         where, moving = self._bodies.position[row], self._bodies.velocity[row]
         if position is not None:
-            where = as_finite(position, f"position of {name!r}", (3,))
+            where = body_limits.check_position(f"position of {name!r}", position)
         if velocity is not None:
-            moving = as_finite(velocity, f"velocity of {name!r}", (6,))
+            moving = body_limits.check_velocity(f"velocity of {name!r}", velocity)
         self._bodies.position[row], self._bodies.velocity[row] = where, moving
         if rpy is not None:
             self._bodies.rotation[row] = new[:3, :3]
@@ -314,16 +315,33 @@ class World:
         """Return what steps this world in compiled code; None where `advance` is overridden."""
         return self if type(self).advance is World.advance else None
 
-    def begin(self, h: float) -> WorldTables:
+    def begin(self, h: float, steps: int = 1) -> WorldTables:
         """Return the tables for steps of length h [s] in compiled code, which `end` follows.
+
+        Args:
+            h: Length of the steps [s], above 0 and at most 0.05.
+            steps: How many at most.
 
         Raises:
             InvalidValueError: for a step out of range.
         """
         if not 0.0 < h <= LONGEST_STEP:
             raise InvalidValueError("h", f"{h} s", f"a number in (0, {LONGEST_STEP}] s")
-        self._h = h
+        self._h, state = h, self._tables.state
+        state.numbers[4] = 0
+        if len(state.wrench) < steps:
+            self._tables = self._tables._replace(state=state._replace(wrench=np.zeros((steps, 6))))
+        else:
+            state.wrench[:steps] = 0.0
         return self._tables
+
+    @property
+    def wrench(self) -> Array:
+        """Force [N] of all contacts on the robot and moment about the world's origin [N m], in world axes.
+
+        Shape (s, 6), for each of the steps since `begin`: one, or those of the last segment of a run.
+        """
+        return self._tables.state.wrench[: int(self._tables.state.numbers[4])].copy()
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
         """Take note of the steps that were taken, and return why there were no more, if there were to be.
@@ -341,7 +359,7 @@ class World:
         return ContactError(self._step, self._touching(), _CAUSES[outcome]) if error is None else error
 
     def _advance(self, q: Array, motion: RobotMotion, h: float) -> Array:
-        """Take one step around a robot and return the load on it."""
+        """Take one step around a robot at q [rad or m], shape (n,), and return the load on it, shape (n,)."""
         outcome = contact_step(self.begin(h), q, motion, h)
         error = self.end(int(outcome == SOLVED), outcome)
         if error is not None:
@@ -387,16 +405,26 @@ class World:
         velocity: ArrayLike,
         friction: float | None,
     ) -> None:
+        """Add a body of a pose, shape (4, 4), and velocity [m/s, rad/s], shape (6,)."""
         taken = {*self.scene.names, *self._initial, *(self.pepper.frame_names if self.pepper else ())}
         if name in taken:
             raise InvalidValueError("body name", repr(name), "a name that no link, object or body has")
-        weight = check_positive(f"mass of {name!r}", mass, "kg")
-        rough = self.friction if friction is None else _friction(f"friction of {name!r}", friction)
-        moving = as_finite(velocity, f"velocity of {name!r}", (6,))
+        weight = body_limits.check_mass(f"mass of {name!r}", mass)
+        body_limits.check_ratio(name, weight, self._masses())
+        rough = (
+            self.friction
+            if friction is None
+            else body_limits.check_friction(f"friction of {name!r}", friction)
+        )
+        moving = body_limits.check_velocity(f"velocity of {name!r}", velocity)
         inertia = principal_inertia(geometry, weight)
         before = dict(self.bodies)
         self._initial[name] = FreeBody(name, geometry, weight, inertia, rough, pose, moving)
         self._rebuild(before)
+
+    def _masses(self) -> dict[str, float]:
+        robot = {} if self.pepper is None else {"the robot": total_mass(self.pepper)}
+        return {repr(body.name): body.mass for body in self._initial.values()} | robot
 
     def _rebuild(self, present: dict[str, FreeBody]) -> None:
         """Make the tables anew, with bodies in their present state where there is one."""
@@ -424,12 +452,8 @@ class World:
         self._solved, self._step = True, 0
 
 
-def _friction(quantity: str, value: float) -> float:
-    number = float(as_finite(value, quantity, ()))
-    if number < 0:
-        raise InvalidValueError(quantity, value, "a number of at least 0")
-    return number
-
-
 def _pose(name: str, position: ArrayLike, rpy: ArrayLike) -> tuple[Array, Array]:
-    return as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
+    """Return position [m] and roll, pitch, yaw [rad] of a body, shape (3,) each."""
+    return body_limits.check_position(f"position of {name!r}", position), as_finite(
+        rpy, f"rpy of {name!r}", (3,)
+    )

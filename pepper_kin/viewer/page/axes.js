@@ -1,7 +1,7 @@
 "use strict";
 // The axes of a small plot: a height for each value, a place for each time, lines at limits, and numbers with units.
 class Axes {
-  static LEFT = 40; // pixels for the numbers beside the plot
+  static LEFT = 52; // pixels for the numbers beside the plot, up to "1000 mm" in a wide font
   static BOTTOM = 15; // and for the times below it
   static TOP = 5;
 

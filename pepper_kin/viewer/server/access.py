@@ -117,5 +117,8 @@ def _name_of(host: str | None) -> str | None:
 
 def _same_place(origin: str, host: str) -> bool:
     """Whether an origin is the place that the request went to, port included."""
-    parts = urlsplit(origin)
+    try:
+        parts = urlsplit(origin)
+    except ValueError:
+        return False
     return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()

@@ -63,9 +63,15 @@ class Alerts:
         self._contacts: tuple[Contact, ...] = ()
 
     def strain(self, now: float, q: Array, v: Array, a: Array) -> None:
-        """Look at torques and balance at joint positions, velocities and accelerations, shape (n,) each.
+        """Look at torques and balance at joint positions, velocities and accelerations.
 
         What movement does counts when it is seen twice in a row: one tick of the servo is no time.
+
+        Args:
+            now: The time [s].
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
         """
         self.pass_time(now)
         violations = {"torque": self._torque(q, v, a), "balance": self._balance(q, v, a)}
@@ -82,7 +88,7 @@ class Alerts:
         self._warnings, self._before = {}, {}
 
     def touch(self, q: Array, scene: Scene) -> None:
-        """Look at what touches what at joint positions q, shape (n,)."""
+        """Look at what touches what at joint positions q, shape (n,) [rad or m]."""
         self._contacts = contacts(self._pepper, q, scene)
 
     def pass_time(self, now: float) -> None:
@@ -121,6 +127,13 @@ class Alerts:
             known.last_time, known.holds = now, True
 
     def _torque(self, q: Array, v: Array, a: Array) -> _Violation | None:
+        """Return by how much the torques exceed their limits, if they do.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+        """
         use = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, v, a)))
         if use.max() <= 1.0:
             return None
@@ -131,6 +144,13 @@ class Alerts:
         return _Violation(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
 
     def _balance(self, q: Array, v: Array, a: Array) -> _Violation | None:
+        """Return how far the zero-moment point is outside the wheels, if it is.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+        """
         if self._polygon is None:
             return None
         rest = np.zeros_like(q)

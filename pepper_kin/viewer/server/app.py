@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import logging
 import secrets
+import sys
+import time
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import tornado.web
@@ -19,7 +23,14 @@ from pepper_kin.viewer.server.protocol import LONGEST_TEXT, Command, parse
 if TYPE_CHECKING:
     from pepper_kin.viewer.server.hub import Hub
 
+_LOG = logging.getLogger(__name__)
 PING_SECONDS = 20.0
+MOST_PER_SECOND, AT_ONCE = 200.0, 400.0
+"""Commands of a page in a second, and at once after a pause; what is beyond is refused."""
+MOST_REFUSALS = 50
+"""Answers to wrong commands that wait to be sent to a page."""
+MOST_UNSENT = 32_000_000
+"""A page that has yet to take so much more than it was sent at first is closed [byte]."""
 
 
 def application(access: Access, hub: Hub, title: str) -> tornado.web.Application:
@@ -95,6 +106,8 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self.revision = -1
         self._unsent: Any = None
         self._late_poses = False
+        self._bytes, self._most_bytes, self._refusals = 0, sys.maxsize, 0
+        self._left, self._asked_at, self._warned_at = AT_ONCE, time.monotonic(), 0.0
 
     def prepare(self) -> None:
         """Refuse with a sentence, or go on."""
@@ -111,14 +124,45 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         """Send everything that a new page needs."""
         self.set_nodelay(True)
         self._hub.join(self)
+        self._most_bytes = self._bytes + MOST_UNSENT
 
     def on_message(self, message: str | bytes) -> None:
         """Do what the page asks for; errors are sent to this page alone."""
+        if not self._may_ask():
+            return
         try:
             command: Command = parse(message)
             self._hub.handle(command)
         except PepperKinError as error:
-            self.tell({"type": "refused", "text": str(error)})
+            self._refuse(str(error))
+        except Exception as error:
+            _LOG.exception("a command of a page failed")
+            self._refuse(f"The server failed with {type(error).__name__}; its log says where.")
+            self._hub.wake()
+
+    def _may_ask(self) -> bool:
+        """Whether the page has not asked for too much of late."""
+        now = time.monotonic()
+        self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE)
+        self._asked_at = now
+        if self._left < 1.0:
+            if now - self._warned_at > 1.0:
+                self._warned_at = now
+                self._refuse(f"More than {MOST_PER_SECOND:g} commands in a second: some were left out.")
+            return False
+        self._left -= 1.0
+        return True
+
+    def _refuse(self, text: str) -> None:
+        """Say why something was not done; a page that does not read its answers gets no more of them."""
+        if self._refusals < MOST_REFUSALS:
+            self._refusals += 1
+            self.tell({"type": "refused", "text": text})
+            if self._unsent is not None:
+                self._unsent.add_done_callback(self._refused)
+
+    def _refused(self, sent: Any) -> None:
+        self._refusals -= 1
 
     def on_close(self) -> None:
         """Forget the page."""
@@ -160,13 +204,19 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self.tell({"type": "state", "values": changes})
 
     def _write(self, message: str | bytes, binary: bool) -> None:
+        if self._bytes > self._most_bytes:
+            self._hub.leave(self)
+            self.close(1008, "the page does not take what it is sent")
+            return
         try:
             self._unsent = self.write_message(message, binary=binary)
-            self._unsent.add_done_callback(self._written)
+            self._bytes += len(message)
+            self._unsent.add_done_callback(partial(self._written, len(message)))
         except tornado.websocket.WebSocketClosedError:
             self._unsent = None
 
-    def _written(self, sent: Any) -> None:
+    def _written(self, size: int, sent: Any) -> None:
+        self._bytes -= size
         # A page that closes while something is sent is not an error; `on_close` follows.
         if not sent.cancelled() and sent.exception() is None and self._late_poses:
             self._hub.wake()

@@ -43,7 +43,15 @@ class BodyPoses:
         self.names = (*links, MASS_BODY, ZMP_BODY, *(target_body(name) for name in targets.names))
 
     def packed(self, q: Array, v: Array, a: Array, shown: Mapping[str, bool], stamp: int) -> bytes:
-        """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw)."""
+        """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw).
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+            shown: Layer -> whether it is shown.
+            stamp: The message's second number.
+        """
         if shown.get(MASS) or shown.get(ZMP):
             self._balance[:] = balance_points(self._pepper, q, v, a)
         values = np.zeros((len(self.names), 7), dtype="<f4")

@@ -71,5 +71,6 @@ def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
 
 
 def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> Surface:
+    """Return the surface of the faces, shape (F, 3), without the points [m], shape (V, 3), that none uses."""
     used, index = np.unique(faces, return_inverse=True)
     return split_at_creases(points[used], index.reshape(-1, 3), CREASE_ANGLE)

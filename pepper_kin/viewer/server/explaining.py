@@ -39,7 +39,7 @@ def on_the_way(tasks: Sequence[Task]) -> str:
 
 
 def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
-    """Say why the body rests at joint positions q, shape (n,), without having met its tasks.
+    """Say why the body rests at joint positions q, shape (n,) [rad or m], without having met its tasks.
 
     Inverse kinematics from many starts finds what the servo, which is local, cannot.
     """
@@ -47,7 +47,7 @@ def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: S
 
 
 def no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene, found: IKResult) -> str:
-    """Say why tasks are not met at joint positions q, shape (n,), given what inverse kinematics found."""
+    """Say why tasks are not met at q, shape (n,) [rad or m], given what inverse kinematics found."""
     unmet = [task for task in tasks if task.error(pepper, q) > task.tolerance] or list(tasks)
     who = listed(_who(task) for task in unmet)
     turn = all(task.unit == "rad" for task in unmet)
@@ -74,7 +74,7 @@ def what_would_touch(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene
 
     Args:
         pepper: The robot.
-        q: Where it is, shape (n,).
+        q: Where it is [rad or m], shape (n,).
         tasks: What it is to meet.
         scene: The world around it.
     """
@@ -90,7 +90,14 @@ def what_would_touch(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene
 
 
 def _part_of_the_way(pepper: PepperModel, q: Array, task: Task, share: float) -> Task:
-    """Return a task whose target lies on the way from where its frame is to the task's own."""
+    """Return a task whose target lies on the way from where its frame is to the task's own.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        task: The task.
+        share: Part of the way, 0 to 1.
+    """
     if task.unit != "m" or task.frame is None:
         return task
     place = frame_pose(pepper, q, task.frame)[:3, 3]

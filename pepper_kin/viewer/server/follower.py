@@ -40,7 +40,7 @@ class Follower:
 
     Args:
         pepper: The robot.
-        q: Joint positions at rest, shape (n,).
+        q: Joint positions at rest [rad or m], shape (n,).
         scene: What to keep clear of, the robot itself included.
     """
 

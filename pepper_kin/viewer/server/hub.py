@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from pepper_kin.viewer.server.tasks import LongTasks
 if TYPE_CHECKING:
     from pepper_kin.viewer.server.app import PageSocket
 
+_LOG = logging.getLogger(__name__)
 STATE_STEP = 0.08
 """Time between two updates of the panels [s]; poses are sent at every tick."""
 MOST_PAGES = 32
@@ -110,7 +112,10 @@ class Hub:
                 self.session.clear()
                 self.session.fail(error)
             before = now
-            self._tell(now)
+            try:
+                self._tell(now)
+            except Exception:  # what cannot be sent is no reason to stand still
+                _LOG.exception("the pages could not be sent what changed")
             await self._nap(now + self.session.wait - loop.time())
 
     async def _nap(self, seconds: float) -> None:
@@ -134,15 +139,15 @@ class Hub:
         if now - self._sent_at >= STATE_STEP:
             self._sent_at = now
             self.session.refresh()
-            for page in self._pages:
+            for page in tuple(self._pages):
                 page.catch_up(self.session.document)
         poses = self.session.poses()
         changed = poses != self._sent_poses
-        for page in self._pages:
+        for page in tuple(self._pages):
             if changed or page.lacks_poses:
                 page.pose(poses)
         self._sent_poses = poses
 
     def _draw(self, command: bytes) -> None:
-        for page in self._pages:
+        for page in tuple(self._pages):
             page.draw(command)

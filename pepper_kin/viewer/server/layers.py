@@ -116,6 +116,7 @@ def _link_of(model: Any, joint: int, pepper: PepperModel) -> tuple[str | None, N
 
 
 def _ellipsoid(semi: NDArray[np.float64]) -> ConvexMesh:
+    """Return an ellipsoid with the given semi-axes [m], shape (3,), along the coordinate axes."""
     polar = np.linspace(0.0, np.pi, 9)[1:-1]
     around = np.linspace(0.0, 2 * np.pi, 13)[:-1]
     ring = np.stack([np.cos(around), np.sin(around)], axis=-1)

@@ -107,10 +107,12 @@ def _cylinder(cylinder: Cylinder, segments: int) -> Surface:
 
 
 def _as_surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:
+    """Return the surface of vertices [m], shape (V, 3), and faces, shape (F, 3)."""
     return Surface(vertices.astype(np.float32), faces.astype(np.uint32))
 
 
 def _joined(parts: list[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> Surface:
+    """Return parts, each of vertices [m], shape (V, 3), and faces, shape (F, 3), as one surface."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = [faces.astype(np.int64) + start for (_, faces), start in zip(parts, starts, strict=True)]
     return _as_surface(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))

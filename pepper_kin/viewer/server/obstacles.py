@@ -31,6 +31,9 @@ COLORS: tuple[Color, ...] = (
 )
 """Colors of obstacles that are added in the page, in turn: none is the red of contact."""
 
+MOST_OBSTACLES = 100
+"""Objects in a scene to which pages may still add one."""
+
 _SIZES = {"box": (0.15, 0.15, 0.15), "ball": (0.08,), "cylinder": (0.06, 0.3)}
 
 
@@ -44,12 +47,22 @@ def added(
 ) -> tuple[Scene, str]:
     """Return a scene with one obstacle more, and its name.
 
+    Args:
+        scene: The scene.
+        kind: One of `KINDS`.
+        position: Of the obstacle's origin in the world [m], shape (3,); `PLACE` if None.
+        size: Its lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
+            None for the default.
+
     Raises:
-        InvalidValueError: for a size of the wrong count of numbers, or too small or large a one.
+        InvalidValueError: for a size of the wrong count of numbers, or too small or large a one, or for a
+            scene that is full.
         UnknownNameError: for another kind.
     """
     if kind not in KINDS:
         raise UnknownNameError("kind of obstacle", kind, KINDS)
+    if len(scene.names) >= MOST_OBSTACLES:
+        raise InvalidValueError("obstacles", len(scene.names), f"at most {MOST_OBSTACLES}: remove one first")
     number = next(k for k in range(1, len(scene.names) + 2) if f"{kind} {k}" not in scene.names)
     name = f"{kind} {number}"
     geometry = _geometry(name, kind, np.array(_SIZES[kind]) if size is None else size)
@@ -66,6 +79,14 @@ def changed(
     color: NDArray[np.float64] | None = None,
 ) -> Scene:
     """Return a scene with one obstacle elsewhere, of another size or color; its orientation stays.
+
+    Args:
+        scene: The scene.
+        name: The obstacle's name.
+        position: Of its origin in the world [m], shape (3,); None for where it is.
+        size: Its lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
+            None for what it has.
+        color: Red, green, blue, shape (3,); None for what it has.
 
     Raises:
         UnknownNameError: for an unknown obstacle.
@@ -128,6 +149,7 @@ def _size(thing: SceneObject) -> list[float]:
 
 
 def _geometry(name: str, kind: str, size: NDArray[np.float64]) -> Box | Sphere | Cylinder:
+    """Return the geometry of a size [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder."""
     names = size_names(kind)
     if size.shape != (len(names),) or not ((size >= LEAST) & (size <= MOST)).all():
         allowed = f"{' and '.join(names)}, each in {LEAST:g} ... {MOST:g} m"

@@ -76,7 +76,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
 
     Args:
         pepper: The robot.
-        q: Where it starts, shape (n,).
+        q: Where it starts [rad or m], shape (n,).
         tasks: The targets.
         scene: The world around it.
         seed: Seed of all random choices.
@@ -102,7 +102,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
 
 
 def _why_no_plan(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, found: Plan) -> str:
-    """Say in a sentence or two why there is no plan."""
+    """Say in a sentence or two why there is no plan from joint positions q, shape (n,) [rad or m]."""
     if found.ik is not None and not found.ik.success:
         return no_closer(pepper, q, tasks, scene, found.ik)
     return f"No way there was found. {found.report()}"
@@ -123,13 +123,14 @@ def show_motion(
 
 
 def _way(pepper: PepperModel, positions: Array) -> Array:
-    """Return the box around the origins of all links along a motion, shape (2, 3) [m]."""
+    """Return the box, shape (2, 3) [m], around the origins of all links at joint positions, shape (T, n)."""
     kept = np.unique(np.linspace(0, len(positions) - 1, _WAY_POINTS).round().astype(int))
     places = frame_poses(pepper, positions[kept], pepper.frame_names)[..., :3, 3].reshape(-1, 3)
     return np.stack([places.min(axis=0), places.max(axis=0)])
 
 
 def _ghost(pepper: PepperModel, positions: Array, frames: list[str] | None) -> tuple[Drawable, ...]:
+    """Return traces of frames and bodies along joint positions [rad or m], shape (T, n)."""
     if frames is None or len(positions) < 2:
         return ()
     kept = np.linspace(0, len(positions) - 1, _TRACE_POINTS).round().astype(int)

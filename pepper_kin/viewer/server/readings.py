@@ -26,16 +26,17 @@ Array = NDArray[np.float64]
 
 
 def torque_use(pepper: PepperModel, torque: Array) -> Array:
-    """Return torques as shares of the limits, shape (..., n); joints without a limit count as zero."""
+    """Return torques [N m or N], shape (..., n), as shares of the limits; 0 for joints without a limit."""
     return _shares(torque, pepper.effort_limits)
 
 
 def speed_use(pepper: PepperModel, v: Array) -> Array:
-    """Return joint velocities as shares of the limits, shape (..., n); joints without one count as zero."""
+    """Return velocities [rad/s or m/s], shape (..., n), as shares of the limits; 0 for joints without one."""
     return _shares(v, pepper.velocity_limits)
 
 
 def _shares(values: Array, limits: Array) -> Array:
+    """Return |values|, shape (..., n), as shares of the limits, shape (n,), in the same units."""
     limited = np.isfinite(limits) & (limits > 0)
     return np.where(limited, np.abs(values) / np.where(limited, limits, 1.0), 0.0)
 
@@ -57,7 +58,15 @@ class Readings:
         return list(self._samples)
 
     def take(self, time: float, q: Array, v: Array, a: Array, scene: Scene) -> dict[str, Any]:
-        """Take a sample at joint positions, velocities and accelerations, shape (n,) each."""
+        """Take a sample at joint positions, velocities and accelerations.
+
+        Args:
+            time: The sample's time [s].
+            q: Joint positions [rad or m], shape (n,).
+            v: Joint velocities [rad/s or m/s], shape (n,).
+            a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+            scene: The world around the robot.
+        """
         pair = closest_pair(self._pepper, q, scene)
         balance = balance_of(self._pepper, q[None], v[None], a[None])
         sample = {
@@ -73,7 +82,14 @@ class Readings:
 
 
 def balance_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """Return the center of mass and the zero-moment point on the floor, shape (3,) each [m]."""
+    """Return the center of mass and the zero-moment point on the floor, shape (3,) each [m].
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        v: Joint velocities [rad/s or m/s], shape (n,).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+    """
     mass = center_of_mass(pepper, q)
     try:
         point = zero_moment_point(pepper, q, v, a)
@@ -86,13 +102,19 @@ def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
     """Return how far inside the wheels the zero-moment point is, shape (k,) [m]; empty without such wheels.
 
     Where the floor would have to pull there is no such point, and the distance is minus infinity.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (k, n).
+        v: Joint velocities [rad/s or m/s], shape (k, n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (k, n).
     """
     polygon = support_polygon(pepper)
     return np.zeros(0) if polygon is None else balance_margin(pepper, polygon, q, v, a)
 
 
 def _finite(lengths: Array) -> list[float | None]:
-    """Return lengths [m] for JSON, which has no infinity."""
+    """Return lengths [m], shape (k,), for JSON, which has no infinity."""
     return [round(float(length), 5) if np.isfinite(length) else None for length in lengths]
 
 

@@ -14,11 +14,14 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.access import Access
 from pepper_kin.viewer.server.hub import Hub
+from pepper_kin.viewer.server.protocol import LONGEST_TEXT
 from pepper_kin.viewer.server.session import Session
 from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.worker import Worker
 
 DEFAULT_PORT = 7878
+IDLE_SECONDS = 60.0
+"""Connections without a request are closed after this time."""
 _TRIED = 20
 """Ports that are tried after the default one, where others are at home already."""
 
@@ -120,7 +123,12 @@ class ViewerServer:
         from pepper_kin.viewer.server.app import application
 
         self._stop = asyncio.Event()
-        server = HTTPServer(application(self.access, self._hub, self._title))
+        server = HTTPServer(
+            application(self.access, self._hub, self._title),
+            max_body_size=LONGEST_TEXT,
+            max_header_size=4 * LONGEST_TEXT,
+            idle_connection_timeout=IDLE_SECONDS,
+        )
         server.add_sockets(self._sockets)
         ticking = asyncio.ensure_future(self._hub.run())
         self._started.set()

@@ -269,7 +269,7 @@ class Session:
             self.document.set("bodies", list(self._poses.names))
 
     def add_obstacle(self, kind: str, position: Array | None = None, size: Array | None = None) -> str:
-        """Add an obstacle; return its name.  See `obstacles.added`."""
+        """Add an obstacle at a position, shape (3,) [m]; return its name.  See `obstacles.added`."""
         scene, name = obstacles.added(self.scene, kind, position, size)
         self.set_scene(scene)
         return name
@@ -277,7 +277,7 @@ class Session:
     def change_obstacle(
         self, name: str, position: Array | None = None, size: Array | None = None, color: Array | None = None
     ) -> None:
-        """Move, size or color an obstacle.  See `obstacles.changed`."""
+        """Move (position of shape (3,) [m]), size or color an obstacle.  See `obstacles.changed`."""
         self.set_scene(obstacles.changed(self.scene, name, position, size, color))
 
     def remove_obstacle(self, name: str) -> None:

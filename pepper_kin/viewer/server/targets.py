@@ -76,7 +76,7 @@ class Targets:
             target.on = False
 
     def keep_with(self, q: NDArray[np.float64]) -> None:
-        """Move the targets that nobody has set to where hands and gaze are at q, shape (n,)."""
+        """Move the targets that nobody has set to where hands and gaze are at q, shape (n,) [rad or m]."""
         free = [name for name, target in self._targets.items() if not target.on]
         poses = frame_poses(self._pepper, q, [_FRAMES[name] for name in free])
         for name, pose in zip(free, poses, strict=True):

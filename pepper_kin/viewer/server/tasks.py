@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.worker import Worker
@@ -57,7 +58,12 @@ class LongTasks:
         """Plan from where the session's body is to tasks, and load the motion into it.
 
         What comes of it is dropped where the targets were let go or the body was moved meanwhile.
+
+        Raises:
+            InvalidValueError: while another motion is being planned.
         """
+        if session.document["busy"] is not None:
+            raise InvalidValueError("plan", "a second one", "one at a time: wait for the first")
         from pepper_kin.viewer.server.planning import plan_motion
 
         q, scene, target_revision = session.q.copy(), session.scene, session.target_revision

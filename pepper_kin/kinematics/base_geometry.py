@@ -72,16 +72,26 @@ class BaseGeometry:
             if not getattr(self, quantity) > 0:
                 raise InvalidValueError(quantity, getattr(self, quantity), "a number above 0")
 
+    @property
+    def wheel_map(self) -> Array:
+        """The map from twists to wheel speeds without slip, shape (k, 3) [rad/m, rad/m, 1].
+
+        A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes and turning.  A wheel at c
+        with axle a and radius r rolls along t = (a_y, -a_x), and r w = t . (v + omega x c).
+        """
+        (x, y), (ax, ay) = self.contacts.T, self.axles.T
+        return np.asarray(np.column_stack([ay, -ax, -y * ay - x * ax]) / self.wheel_radius)
+
 
 @cache
 def pepper_base(*, fastest: bool = False) -> BaseGeometry:
-    """Return Pepper's base; the numbers and their sources are in `twin/data/base.json`.
+    """Return Pepper's base; the numbers and their sources are in `kinematics/data/base.json`.
 
     Args:
         fastest: Whether velocities and accelerations are the greatest that the maker allows to be commanded,
             rather than its defaults.
     """
-    text = (files("pepper_kin.twin") / "data" / "base.json").read_text(encoding="utf-8")
+    text = (files("pepper_kin.kinematics") / "data" / "base.json").read_text(encoding="utf-8")
     data: dict[str, Any] = json.loads(text)
     wheels = data["wheels"]
     which = "maximum" if fastest else "default"

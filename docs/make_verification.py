@@ -1,0 +1,122 @@
+"""Write docs/verification.md from reports of fuzz tests.
+
+    pytest tests/fuzz --fuzz-size middle --fuzz-report build/fuzz/middle.json
+    python docs/make_verification.py build/fuzz/middle.json
+
+The reports given take the place of those of their size in docs/verification/; without any, the page is
+written of those that are there.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+FOLDER = Path(__file__).parent
+REPORTS = FOLDER / "verification"
+SIZES = ("small", "middle", "long")
+HEAD = """# What is verified, how, and how often
+
+Written by `python docs/make_verification.py` from the reports of the fuzz tests; no number is by hand.
+Each property is asked of random cases: by a law, or by code that shares nothing with what it examines.
+The same test has three sizes:
+
+| size | when | how |
+|---|---|---|
+| small | with every run of the tests | `pytest` |
+| middle | in continuous integration, under five minutes | `pytest tests/fuzz --fuzz-size middle` |
+| long | before a release, hours | `python tests/fuzz/long_run.py --hours 8` |
+
+`--fuzz-seed N` asks about other cases, `--fuzz-report FILE` writes what was examined. A test that fails
+prints the command that repeats it, and keeps its seed and inputs in `build/fuzz/`. The long run goes in
+parts (`--parts 20`): it prints a line for each that ends, and goes on where it was interrupted. Its
+report is `build/fuzz/long/report.json`.
+
+Two kinds of tests ask about memory. *Guard pages*: jobs of the whole core run in a process in which every
+array ends at a page that may not be touched, then in one in which every array begins behind one; new
+memory is full of NaN, freed memory is unmapped, and results must be those of ordinary memory to the last
+bit. *Checks of bounds*: the same jobs run with `NUMBA_BOUNDSCHECK=1`, for which the core is compiled
+again, with a test of every index; it works with any program. To run one job by hand:
+
+```bash
+python tests/fuzz/core_job.py '{"jobs": ["ik"], "count": 12, "seed": 0, "guard": "after"}'
+NUMBA_BOUNDSCHECK=1 python tests/fuzz/core_job.py '{"jobs": ["ik"], "count": 12, "seed": 0}'
+```
+
+Checks of the model against published numbers and other engines are in [Validation](validation.md).
+"""
+
+
+class Row(NamedTuple):
+    """One property in one report."""
+
+    what: str
+    oracle: str
+    count: int
+    wrong: int
+
+
+def main(paths: list[str]) -> None:
+    """Keep reports and write the page."""
+    REPORTS.mkdir(exist_ok=True)
+    for path in paths:
+        report = json.loads(Path(path).read_text("utf-8"))
+        (REPORTS / f"{report['size']}.json").write_text(json.dumps(report, indent=1) + "\n", "utf-8")
+    files = {size: REPORTS / f"{size}.json" for size in SIZES}
+    reports = {size: json.loads(file.read_text("utf-8")) for size, file in files.items() if file.exists()}
+    (FOLDER / "verification.md").write_text(HEAD + page(reports), encoding="utf-8")
+
+
+def page(reports: dict[str, Any]) -> str:
+    """Return the tables of reports by size."""
+    titles = "size | last run | tests | failed | cases | wrong | processor time"
+    text = f"\n## When\n\n| {titles} |\n{7 * '|---'}|\n"
+    for size, report in reports.items():
+        tests = report["tests"]
+        failed = sum(test["outcome"] != "passed" for test in tests)
+        cases, wrong = (sum(row[k] for row in rows(report)) for k in (2, 3))
+        seconds = sum(test["seconds"] for test in tests)
+        when = f"{report['date']}, {report['version']}, {report['machine']}"
+        text += f"| {size} | {when} | {len(tests)} | {failed} |"
+        text += f" {cases:,} | {wrong:,} | {spent(seconds)} |\n"
+    by_file: dict[str, dict[str, dict[str, Row]]] = {}
+    for size, report in reports.items():
+        for test in report["tests"]:
+            title = test["test"].partition("::")[0]
+            for row in rows({"tests": [test]}):
+                known = by_file.setdefault(title, {}).setdefault(row.what, {})
+                before = known.get(size, row._replace(count=0, wrong=0))
+                known[size] = before._replace(count=before.count + row.count, wrong=before.wrong + row.wrong)
+    for title in sorted(by_file):
+        text += (
+            f"\n## {Path(title).stem.removeprefix('test_').replace('_', ' ').capitalize()}\n\n`{title}`\n\n"
+        )
+        text += "| property | asked of | small | middle | long | wrong |\n|---|---|---|---|---|---|\n"
+        for what, known in sorted(by_file[title].items()):
+            counts = (f"{known[size].count:,}" if size in known else "–" for size in SIZES)
+            wrong = sum(row.wrong for row in known.values())
+            oracle = next(reversed(known.values())).oracle.replace("|", "\\|")
+            text += f"| {what} | {oracle} | {' | '.join(counts)} | {wrong:,} |\n"
+    return text
+
+
+def rows(report: dict[str, Any]) -> Iterator[Row]:
+    """Yield what each test of a report counted."""
+    for test in report["tests"]:
+        for what, count, wrong in test["counts"]:
+            yield Row(what, test["oracle"], count, wrong)
+
+
+def spent(seconds: float) -> str:
+    """Return a time for people."""
+    for unit, size in (("h", 3600), ("min", 60)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

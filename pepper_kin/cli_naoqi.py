@@ -1,0 +1,170 @@
+"""The commands `pepper-kin naoqi ...`: argument parsing and printing, nothing else."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pepper_kin.cli_terminal import FAILED, Json, one_of, print_json
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi import Broker
+
+app = typer.Typer(help="NAOqi's modules over the twin: for clients of qi, and for scripts.")
+
+MODES = ("twin", "robot")
+
+Scene_ = Annotated[Path | None, typer.Option("--scene", help="What stands around the robot: JSON.")]
+Mode = Annotated[
+    str, typer.Option(help="robot refuses what Pepper refuses; twin does it.", autocompletion=one_of(MODES))
+]
+View = Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")]
+Record = Annotated[Path | None, typer.Option(help="Write the run there: .csv, .npz or .mcap.")]
+
+
+@app.command()
+def serve(
+    port: Annotated[int, typer.Option(help="Where to listen; 0 for any.")] = 9559,
+    address: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    mode: Mode = "twin",
+    scene: Scene_ = None,
+    *,
+    view: View = False,
+    record: Record = None,
+    allow_remote: Annotated[
+        bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Host the modules for any qi client, in real time.  Ctrl-C ends it.
+
+    Needs: pip install 'pepper_kin[naoqi]'
+
+    Example: pepper-kin naoqi serve --view
+    """
+    from pepper_kin.naoqi.host import Host
+
+    with _broker(mode, True, scene, view, record) as broker, Host(
+        broker, address, port, allow_remote=allow_remote
+    ) as host:  # fmt: skip
+        if as_json:
+            print_json({"url": host.url, "modules": list(broker.module_names)})
+        else:
+            print(f"{host.url}: {len(broker.module_names)} modules; Ctrl-C ends it", flush=True)
+        sys.stdout.flush()
+        try:
+            host.wait()
+        except KeyboardInterrupt:
+            print()
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def run(
+    context: typer.Context,
+    script: Annotated[Path, typer.Argument(help="A script for NAOqi, in Python 3 or 2.", exists=True)],
+    fast: Annotated[
+        bool, typer.Option("--fast", help="Let time pass as fast as it can be computed.")
+    ] = False,
+    max_time: Annotated[
+        float | None, typer.Option(help="Interrupt the script after this time of the twin, in seconds.")
+    ] = None,
+    mode: Mode = "twin",
+    scene: Scene_ = None,
+    *,
+    view: View = False,
+    record: Record = None,
+    as_json: Json = False,
+) -> None:
+    """Run an unmodified script against the twin; what follows its name is handed to it.
+
+    Example: pepper-kin naoqi run wave.py --fast
+    """
+    from pepper_kin.naoqi.scripts import run_script
+
+    with _broker(mode, not fast, scene, view, record) as broker:
+        broker.on_log = lambda time, text: print(f"[{time:8.2f} s] {text}", file=sys.stderr)
+        with redirect_stdout(sys.stderr if as_json else sys.stdout):
+            result = run_script(script, context.args, broker=broker, longest=max_time)
+        logged = [{"time": time, "text": text} for time, text in broker.logged]
+    if as_json:
+        outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
+        print_json(outcome)
+    print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
+    if result.error is not None:
+        import traceback
+
+        traceback.print_exception(result.error)
+    if not result.success:
+        raise typer.Exit(result.code or FAILED)
+
+
+@app.command()
+def methods(as_json: Json = False) -> None:
+    """List the methods of all modules, and which of them are not simulated.
+
+    Example: pepper-kin naoqi methods
+    """
+    from pepper_kin.naoqi import coverage
+
+    table = coverage()
+    if as_json:
+        print_json([row._asdict() for row in table])
+        return
+    for row in table:
+        print(f"{row.module}.{row.method}: {row.answer}")
+
+
+@contextmanager
+def _broker(
+    mode: str, real_time: bool, scene: Path | None, view: bool, record: Path | None
+) -> Iterator[Broker]:
+    """Yield a simulated robot, with a page in the browser and a log where these were asked for."""
+    from pepper_kin.atomic_file import make_folder
+    from pepper_kin.collision import Scene
+    from pepper_kin.naoqi import Broker
+    from pepper_kin.naoqi.run_log import RunLog
+
+    around = None if scene is None else Scene.load(scene)
+    with Broker(mode=mode, real_time=real_time, scene=around) as broker:
+        close = _shown(broker) if view else None
+        log = None if record is None else RunLog(broker.body)
+        try:
+            yield broker
+        finally:
+            if log is not None and record is not None:
+                make_folder(record.parent)
+                log.run().save(record)
+                print(f"Written: {record}", file=sys.stderr)
+            if close is not None:
+                close()
+
+
+def _shown(broker: Broker) -> Callable[[], Any]:
+    """Open a page that follows the robot; return what closes it."""
+    import webbrowser
+
+    from pepper_kin.viewer import Viewer
+
+    body = broker.body
+    viewer = Viewer(body.pepper)
+    if body.scene is not None:
+        viewer.add_scene(body.scene)
+    viewer.follow(False)
+    url = viewer.show(body.configuration(True))
+    print(url, file=sys.stderr)
+    webbrowser.open(url)
+    count = 0
+
+    def show() -> None:
+        nonlocal count
+        count += 1
+        if count % 2 == 0:  # 25 pictures a second
+            viewer.show(body.configuration(True))
+
+    body.listeners.append(show)
+    return viewer.close

@@ -1,0 +1,189 @@
+"""Contact and distance of pairs of shapes, by coal: all that Pinocchio keeps, or one pair at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.collision.checked_shapes import CheckedShapes
+
+Array = NDArray[np.float64]
+
+MOST_KEPT = 20_000
+"""Most pairs that Pinocchio keeps requests and results of: its table of pairs grows with the square of the
+shapes, and is copied for each of them."""
+
+
+class KeptPairs:
+    """Pairs of which Pinocchio keeps requests and results; a broad phase finds those that touch.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        shapes: The shapes and pairs.
+        margins: Distance below which each pair counts as touching [m], shape (pairs,).
+    """
+
+    def __init__(self, model: Any, shapes: CheckedShapes, margins: Array) -> None:
+        import pinocchio
+
+        self._model, self._shapes, self._margins = model, shapes, margins
+        self._kept = self._data()
+        # The broad phase takes over the margins when it is made.
+        broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
+        self._broad_phase = broad(model, shapes.model, self._kept)
+        self._without_box = None
+        if len(shapes.without_box):
+            self._without_box = rest = self._data()
+            for index in set(range(len(margins))) - set(shapes.without_box.tolist()):
+                rest.deactivateCollisionPair(index)
+
+    def _data(self) -> Any:
+        import pinocchio
+
+        data = pinocchio.GeometryData(self._shapes.model)
+        # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
+        if self._margins.any():
+            for request, margin in zip(data.collisionRequests, self._margins, strict=True):
+                request.security_margin = float(margin)
+        return data
+
+    def place(self, data: Any) -> None:
+        """Place all shapes where the joints in `pinocchio.Data` are."""
+        import pinocchio
+
+        pinocchio.updateGeometryPlacements(self._model, data, self._shapes.model, self._kept)
+
+    def poses(self, bodies: list[int]) -> list[Any]:
+        """Return the poses of some bodies in the world, after `place`."""
+        placed = self._kept.oMg
+        return [placed[i] for i in bodies]
+
+    def distance(self, index: int) -> Any:
+        """Return coal's result on the distance of a pair, after `place`; it stays in `result`."""
+        import pinocchio
+
+        return pinocchio.computeDistance(self._shapes.model, self._kept, index)
+
+    def result(self, index: int) -> Any:
+        """Return what `distance` has returned for a pair."""
+        return self._kept.distanceResults[index]
+
+    def any_touches(self, data: Any, q_full: Array) -> bool:
+        """Whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
+        import pinocchio
+
+        if pinocchio.computeCollisions(self._model, data, self._broad_phase, q_full, True):
+            return True
+        rest = self._without_box
+        return rest is not None and bool(
+            pinocchio.computeCollisions(self._model, data, self._shapes.model, rest, q_full, True)
+        )
+
+    def touching(self, data: Any, q_full: Array) -> list[int]:
+        """Return the pairs that touch at a configuration of Pinocchio's model, shape (nq,), in order."""
+        import pinocchio
+
+        pinocchio.computeCollisions(self._model, data, self._shapes.model, self._kept, q_full, False)
+        results = self._kept.collisionResults
+        return [index for index in range(len(self._margins)) if results[index].isCollision()]
+
+
+class SinglePairs:
+    """The same, of pairs too many to be kept: coal is asked about those with near balls, one at a time.
+
+    Args:
+        model: Pinocchio's model of the robot.
+        shapes: The shapes and pairs.
+        margins: Distance below which each pair counts as touching [m], shape (pairs,).
+    """
+
+    def __init__(self, model: Any, shapes: CheckedShapes, margins: Array) -> None:
+        import coal
+
+        self._model, self._shapes, self._margins = model, shapes, margins
+        self._coal = [body.geometry_object.geometry for body in shapes.bodies]
+        self._placements = [body.geometry_object.placement for body in shapes.bodies]
+        self._joints = [body.joint for body in shapes.bodies]
+        self._first, self._second = (places.tolist() for places in shapes.pairs)
+        self._poses = list(self._placements)
+        self._transforms = [coal.Transform3s(pose.rotation, pose.translation) for pose in self._poses]
+        self._moving = [i for i, joint in enumerate(self._joints) if joint]
+        self._results: dict[int, Any] = {}
+
+    def place(self, data: Any) -> None:
+        """Place all shapes where the joints in `pinocchio.Data` are."""
+        import coal
+
+        self._results.clear()
+        for i in self._moving:
+            pose = self._poses[i] = data.oMi[self._joints[i]] * self._placements[i]
+            self._transforms[i] = coal.Transform3s(pose.rotation, pose.translation)
+
+    def poses(self, bodies: list[int]) -> list[Any]:
+        """Return the poses of some bodies in the world, after `place`."""
+        return [self._poses[i] for i in bodies]
+
+    def distance(self, index: int) -> Any:
+        """Return coal's result on the distance of a pair, after `place`; it stays in `result`."""
+        import coal
+
+        i, j = self._first[index], self._second[index]
+        found = self._results[index] = coal.DistanceResult()
+        request = coal.DistanceRequest()
+        coal.distance(self._coal[i], self._transforms[i], self._coal[j], self._transforms[j], request, found)
+        return found
+
+    def result(self, index: int) -> Any:
+        """Return what `distance` has returned for a pair."""
+        return self._results[index]
+
+    def any_touches(self, data: Any, q_full: Array) -> bool:
+        """Whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
+        return any(self._touches(index) for index in self._near(data, q_full))
+
+    def touching(self, data: Any, q_full: Array) -> list[int]:
+        """Return the pairs that touch at a configuration of Pinocchio's model, shape (nq,), in order."""
+        return [index for index in self._near(data, q_full) if self._touches(index)]
+
+    def _near(self, data: Any, q_full: Array) -> list[int]:
+        """Return the pairs whose balls are within the margins at a configuration, shape (nq,)."""
+        import pinocchio
+
+        pinocchio.forwardKinematics(self._model, data, q_full)
+        self.place(data)
+        bounds = ball_distances(self._shapes, self.poses(list(range(len(self._coal)))))
+        return [int(k) for k in np.flatnonzero(bounds <= self._margins)]
+
+    def _touches(self, index: int) -> bool:
+        import coal
+
+        i, j = self._first[index], self._second[index]
+        request, found = coal.CollisionRequest(), coal.CollisionResult()
+        request.security_margin = float(self._margins[index])
+        coal.collide(self._coal[i], self._transforms[i], self._coal[j], self._transforms[j], request, found)
+        return bool(found.isCollision())
+
+
+def pair_queries(model: Any, shapes: CheckedShapes, margins: Array) -> KeptPairs | SinglePairs:
+    """Return the queries that suit the number of pairs, for one thread; margins: [m], shape (pairs,)."""
+    return (KeptPairs if len(margins) <= MOST_KEPT else SinglePairs)(model, shapes, margins)
+
+
+def ball_distances(shapes: CheckedShapes, poses: list[Any]) -> Array:
+    """Return a lower bound of the distance of coal's shapes of each pair, that of their balls [m].
+
+    Args:
+        shapes: The shapes and pairs.
+        poses: Of all bodies in the world.
+    """
+    placed = zip(poses, shapes.bounding_centers, strict=True)
+    centers = np.array([pose.act(center) for pose, center in placed])
+    first, second = shapes.pairs
+    apart = centers[first] - centers[second]
+    gaps = np.linalg.norm(apart, axis=1)
+    # Of a half-space the "center" is a point of its plane, and what counts is the height above that.
+    to_plane, normals = shapes.planes
+    gaps[to_plane] = np.einsum("ij,ij->i", apart[to_plane], normals)
+    return np.asarray(gaps - shapes.bounding_reach)

@@ -1,0 +1,134 @@
+"""Bytes, texts, JSON and numbers of files, read with refusals that name the file."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from pathlib import Path
+from typing import Any, NoReturn
+
+from pepper_kin.atomic_file import PathName
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_PLAIN_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
+_ESCAPED_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def read_bytes(path: PathName) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        FileFormatError: where it cannot be read.
+        InvalidValueError: for a path that is neither text nor a path.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidValueError("path", repr(path), "the name of a file")
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a name that no file has: with a zero byte, or half a surrogate pair
+        raise FileFormatError(ascii(os.fspath(path)), f"cannot be read: {error}") from error
+
+
+def read_text(path: PathName) -> str:
+    """Return the text of a file, with line feeds as line ends and without a byte order mark.
+
+    Raises:
+        FileFormatError: where it cannot be read, or is not UTF-8.
+        InvalidValueError: for a path that is neither text nor a path.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(path, f"is not text in UTF-8: {error.reason} at byte {error.start}") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_json(path: PathName) -> tuple[Any, str]:
+    """Read a JSON file strictly: no field twice in one object, no NaN, no number beyond the floats.
+
+    Returns:
+        What it holds, and its text, for `line_of`.
+
+    Raises:
+        FileFormatError: naming the file, the line where it is known, and what is wrong.
+        InvalidValueError: for a path that is neither text nor a path.
+    """
+    text = read_text(path)
+
+    def refuse(word: str) -> NoReturn:
+        reason = f"holds {shortened(word)}, expected finite numbers"
+        raise FileFormatError(path, reason, line_of(text, word))
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            name = next(name for name in found if names.count(name) > 1)
+            quoted = json.dumps(name, ensure_ascii=False)
+            raise FileFormatError(
+                path, f"field {shortened(repr(name))} occurs twice", line_of(text, quoted, 2)
+            )
+        return found
+
+    def real(digits: str) -> float:
+        value = float(digits)
+        return value if math.isfinite(value) else refuse(digits)
+
+    def whole(digits: str) -> int:
+        return int(digits) if len(digits) < 400 and math.isfinite(float(digits)) else refuse(digits)
+
+    try:
+        content = json.loads(
+            text, parse_constant=refuse, parse_float=real, parse_int=whole, object_pairs_hook=unique
+        )
+        if _ESCAPED_HALF.search(text):
+            json.dumps(content, ensure_ascii=False).encode()
+    except json.JSONDecodeError as error:
+        raise FileFormatError(path, f"is not complete JSON: {error.msg}", error.lineno) from error
+    except UnicodeEncodeError as error:
+        raise FileFormatError(path, "holds half of a surrogate pair, which is not a character") from error
+    except RecursionError as error:
+        raise FileFormatError(path, "is nested too deep") from error
+    return content, text
+
+
+def line_of(text: str, word: str, occurrence: int = 1) -> int | None:
+    """Return the line of an occurrence of a word in a text, counted from 1; None where there is none."""
+    place = -1
+    for _ in range(occurrence):
+        place = text.find(word, place + 1)
+        if place < 0:
+            return None
+    return text.count("\n", 0, place) + 1
+
+
+def plain_number(text: str) -> float:
+    """Return the number that a text states in ASCII digits; NaN for anything else, such as 1_0 or \u0661.
+
+    NaN and infinity in words are NaN here, and so is what exceeds the largest float.
+    """
+    if _PLAIN.fullmatch(text.strip(" \t\r\n")) is None:
+        return math.nan
+    value = float(text)
+    return value if math.isfinite(value) else math.nan
+
+
+def plain_whole(text: str) -> int | None:
+    """Return the whole number of up to 18 ASCII digits that a text states; None for anything else."""
+    return int(text) if _PLAIN_WHOLE.fullmatch(text) else None
+
+
+def is_real_text(value: object) -> bool:
+    """Whether a value is a text of one or more characters, none of which is half of a surrogate pair."""
+    if not isinstance(value, str) or not value:
+        return False
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,59 @@
+"""Certificates of motions before they go into files that robots play."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.trajectory.trajectory import Trajectory
+
+
+def refuse_unsafe(
+    trajectory: Trajectory,
+    pepper: PepperModel | None,
+    scene: Any | None,
+    payload: Mapping[str, float] | None,
+    unchecked: bool,
+) -> None:
+    """Refuse a motion that fails its certificate.
+
+    Args:
+        trajectory: The motion.
+        pepper: The robot that is to play it; None for Pepper with joints of these names.
+        scene: The `pepper_kin.collision.Scene` around it; None for the robot against itself only.
+        payload: Point masses held, as `pepper_kin.trajectory.check` takes them.
+        unchecked: Whether to let anything pass.
+
+    Raises:
+        InvalidValueError: with what fails, and by how much; or for joints of no robot that is known.
+    """
+    if unchecked:
+        return
+    robot = _pepper_with(trajectory.joint_names) if pepper is None else pepper
+    if robot is None:
+        raise InvalidValueError(
+            "pepper", None, "the robot that is to play the motion, which is checked, or unchecked=True"
+        )
+    certificate = trajectory.check(robot, scene, payload=payload)
+    if not certificate.success:
+        first = certificate.checks[certificate.failures[0]].sentence()
+        raise InvalidValueError(
+            "trajectory",
+            f"one that fails {', '.join(certificate.failures)}",
+            f"one that passes check(), or unchecked=True; {first}",
+        )
+
+
+def _pepper_with(names: tuple[str, ...]) -> PepperModel | None:
+    """Return the Pepper that has joints of these names in this order; None if there is none."""
+    for base, hands in itertools.product(("fixed", "planar"), ("locked", "mimic", "independent")):
+        try:
+            robot = load_pepper(base=base, hands=hands)
+        except InvalidValueError:
+            continue
+        if robot.joint_names == names:
+            return robot
+    return None

@@ -1,0 +1,29 @@
+"""NAOqi without a robot: its modules over the twin, for scripts and for clients.
+
+Broker                                    a simulated Pepper with ALMotion, ALMemory, ...
+Host                                      serves them to clients of `qi`
+run_script, ScriptResult                  runs an unmodified script
+RunLog                                    a run of the twin from what happened
+coverage                                  which methods are simulated
+NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
+"""
+
+from pepper_kin.naoqi.broker import Broker
+from pepper_kin.naoqi.coverage import Covered, coverage
+from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError
+from pepper_kin.naoqi.host import Host
+from pepper_kin.naoqi.run_log import RunLog
+from pepper_kin.naoqi.scripts import ScriptResult, run_script
+
+__all__ = [
+    "Broker",
+    "Covered",
+    "Host",
+    "NaoqiError",
+    "NotSimulatedError",
+    "RefusedByRobotError",
+    "RunLog",
+    "ScriptResult",
+    "coverage",
+    "run_script",
+]

@@ -1,0 +1,142 @@
+"""Tasks that move the base: a velocity, or a way to a place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.naoqi.joint_names import BASE_RESOURCES
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.naoqi.tasks import Task
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi.body import Body
+
+Array = NDArray[np.float64]
+
+NEAR, TURNED = 0.004, 0.008
+"""Where a place counts as reached [m, rad]."""
+
+
+def wrapped(angle: float) -> float:
+    """Return an angle between -pi and pi [rad]."""
+    return math.remainder(angle, 2.0 * math.pi)
+
+
+class VelocityTask(Task):
+    """The base moves with a velocity until somebody stops it.
+
+    Args:
+        name: Method that began it.
+        twist: v_x, v_y [m/s], omega [rad/s] in the axes of the base.
+    """
+
+    def __init__(self, name: str, twist: Sequence[float]) -> None:
+        super().__init__(name, BASE_RESOURCES, reactive=True)
+        self.twist = np.asarray(twist, dtype=float)
+
+    def step(self, body: Body) -> bool:
+        """Command the velocity; a command of zero ends when the base stands."""
+        if body.blocked(self.twist):
+            self.error = "an obstacle is nearer than the security distance"
+            body.controller.command((0.0, 0.0, 0.0))
+            return bool(np.abs(body.controller.twist).max() > 1e-6)
+        body.controller.command(self.twist)
+        return bool(np.abs(self.twist).max() > 0 or np.abs(body.controller.twist).max() > 1e-6)
+
+    def finish(self, body: Body) -> None:
+        """Brake, unless another task drives on."""
+        body.controller.command((0.0, 0.0, 0.0))
+
+
+class MoveToTask(Task):
+    """The base goes through places.
+
+    Args:
+        name: Method that began it.
+        places: x, y [m], yaw [rad], shape (3,) each, in the frame of the base where it starts.
+        world: Whether the places are in the world instead.
+        duration: The time to take for the whole way [s]; as fast as the limits allow if None.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        places: Sequence[ArrayLike],
+        *,
+        world: bool = False,
+        duration: float | None = None,
+    ) -> None:
+        super().__init__(name, BASE_RESOURCES)
+        self._places = [np.asarray(place, dtype=float) for place in places]
+        self._world, self._duration = world, duration
+        self._goals: list[Array] = []
+        self._share = 1.0
+        self._stuck = 0
+
+    def start(self, body: Body) -> None:
+        """Put the places into the world."""
+        x, y, yaw = (float(value) for value in body.base_pose(False))
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for place in self._places:
+            if self._world:
+                self._goals.append(place)
+            else:
+                moved = (
+                    x + cos * place[0] - sin * place[1],
+                    y + sin * place[0] + cos * place[1],
+                    yaw + place[2],
+                )
+                self._goals.append(np.array(moved))
+        if self._duration:
+            limits = body.controller.base.geometry
+            way = turn = 0.0
+            here = np.array([x, y, yaw])
+            for goal in self._goals:
+                way += float(np.hypot(*(goal - here)[:2]))
+                turn += abs(wrapped(float(goal[2] - here[2])))
+                here = goal
+            need = max(way / limits.linear_velocity, turn / limits.angular_velocity)
+            self._share = min(1.0, max(need / self._duration, 0.02))
+
+    def step(self, body: Body) -> bool:
+        """Command the velocity of this cycle."""
+        goal = self._goals[0]
+        x, y, yaw = body.base_pose(False)
+        dx, dy, turn = goal[0] - x, goal[1] - y, wrapped(float(goal[2] - yaw))
+        way = math.hypot(dx, dy)
+        twist = body.controller.twist
+        standing = bool(np.abs(twist).max() < 0.02)
+        if way < NEAR and abs(turn) < TURNED and (standing or len(self._goals) > 1):
+            self._goals.pop(0)
+            return bool(self._goals)
+        limits = body.controller.base.geometry
+        speed = self._speed(way, limits.linear_velocity, limits.linear_acceleration)
+        rate = self._speed(abs(turn), limits.angular_velocity, limits.angular_acceleration)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        scale = speed / way if way > 1e-9 else 0.0
+        command = np.array(
+            [scale * (cos * dx + sin * dy), scale * (-sin * dx + cos * dy), math.copysign(rate, turn)]
+        )
+        if body.blocked(command):
+            command[:] = 0.0
+            self._stuck += 1
+            if self._stuck * CYCLE > 2.0:
+                self.error = "an obstacle is nearer than the security distance"
+                return False
+        else:
+            self._stuck = 0
+        body.controller.command(command)
+        return True
+
+    def _speed(self, left: float, fastest: float, strongest: float) -> float:
+        """Return v = min(v_max, sqrt(a d)): half of the deceleration allowed, so that the ramp can follow."""
+        return min(self._share * fastest, math.sqrt(strongest * left), left / CYCLE)
+
+    def finish(self, body: Body) -> None:
+        """Brake."""
+        body.controller.command((0.0, 0.0, 0.0))

@@ -1,0 +1,189 @@
+"""All modules of one simulated robot, and the calls that were posted to them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.naoqi.body import MODES, Body
+from pepper_kin.naoqi.memory import ALMemory
+from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.motion import ALMotion
+from pepper_kin.naoqi.posture import ALRobotPosture
+
+TOUCH_EVERY = 10
+"""Cycles between two looks at bumpers and touch sensors."""
+
+
+class Broker:
+    """A simulated Pepper with its modules.
+
+    Args:
+        mode: "robot" refuses what Pepper refuses; "twin" does it.
+        real_time: Whether time passes by the wall clock, or only while somebody waits; then as fast as it
+            goes.
+        scene: What stands around the robot.
+
+    Attributes:
+        body: The simulated body.
+        logged: Time [s] and text of what modules would have said or shown.
+        on_log: Called with each of these.
+
+    Raises:
+        InvalidValueError: for another mode.
+    """
+
+    def __init__(self, *, mode: str = "twin", real_time: bool = True, scene: Scene | None = None) -> None:
+        if mode not in MODES:
+            raise InvalidValueError("mode", mode, f"one of {', '.join(MODES)}")
+        self.body = Body(mode=mode, real_time=real_time, scene=scene)
+        self.logged: list[tuple[float, str]] = []
+        self.on_log: Callable[[float, str], object] | None = None
+        self._began = time.time()
+        self._modules: dict[str, Module | Any] = {}
+        self._calls: dict[int, _Call] = {}
+        self._number = 0
+        self._memory, self._motion = ALMemory(self), ALMotion(self)
+        for module in (self._memory, self._motion, ALRobotPosture(self)):
+            self._modules[module.name] = module
+        for kind in _others():
+            self._modules[kind.name] = kind(self)
+        self._cycles = 0
+        if scene is not None:
+            self.body.listeners.append(self._look_for_touches)
+        self.body.time.start()
+
+    def __enter__(self) -> Broker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def motion(self) -> ALMotion:
+        """ALMotion."""
+        return self._motion
+
+    @property
+    def memory(self) -> ALMemory:
+        """ALMemory."""
+        return self._memory
+
+    @property
+    def module_names(self) -> tuple[str, ...]:
+        """Names of all modules."""
+        return tuple(self._modules)
+
+    def module(self, name: str) -> Any:
+        """Return a module by name.
+
+        Raises:
+            UnknownNameError: for a module that there is not.
+        """
+        if name not in self._modules:
+            raise UnknownNameError("module", name, self._modules)
+        return self._modules[name]
+
+    def add_module(self, name: str, module: object) -> None:
+        """Register a module of a script, so that events can call its methods."""
+        self._modules[name] = module
+
+    def remove_module(self, name: str) -> None:
+        """Forget a module of a script."""
+        self._modules.pop(name, None)
+
+    def log(self, text: str) -> None:
+        """Keep a line about what a module would show or say; `logged` lists them."""
+        self.logged.append((self.body.time.now, text))
+        if self.on_log is not None:
+            self.on_log(self.body.time.now, text)
+
+    def wall_time(self) -> float:
+        """Return the time of day of the simulation [s since 1970]."""
+        return self._began + self.body.time.now
+
+    def close(self) -> None:
+        """Stop the simulation."""
+        self.body.time.stop()
+
+    # Calls beside the caller.
+
+    def post(self, call: Callable[[], Any]) -> int:
+        """Run a call in a thread; return its number."""
+        self._number += 1
+        entry = _Call(call)
+        self._calls[self._number] = entry
+        entry.start()
+        return self._number
+
+    def is_running(self, number: int) -> bool:
+        """Return whether a posted call, or a motion task, is running."""
+        entry = self._calls.get(number)
+        if entry is None:
+            with self.body.time.lock:
+                return self.body.tasks.by_number(number) is not None
+        if entry.is_alive():
+            entry.join(0.002)  # who asks in a loop lets time pass
+        return entry.is_alive()
+
+    def wait_for(self, number: int, timeout: float | None) -> bool:
+        """Wait for a posted call [s]; return whether it is still running."""
+        entry = self._calls.get(number)
+        if entry is None:
+            return False
+        end = None if timeout is None else self.body.time.now + timeout
+        while entry.is_alive() and (end is None or self.body.time.now < end):
+            entry.join(0.02)
+        if entry.error is not None and not entry.is_alive():
+            raise entry.error
+        return entry.is_alive()
+
+    def stop_call(self, number: int) -> None:
+        """End the motion tasks of a posted call."""
+        entry = self._calls.get(number)
+        if entry is None or not entry.is_alive():
+            return
+        with self.body.time.lock:
+            self.body.tasks.kill([t for t in self.body.tasks if t.thread == entry.ident], self.body)
+
+    def _look_for_touches(self) -> None:
+        self._cycles += 1
+        if self._cycles % TOUCH_EVERY == 0:
+            self._memory.look_for_touches()
+
+
+class _Call(threading.Thread):
+    """A call beside the caller, with the error that ended it."""
+
+    def __init__(self, call: Callable[[], Any]) -> None:
+        super().__init__(daemon=True)
+        self._call = call
+        self.value: Any = None
+        self.error: BaseException | None = None
+
+    def run(self) -> None:
+        """Do the call."""
+        try:
+            self.value = self._call()
+        except Exception as error:
+            self.error = error
+
+
+def _others() -> tuple[type[Module], ...]:
+    """Return the modules besides memory, motion and postures."""
+    from pepper_kin.naoqi import animation, kept_states, leds, navigation, speech, states, tracker, video
+
+    return (
+        *animation.MODULES,
+        *leds.MODULES,
+        *navigation.MODULES,
+        *speech.MODULES,
+        *states.MODULES,
+        *kept_states.MODULES,
+        *tracker.MODULES,
+        *video.MODULES,
+    )

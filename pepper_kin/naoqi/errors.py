@@ -1,0 +1,40 @@
+"""Errors of NAOqi's calls, worded as the robot words them."""
+
+from __future__ import annotations
+
+from pepper_kin.exceptions import PepperKinError, shortened
+
+__all__ = ["NaoqiError", "NotSimulatedError", "RefusedByRobotError"]
+
+
+class NaoqiError(PepperKinError, RuntimeError):
+    """A call to a module failed: "ALMotion::setAngles", a line break, a tab, and the reason.
+
+    Attributes:
+        module: Name of the module ("ALMotion").
+        method: Name of the method ("setAngles").
+        reason: What was wrong.
+    """
+
+    def __init__(self, module: str, method: str, reason: str) -> None:
+        self.module, self.method, self.reason = module, method, reason
+        super().__init__(f"{module}::{method}\n\t{reason}")
+
+
+class NotSimulatedError(NaoqiError):
+    """A method or a module that the robot has and the twin does not simulate."""
+
+    def __init__(self, module: str, method: str, why: str) -> None:
+        super().__init__(module, method, f"is not simulated: {why}")
+
+
+class RefusedByRobotError(NaoqiError):
+    """A call that Pepper itself refuses; it works in the mode "twin"."""
+
+    def __init__(self, module: str, method: str, why: str) -> None:
+        super().__init__(module, method, f'{why} (mode "twin" does it, the robot does not)')
+
+
+def quoted(value: object) -> str:
+    """Return a value for a message, in quotes and cut at 80 characters."""
+    return shortened(repr(value))

@@ -1,0 +1,205 @@
+"""Tasks that move joints: along curves through keys, towards targets, and the stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.naoqi.tasks import Task
+from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.key_curve import Key, curve_segments
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi.body import Body
+
+Array = NDArray[np.float64]
+
+SETTLED = 1e-4
+"""Command and end of a curve are the same within this [rad]."""
+
+
+class CurveTask(Task):
+    """Joints along curves of time through keys.
+
+    Args:
+        name: Method that began it.
+        keys: Joint -> its keys in order of time, angles absolute or, with `relative`, from where it starts.
+        relative: Whether angles are changes.
+    """
+
+    def __init__(self, name: str, keys: Mapping[str, tuple[Key, ...]], relative: bool = False) -> None:
+        super().__init__(name, keys)
+        self.keys, self.relative = keys, relative
+        self.duration = max(curve[-1].time for curve in keys.values())
+        self._elapsed = 0.0
+        self._curves: dict[str, tuple[Array, Array]] = {}
+        self._ends: dict[str, float] = {}
+
+    def start(self, body: Body) -> None:
+        """Lay the curves from the present commands."""
+        for joint, keys in self.keys.items():
+            begin = body.commanded(joint)
+            offset = begin if self.relative else 0.0
+            placed = tuple(
+                Key(key.time, body.clipped(joint, key.value + offset), key.before, key.behind) for key in keys
+            )
+            self._curves[joint] = curve_segments(placed, begin, max(self.duration, CYCLE))
+            self._ends[joint] = placed[-1].value
+
+    def step(self, body: Body) -> bool:
+        """Command the values of one cycle later; at the end wait for what the limits of speed held back."""
+        self._elapsed += CYCLE
+        if self._elapsed < self.duration + 1e-9:
+            for joint, (breaks, powers) in self._curves.items():
+                body.command[body.index[joint]] = value_at(breaks, powers, self._elapsed)
+            return True  # the twin has the last command a cycle later
+        for joint, end in self._ends.items():
+            body.command[body.index[joint]] = end
+        return self._behind(body)
+
+    def _behind(self, body: Body) -> bool:
+        """Return whether the limits of speed still hold back a joint whose motor is on."""
+        most = body.velocity_limits
+        return any(
+            abs(end - body.last_command(joint)) > most[joint] * CYCLE + SETTLED
+            for joint, end in self._ends.items()
+            if not body.is_limp(joint)
+        )
+
+
+def value_at(breaks: Array, powers: Array, time: float) -> float:
+    """Return the value of cubics in time at a time.
+
+    Args:
+        breaks: Times where the cubics begin, and the end [s], shape (m + 1,).
+        powers: Coefficients from the break, constant first, shape (m, p).
+        time: [s].
+    """
+    k = int(np.clip(np.searchsorted(breaks, time, side="right") - 1, 0, len(powers) - 1))
+    s = min(time, float(breaks[-1])) - float(breaks[k])
+    return float(np.polynomial.polynomial.polyval(s, powers[k]))
+
+
+class TrajectoryTask(Task):
+    """The joints that a trajectory moves along it, from wherever they are.
+
+    Args:
+        name: Method that began it.
+        trajectory: Of joints of the body [rad].
+    """
+
+    def __init__(self, name: str, trajectory: Trajectory) -> None:
+        moved = (
+            np.ptp(trajectory.coefficients[:, 0], axis=0)
+            + np.abs(trajectory.coefficients[:, 1:]).max(axis=(0, 1), initial=0.0)
+            > 1e-9
+        )
+        self._columns = {joint: k for k, joint in enumerate(trajectory.joint_names) if moved[k]}
+        super().__init__(name, self._columns)
+        self._trajectory = trajectory
+        self._elapsed = 0.0
+        self._approach: CurveTask | None = None
+
+    def start(self, body: Body) -> None:
+        """Approach the start of the trajectory, if the joints are elsewhere."""
+        first = {joint: float(self._trajectory.coefficients[0, 0, k]) for joint, k in self._columns.items()}
+        need = max(
+            abs(angle - body.commanded(j)) / (0.2 * body.velocity_limits[j]) for j, angle in first.items()
+        )
+        if need > CYCLE:
+            self._approach = CurveTask(self.name, {j: (Key(1.5 * need, a),) for j, a in first.items()})
+            self._approach.start(body)
+
+    def step(self, body: Body) -> bool:
+        """Command the values of one cycle later."""
+        if self._approach is not None:
+            if self._approach.step(body):
+                return True
+            self._approach = None
+        self._elapsed += CYCLE
+        for joint, k in self._columns.items():
+            powers = self._trajectory.coefficients[:, :, k]
+            body.command[body.index[joint]] = value_at(self._trajectory.breaks, powers, self._elapsed)
+        return self._elapsed < self._trajectory.duration + CYCLE
+
+
+class SpeedTask(Task):
+    """Joints to targets with a share of their fastest speed (`setAngles`, `changeAngles`).
+
+    The speed rises and falls with the acceleration limits: v = min(v_max, sqrt(2 a d)), d the way that is
+    left.
+
+    Args:
+        name: Method that began it.
+        targets: Joint -> angle [rad or share].
+        share: Of the fastest speed, above 0 and at most 1.
+        reactive: Whether a later call takes its joints away.
+    """
+
+    def __init__(
+        self, name: str, targets: Mapping[str, float], share: float, *, reactive: bool = True
+    ) -> None:
+        super().__init__(name, targets, reactive=reactive)
+        self.targets, self.share = dict(targets), share
+        self._speed: dict[str, float] = {}
+
+    def start(self, body: Body) -> None:
+        """Begin with the speeds of now."""
+        for joint in self.targets:
+            self._speed[joint] = body.command_rate(joint)
+
+    def step(self, body: Body) -> bool:
+        """Move the commands of the joints that it still has."""
+        going = False
+        for joint in tuple(self.resources):
+            k = body.index[joint]
+            target = body.clipped(joint, self.targets[joint])
+            left = target - body.command[k]
+            if body.is_limp(joint):
+                continue
+            fastest = self.share * float(body.pepper.velocity_limits[k])
+            strongest = float(body.pepper.acceleration_limits[k])
+            brake = float(np.sqrt(2.0 * strongest * abs(left)))
+            wanted = np.sign(left) * min(fastest, brake, abs(left) / CYCLE)
+            change = np.clip(wanted - self._speed[joint], -strongest * CYCLE, strongest * CYCLE)
+            self._speed[joint] += float(change)
+            move = self._speed[joint] * CYCLE
+            if abs(left) <= max(abs(move), SETTLED) and abs(self._speed[joint]) <= 2.0 * strongest * CYCLE:
+                body.command[k], self._speed[joint] = target, 0.0
+                continue
+            body.command[k] += move
+            going = True
+        return going
+
+
+class StiffnessTask(Task):
+    """Stiffness of joints along lines through keys.
+
+    Args:
+        keys: Joint -> times [s] and stiffness.
+    """
+
+    def __init__(self, keys: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> None:
+        super().__init__("stiffnessInterpolation", ())
+        self.keys = keys
+        self._elapsed = 0.0
+        self._begin: dict[str, float] = {}
+
+    def start(self, body: Body) -> None:
+        """Begin with the stiffness of now."""
+        self._begin = {joint: body.stiffness[joint] for joint in self.keys}
+
+    def step(self, body: Body) -> bool:
+        """Set the stiffness of this cycle."""
+        self._elapsed += CYCLE
+        body.set_stiffness(
+            {
+                joint: float(np.interp(self._elapsed, [0.0, *times], [self._begin[joint], *values]))
+                for joint, (times, values) in self.keys.items()
+            }
+        )
+        return self._elapsed < max(times[-1] for times, _ in self.keys.values()) - 1e-9

@@ -1,0 +1,215 @@
+"""Base class of all modules, and the list of a robot's methods."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError, quoted
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi.body import Body
+    from pepper_kin.naoqi.broker import Broker
+
+VERSION = "2.5.10"
+"""The version of NAOqi whose methods these are."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A method as the robot lists it.
+
+    Attributes:
+        module: "ALMotion".
+        name: "setAngles".
+        parameters: Name and type of each.
+        returns: Type of what it returns.
+    """
+
+    module: str
+    name: str
+    parameters: tuple[tuple[str, str], ...]
+    returns: str
+
+    def __str__(self) -> str:
+        """Return "ALMotion.setAngles(names: any, angles: any, fractionMaxSpeed: float32) -> void"."""
+        inner = ", ".join(f"{name}: {kind}" for name, kind in self.parameters)
+        return f"{self.module}.{self.name}({inner}) -> {self.returns}"
+
+
+@functools.cache
+def robot_signatures() -> tuple[Signature, ...]:
+    """Return the public methods of a robot's ALMotion, ALRobotPosture, ALMemory and ALAnimatedSpeech."""
+    text = files("pepper_kin.naoqi").joinpath("data/signatures.csv").read_text("utf-8")
+    found = []
+    for row in csv.DictReader(text.splitlines()):
+        pairs = [pair.split(": ") for pair in row["parameters"].split(", ") if pair]
+        parameters = _joined(pairs)
+        found.append(Signature(row["module"], row["name"], parameters, row["returns"]))
+    return tuple(found)
+
+
+def _joined(pairs: list[list[str]]) -> tuple[tuple[str, str], ...]:
+    """Put types with a comma ("Map<str, str>") together again."""
+    parameters: list[tuple[str, str]] = []
+    for pair in pairs:
+        if len(pair) == 1:
+            name, kind = parameters.pop()
+            parameters.append((name, f"{kind}, {pair[0]}"))
+        else:
+            parameters.append((pair[0], pair[1]))
+    return tuple(parameters)
+
+
+class Module:
+    """A module of NAOqi.
+
+    Args:
+        broker: All modules of this robot.
+
+    Attributes:
+        name: "ALMotion".
+        not_simulated: Method -> why it is not simulated.
+    """
+
+    name = "ALModule"
+    not_simulated: dict[str, str] = {}  # noqa: RUF012
+
+    def __init__(self, broker: Broker) -> None:
+        self.broker = broker
+
+    @property
+    def body(self) -> Body:
+        """The simulated body."""
+        return self.broker.body
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """Return a function that says why a method is not there."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        why = self.not_simulated.get(name)
+        if why is None:
+            if not any(s.module == self.name and s.name == name for s in robot_signatures()):
+                raise AttributeError(
+                    f"{self.name} has no method {name!r}; it has: {', '.join(self.getMethodList())}"
+                )
+            why = "the twin has nothing that it could act on"
+
+        def refuse(*_: object) -> None:
+            raise NotSimulatedError(self.name, name, why)
+
+        return refuse
+
+    # Methods of every module, with the names that the robot gives them.
+
+    def exit(self) -> None:
+        """Leave the broker; the twin's modules stay."""
+
+    def pCall(self, method: str, *arguments: Any) -> int:
+        """Call a method beside the caller; return its number for `wait`."""
+        return self.broker.post(functools.partial(getattr(self, method), *arguments))
+
+    def version(self) -> str:
+        """Return the version of NAOqi."""
+        return VERSION
+
+    def ping(self) -> bool:
+        """Return True."""
+        return True
+
+    def getMethodList(self) -> list[str]:
+        """Return the names of all methods."""
+        own = [
+            name
+            for name, value in inspect.getmembers(type(self), inspect.isfunction)
+            if not name.startswith("_") and (name[0].islower())
+        ]
+        listed = [s.name for s in robot_signatures() if s.module == self.name]
+        return sorted({*own, *listed})
+
+    def getMethodHelp(self, methodName: str) -> str:
+        """Return what a method does."""
+        method = getattr(self, methodName)
+        return inspect.getdoc(method) or ""
+
+    def getModuleHelp(self) -> str:
+        """Return what the module does."""
+        return inspect.getdoc(type(self)) or ""
+
+    def wait(self, id: int, timeoutPeriod: int = 0) -> bool:
+        """Wait for a call that was posted.
+
+        Return whether it is still running after the timeout [ms], 0 for none.
+        """
+        return self.broker.wait_for(int(id), timeoutPeriod / 1000.0 if timeoutPeriod > 0 else None)
+
+    def isRunning(self, id: int) -> bool:
+        """Return whether a call that was posted is running."""
+        return self.broker.is_running(int(id))
+
+    def stop(self, id: int) -> None:
+        """Stop a call that was posted."""
+        self.broker.stop_call(int(id))
+
+    def getBrokerName(self) -> str:
+        """Return the name of the broker."""
+        return "naoqi"
+
+    def getUsage(self, name: str) -> str:
+        """Return how a method is called."""
+        known = [str(s) for s in robot_signatures() if s.module == self.name and s.name == name]
+        return "\n".join(known) or self.getMethodHelp(name)
+
+    # For the modules.
+
+    def fail(self, method: str, reason: str) -> NaoqiError:
+        """Return the error of a method."""
+        return NaoqiError(self.name, method, reason)
+
+    def robot_refuses(self, method: str, why: str) -> None:
+        """Refuse where the twin does as the robot.
+
+        Raises:
+            RefusedByRobotError: in the mode "robot".
+        """
+        if self.body.mode == "robot":
+            raise RefusedByRobotError(self.name, method, why)
+
+    def number(self, method: str, quantity: str, value: Any) -> float:
+        """Return a finite number.
+
+        Raises:
+            NaoqiError: for anything else.
+        """
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise self.fail(method, f"{quantity}: got {quoted(value)}, expected a number") from None
+        if not np.isfinite(number):
+            raise self.fail(method, f"{quantity}: got {quoted(value)}, expected a finite number")
+        return number
+
+    def numbers(self, method: str, quantity: str, value: Any, count: int | None = None) -> list[float]:
+        """Return finite numbers of a list (of a certain length), or of one number for a length of 1."""
+        if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+            value = [value]
+        if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):
+            raise self.fail(method, f"{quantity}: got {quoted(value)}, expected a list of numbers")
+        found = [self.number(method, quantity, one) for one in value]
+        if count is not None and len(found) != count:
+            raise self.fail(method, f"{quantity}: got {len(found)} numbers, expected {count}")
+        return found
+
+    def share(self, method: str, quantity: str, value: Any) -> float:
+        """Return a number above 0 and at most 1."""
+        number = self.number(method, quantity, value)
+        if not 0.0 < number <= 1.0:
+            raise self.fail(method, f"{quantity}: got {number:g}, expected a number above 0 and at most 1")
+        return number

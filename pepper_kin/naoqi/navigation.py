@@ -1,0 +1,216 @@
+"""ALNavigation and ALLocalization: ways around obstacles, and where the robot is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.model import load_pepper
+from pepper_kin.motion import plan
+from pepper_kin.naoqi.base_tasks import MoveToTask
+from pepper_kin.naoqi.errors import quoted
+from pepper_kin.naoqi.module import Module
+
+FARTHEST = 3.0
+"""The farthest that `navigateTo` goes [m] (the maker's documents)."""
+
+NO_MAP = "the twin keeps no map; its place is known"
+
+
+class ALNavigation(Module):
+    """Going to places around the obstacles of the scene."""
+
+    name = "ALNavigation"
+    not_simulated = dict.fromkeys(
+        ("explore", "saveExploration", "loadExploration", "getMetricalMap", "getExplorationPath"), NO_MAP
+    )
+
+    def __init__(self, broker: Any) -> None:
+        super().__init__(broker)
+        self._security = 0.4
+
+    def navigateTo(self, x: float, y: float, *arguments: Any) -> bool:
+        """Go to a place in FRAME_ROBOT within 3 m, around obstacles; blocks; return whether it arrived."""
+        method = "navigateTo"
+        place = [self.number(method, "x", x), self.number(method, "y", y)]
+        theta = (
+            self.number(method, "theta", arguments[0]) if arguments and not _is_config(arguments[0]) else 0.0
+        )
+        if math.hypot(*place) > FARTHEST:
+            raise self.fail(
+                method, f"the target is {math.hypot(*place):.3g} m away, expected at most {FARTHEST:g} m"
+            )
+        base = self.body.base_pose(False)
+        cos, sin = math.cos(base[2]), math.sin(base[2])
+        goal = [
+            base[0] + cos * place[0] - sin * place[1],
+            base[1] + sin * place[0] + cos * place[1],
+            base[2] + theta,
+        ]
+        return self._go(goal)
+
+    def navigateToInMap(self, target: Any) -> bool:
+        """Go to a place in the world, around obstacles; blocks; return whether it arrived."""
+        x, y, *theta = self.numbers("navigateToInMap", "target", target)
+        return self._go([x, y, theta[0] if theta else float(self.body.base_pose(False)[2])])
+
+    def moveAlong(self, trajectory: Any) -> bool:
+        """Go along a trajectory of "Holonomic" parts with "Line" or "Circle" paths; blocks."""
+        places = self._places("moveAlong", trajectory)
+        task = self.body.do(MoveToTask("moveAlong", places))
+        self.body.wait(task)
+        return not task.error and not task.killed
+
+    def findFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
+        """Return [0, radius, [x, y]] of a free zone around the robot."""
+        return [0, self.number("findFreeZone", "desiredRadius", desiredRadius), [0.0, 0.0]]
+
+    def startFreeZoneUpdate(self) -> None:
+        """Accept: the scene is known."""
+
+    def stopAndComputeFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
+        """Do what `findFreeZone` does."""
+        return self.findFreeZone(desiredRadius, maximumDisplacement)
+
+    def setSecurityDistance(self, distance: float) -> None:
+        """Set how far from obstacles the base stays [m]."""
+        self._security = self.number("setSecurityDistance", "distance", distance)
+
+    def getSecurityDistance(self) -> float:
+        """Return how far from obstacles the base stays [m]."""
+        return self._security
+
+    def stopNavigateTo(self) -> None:
+        """Brake."""
+        self.broker.motion.stopMove()
+
+    def startLocalization(self) -> None:
+        """Accept: the place is known."""
+
+    def stopLocalization(self) -> None:
+        """Accept: the place is known."""
+
+    def relocalizeInMap(self, estimation: Any) -> list[Any]:
+        """Return [0, [pose, uncertainty]]."""
+        return [0, [self.getRobotPositionInMap()[0], [0.0, 0.0, 0.0]]]
+
+    def getRobotPositionInMap(self) -> list[list[float]]:
+        """Return [[x, y, yaw], uncertainty] of the base in the world [m, rad]."""
+        return [[float(v) for v in self.body.base_pose(True)], [0.0, 0.0, 0.0]]
+
+    def _go(self, goal: list[float]) -> bool:
+        """Go to a place of the world; where something stands in the way, along a planned path."""
+        places = [np.asarray(goal)]
+        if self.body.scene is not None:
+            path = self._path(goal)
+            if path is None:
+                return False
+            places = path
+        moved = dict(self.body.protected)
+        self.body.protected["Move"] = False  # the way is planned
+        try:
+            task = self.body.do(MoveToTask("navigateTo", places, world=True))
+            self.body.wait(task)
+        finally:
+            self.body.protected.update(moved)
+        return not task.error and not task.killed
+
+    def _path(self, goal: list[float]) -> list[Any] | None:
+        """Return places on a path of the base around the obstacles, or None where none was found."""
+        pepper = load_pepper(base="planar")
+        posture = {
+            name: self.body.commanded(name) for name in pepper.joint_names if not name.startswith("Base")
+        }
+        start = pepper.joint_vector(
+            {**posture, **dict(zip(pepper.joint_names[:3], self.body.base_pose(False), strict=True))}
+        )
+        start = np.clip(start, pepper.lower_limits, pepper.upper_limits)
+        end = start.copy()
+        end[:3] = goal
+        found = plan(pepper, start, end, self.body.scene, joints=list(pepper.joint_names[:3]), margin=0.03)
+        return [row[:3] for row in found.path[1:]] if found.path is not None else None
+
+    def _places(self, method: str, trajectory: Any) -> list[list[float]]:
+        if not isinstance(trajectory, list | tuple) or not trajectory:
+            raise self.fail(method, f"trajectory: got {quoted(trajectory)}, expected a list")
+        if trajectory[0] == "Composed":
+            places: list[list[float]] = []
+            x = y = yaw = 0.0
+            for part in trajectory[1:]:
+                for place in self._places(method, part):
+                    cos, sin = math.cos(yaw), math.sin(yaw)
+                    x, y, yaw = (
+                        x + cos * place[0] - sin * place[1],
+                        y + sin * place[0] + cos * place[1],
+                        yaw + place[2],
+                    )
+                    places.append([x, y, yaw])
+            return places
+        if trajectory[0] != "Holonomic" or len(trajectory) < 3 or trajectory[1][0] != "Line":
+            raise self.fail(
+                method, f"got {quoted(trajectory)}, expected Composed or Holonomic parts with a Line"
+            )
+        x, y = self.numbers(method, "Line", trajectory[1][1], 2)
+        return [[x, y, self.number(method, "theta", trajectory[2])]]
+
+
+class ALLocalization(Module):
+    """Where the robot is, and its home."""
+
+    name = "ALLocalization"
+    not_simulated = dict.fromkeys(("learnHomeFromPanorama", "getPanorama", "getLandmarks"), NO_MAP)
+
+    def __init__(self, broker: Any) -> None:
+        super().__init__(broker)
+        self._home = np.zeros(3)
+        self._learnt = False
+
+    def learnHome(self) -> int:
+        """Keep the present place as home; return 0."""
+        self._home, self._learnt = self.body.base_pose(True), True
+        return 0
+
+    def isDataAvailable(self) -> bool:
+        """Return whether a home was learnt."""
+        return self._learnt
+
+    def isInCurrentHome(self) -> list[Any]:
+        """Return [0, whether the robot is within half a meter of its home]."""
+        return [0, bool(np.hypot(*(self.body.base_pose(True) - self._home)[:2]) < 0.5)]
+
+    def goToHome(self) -> int:
+        """Go home; blocks; return 0, or 1 where it did not arrive."""
+        return self.goToPosition([0.0, 0.0, 0.0])
+
+    def goToPosition(self, position: Any) -> int:
+        """Go to a place relative to home; blocks; return 0, or 1 where it did not arrive."""
+        x, y, *theta = self.numbers("goToPosition", "position", position)
+        cos, sin = math.cos(self._home[2]), math.sin(self._home[2])
+        goal = [self._home[0] + cos * x - sin * y, self._home[1] + sin * x + cos * y]
+        turn = self._home[2] + (theta[0] if theta else 0.0)
+        return 0 if self.broker.module("ALNavigation").navigateToInMap([*goal, turn]) else 1
+
+    def getRobotPosition(self, *_: Any) -> list[float]:
+        """Return x, y [m] and yaw [rad] relative to home."""
+        moved = self.body.base_pose(True) - self._home
+        cos, sin = math.cos(self._home[2]), math.sin(self._home[2])
+        turn = math.remainder(float(moved[2]), 2.0 * math.pi)
+        return [float(cos * moved[0] + sin * moved[1]), float(cos * moved[1] - sin * moved[0]), turn]
+
+    def getRobotOrientation(self, *_: Any) -> list[Any]:
+        """Return [0, [yaw relative to home, uncertainty]] [rad]."""
+        return [0, [self.getRobotPosition()[2], 0.0]]
+
+    def clear(self, *_: Any) -> int:
+        """Forget the home; return 0."""
+        self._home, self._learnt = np.zeros(3), False
+        return 0
+
+
+def _is_config(value: Any) -> bool:
+    return isinstance(value, list | tuple)
+
+
+MODULES = (ALNavigation, ALLocalization)

@@ -1,0 +1,87 @@
+"""ALRobotPosture: postures of the whole body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.naoqi.errors import quoted
+from pepper_kin.naoqi.joint_names import HANDS
+from pepper_kin.naoqi.module import Module
+
+POSTURES = {
+    "Stand": "Stand",
+    "StandInit": "StandInit",
+    "StandZero": "StandZero",
+    "Crouch": "Crouch",
+    "Rest": "Rest",
+}
+"""Posture of NAOqi -> posture of the model."""
+
+OF_NAO = ("LyingBack", "LyingBelly", "Sit", "SitRelax")
+"""Postures that NAO takes and Pepper cannot."""
+
+NEAR = 0.12
+"""The largest difference of a joint from the posture that the body counts as being in [rad]."""
+
+
+class ALRobotPosture(Module):
+    """Postures: where the body is, and how it gets into another."""
+
+    name = "ALRobotPosture"
+    _tries = 3
+
+    def goToPosture(self, postureName: str, maxSpeedFraction: float) -> bool:
+        """Go to a posture with a share of the fastest speed; blocks; return whether it was reached."""
+        share = self.share("goToPosture", "maxSpeedFraction", maxSpeedFraction)
+        posture = self._posture("goToPosture", postureName)
+        if posture is None:
+            return False
+        motion = self.broker.motion
+        motion.killTasksUsingResources("JointActuators")
+        motion.go_to_posture(posture, share, "goToPosture")
+        return self._difference(posture) < NEAR
+
+    def applyPosture(self, postureName: str, maxSpeedFraction: float) -> bool:
+        """Go to a posture as it is; blocks; return whether it was reached."""
+        return self.goToPosture(postureName, maxSpeedFraction)
+
+    def stopMove(self) -> None:
+        """End the motion to a posture."""
+        with self.body.time.lock:
+            tasks = [task for task in self.body.tasks if task.name == "goToPosture"]
+            self.body.tasks.kill(tasks, self.body)
+
+    def getPosture(self) -> str:
+        """Return the name of the posture that the body is in, or "Unknown"."""
+        with self.body.time.lock:
+            nearest = min(POSTURES, key=lambda name: self._difference(POSTURES[name]))
+            return nearest if self._difference(POSTURES[nearest]) < NEAR else "Unknown"
+
+    def getPostureFamily(self) -> str:
+        """Return the family of the posture: Pepper stands."""
+        return "Standing"
+
+    def getPostureFamilyList(self) -> list[str]:
+        """Return the families of postures."""
+        return ["Standing"]
+
+    def getPostureList(self) -> list[str]:
+        """Return the postures that `goToPosture` takes."""
+        return ["Crouch", "Stand", "StandInit", "StandZero"]
+
+    def setMaxTryNumber(self, pMaxTryNumber: int) -> None:
+        """Set how often `goToPosture` tries."""
+        self._tries = int(pMaxTryNumber)
+
+    def _posture(self, method: str, name: object) -> str | None:
+        known = {key.lower(): value for key, value in POSTURES.items()}
+        found = known.get(str(name).lower())
+        if found is None and name not in OF_NAO:
+            raise self.fail(method, f"postureName: got {quoted(name)}, expected one of {', '.join(POSTURES)}")
+        return found
+
+    def _difference(self, posture: str) -> float:
+        """Return the largest difference of a joint from a posture [rad]."""
+        q, k = self.body.pepper.posture(posture), self.body.index
+        places = [k[name] for name in k if name not in HANDS]
+        return float(np.abs(self.body.state.position[places] - q[places]).max())

@@ -1,0 +1,55 @@
+"""A log of the simulated body as a run of the twin, which all tools of the library read."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.naoqi.body import Body
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.twin import Run, actuator_parameters
+
+
+class RunLog:
+    """States and commands of every cycle from now on.
+
+    Args:
+        body: The simulated body.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self._rows: list[tuple[np.ndarray, ...]] = []
+        body.listeners.append(self._note)
+
+    def stop(self) -> None:
+        """Note no further cycles."""
+        if self._note in self.body.listeners:
+            self.body.listeners.remove(self._note)
+
+    def _note(self) -> None:
+        state = self.body.state
+        command = self.body.configuration(False)
+        self._rows.append((state.position, state.velocity, state.torque, command))
+
+    def run(self) -> Run:
+        """Return what was logged, one row a cycle.
+
+        Raises:
+            InvalidValueError: where fewer than two cycles were logged.
+        """
+        if len(self._rows) < 2:
+            raise InvalidValueError("cycles", len(self._rows), "2 or more before a run can be made")
+        position, velocity, torque, command = (np.array(rows) for rows in zip(*self._rows, strict=True))
+        pepper = self.body.pepper
+        return Run(
+            joint_names=pepper.joint_names,
+            joint_units=pepper.joint_units,
+            time=CYCLE * np.arange(len(position), dtype=np.float64),
+            position=position,
+            velocity=velocity,
+            torque=torque,
+            reference_position=command,
+            reference_velocity=np.gradient(command, CYCLE, axis=0),
+            torque_limit=np.asarray(actuator_parameters(pepper, "motor").torque_limit),
+        )

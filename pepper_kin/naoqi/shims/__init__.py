@@ -1,0 +1,8 @@
+"""Stand-ins for the modules that NAOqi's scripts import: `naoqi`, `qi`, `almath`, `motion`, ...
+
+They talk to a `Broker` in this process; `pepper_kin.naoqi.scripts` puts them in place while it runs a script.
+"""
+
+from pepper_kin.naoqi.shims.proxy import current_broker, set_broker
+
+__all__ = ["current_broker", "set_broker"]

@@ -1,0 +1,239 @@
+"""ALTextToSpeech and ALAnimatedSpeech: speech takes its time and is logged, without a sound."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from pepper_kin.naoqi.animation import animation
+from pepper_kin.naoqi.animation_names import gesture_for
+from pepper_kin.naoqi.errors import quoted
+from pepper_kin.naoqi.module import Module
+
+LETTER_TIME = 0.06
+"""Time that a letter takes at speed 100 [s] (assumed: some 160 words a minute)."""
+
+LONGEST = 60.0
+"""Longest time for one call [s]."""
+
+_CONTEXT = re.compile(r"\^(\w+)\(([^)]*)\)")
+
+MODES = {"disabled": 0, "random": 1, "contextual": 2}
+
+
+@dataclass(frozen=True)
+class Spoken:
+    """Something that was said.
+
+    Attributes:
+        time: When [s].
+        text: Without tags.
+        language: In which.
+    """
+
+    time: float
+    text: str
+    language: str
+
+
+def plain(text: str) -> str:
+    """Return a text without the tags of speech and of animations."""
+    return " ".join(re.sub(r"\\[^\\]*\\", " ", _CONTEXT.sub(" ", text)).split())
+
+
+def pause_in(text: str) -> float:
+    r"""Return the pauses (\pau=500\) in a text [s]."""
+    return sum(float(ms) for ms in re.findall(r"\\pau=(\d+)\\", text)) / 1000.0
+
+
+class ALTextToSpeech(Module):
+    """Speech that takes the time of its letters; `spoken` lists it."""
+
+    name = "ALTextToSpeech"
+
+    def __init__(self, broker: Any) -> None:
+        super().__init__(broker)
+        self.spoken: list[Spoken] = []
+        self._language, self._voice, self._volume = "English", "naoenu", 1.0
+        self._parameters: dict[str, float] = {"speed": 100.0, "pitchShift": 1.0, "defaultVoiceSpeed": 100.0}
+        self._stopped = False
+
+    def say(self, text: str, language: Any = None) -> None:
+        """Say a text; blocks as long as that takes."""
+        if not isinstance(text, str):
+            raise self.fail("say", f"text: got {quoted(text)}, expected a string")
+        words = plain(text)
+        chosen = language if isinstance(language, str) else self._language
+        memory = self.broker.memory
+        self._stopped = False
+        self.spoken.append(Spoken(self.body.time.now, words, chosen))
+        self.broker.log(f"says: {words}")
+        memory.raiseEvent("ALTextToSpeech/CurrentSentence", words)
+        memory.raiseEvent("ALTextToSpeech/TextStarted", 1)
+        speed = max(self._parameters["speed"], 50.0) / 100.0
+        end = self.body.time.now + min(LETTER_TIME * len(words) / speed + pause_in(text), LONGEST)
+        self.body.time.wait_until(lambda: self._stopped or self.body.time.now >= end)
+        memory.raiseEvent("ALTextToSpeech/CurrentSentence", "")
+        memory.raiseEvent("ALTextToSpeech/TextDone", 1)
+
+    def sayToFile(self, text: str, fileName: str) -> None:
+        """Refuse: there is no sound to write."""
+        raise self.fail("sayToFile", "is not simulated: the twin makes no sound")
+
+    def stopAll(self) -> None:
+        """Stop speaking."""
+        self._stopped = True
+
+    def setLanguage(self, language: str) -> None:
+        """Choose a language."""
+        self._language = str(language)
+
+    def getLanguage(self) -> str:
+        """Return the language."""
+        return self._language
+
+    def getAvailableLanguages(self) -> list[str]:
+        """Return the languages that can be chosen."""
+        return ["English", "French", "German", "Italian", "Japanese", "Spanish"]
+
+    def getSupportedLanguages(self) -> list[str]:
+        """Do what `getAvailableLanguages` does."""
+        return self.getAvailableLanguages()
+
+    def setVoice(self, voiceID: str) -> None:
+        """Choose a voice."""
+        self._voice = str(voiceID)
+
+    def getVoice(self) -> str:
+        """Return the voice."""
+        return self._voice
+
+    def getAvailableVoices(self) -> list[str]:
+        """Return the voices that can be chosen."""
+        return ["naoenu", "julie"]
+
+    def setVolume(self, volume: float) -> None:
+        """Set the volume, 0 to 1."""
+        value = self.number("setVolume", "volume", volume)
+        if not 0.0 <= value <= 1.0:
+            raise self.fail("setVolume", f"volume: got {value:g}, expected a number from 0 to 1")
+        self._volume = value
+
+    def getVolume(self) -> float:
+        """Return the volume."""
+        return self._volume
+
+    def setParameter(self, pEffectName: str, pEffectValue: float) -> None:
+        """Set "speed" (50 to 400), "pitchShift", ..."""
+        self._parameters[str(pEffectName)] = self.number("setParameter", "pEffectValue", pEffectValue)
+
+    def getParameter(self, pParameterName: str) -> float:
+        """Return a parameter."""
+        if pParameterName not in self._parameters:
+            raise self.fail("getParameter", f"unknown parameter {quoted(pParameterName)}")
+        return self._parameters[pParameterName]
+
+    def resetSpeed(self) -> None:
+        """Speak at speed 100."""
+        self._parameters["speed"] = 100.0
+
+    def setLanguageDefaultVoice(self, language: str, voice: str) -> None:
+        """Accept: all voices are silent."""
+
+    def enableNotifications(self) -> None:
+        """Accept: events are raised in any case."""
+
+    def disableNotifications(self) -> None:
+        """Accept: events are raised in any case."""
+
+    def locale(self) -> str:
+        """Return the locale of the language."""
+        return {"English": "en_US", "French": "fr_FR", "German": "de_DE"}.get(self._language, "en_US")
+
+
+class ALAnimatedSpeech(Module):
+    """Speech with gestures: those that the text names, and others in the mode "contextual"."""
+
+    name = "ALAnimatedSpeech"
+
+    def __init__(self, broker: Any) -> None:
+        super().__init__(broker)
+        self._mode = 2
+        self._words: dict[str, list[str]] = {}
+        self._tags: dict[str, list[str]] = {}
+
+    def say(self, text: str, configuration: Any = None) -> None:
+        """Say a text with gestures ("^start(animations/Stand/Gestures/Hey_1) Hello"); blocks."""
+        if not isinstance(text, str):
+            raise self.fail("say", f"text: got {quoted(text)}, expected a string")
+        begun = ("start", "run", "startTag", "runTag")
+        gestures = [gesture_for(what) for do, what in _CONTEXT.findall(text) if do in begun]
+        if not gestures and self._mode_of(configuration) > 0 and len(plain(text)) > 20:
+            gestures = ["explain"]
+        tasks = [self.body.do(animation(name)) for name in gestures]
+        self.broker.module("ALTextToSpeech").say(text)
+        if "^wait(" in text:
+            for task in tasks:
+                self.body.wait(task)
+        elif tasks:
+            with self.body.time.lock:
+                self.body.tasks.kill([t for t in tasks if not t.started], self.body)
+
+    def _mode_of(self, configuration: Any) -> int:
+        if isinstance(configuration, dict):
+            return MODES.get(str(configuration.get("bodyLanguageMode", "")), self._mode)
+        return self._mode
+
+    def setBodyTalkEnabled(self, enable: bool) -> None:
+        """Say whether speech comes with gestures."""
+        self._mode = 2 if enable else 0
+
+    def isBodyTalkEnabled(self) -> bool:
+        """Return whether speech comes with gestures."""
+        return self._mode > 0
+
+    def setBodyLanguageEnabled(self, enable: bool) -> None:
+        """Do what `setBodyTalkEnabled` does."""
+        self.setBodyTalkEnabled(enable)
+
+    def isBodyLanguageEnabled(self) -> bool:
+        """Return whether speech comes with gestures."""
+        return self._mode > 0
+
+    def setBodyLanguageModeFromStr(self, stringBodyLanguageMode: str) -> None:
+        """Choose "disabled", "random" or "contextual"."""
+        if stringBodyLanguageMode not in MODES:
+            known = ", ".join(MODES)
+            raise self.fail(
+                "setBodyLanguageModeFromStr", f"got {quoted(stringBodyLanguageMode)}, expected one of {known}"
+            )
+        self._mode = MODES[stringBodyLanguageMode]
+
+    def setBodyLanguageMode(self, bodyLanguageMode: int) -> None:
+        """Choose 0 (disabled), 1 (random) or 2 (contextual)."""
+        if bodyLanguageMode not in MODES.values():
+            raise self.fail("setBodyLanguageMode", f"got {quoted(bodyLanguageMode)}, expected 0, 1 or 2")
+        self._mode = int(bodyLanguageMode)
+
+    def getBodyLanguageModeToStr(self) -> str:
+        """Return "disabled", "random" or "contextual"."""
+        return next(name for name, value in MODES.items() if value == self._mode)
+
+    def getBodyLanguageMode(self) -> int:
+        """Return 0 (disabled), 1 (random) or 2 (contextual)."""
+        return self._mode
+
+    def declareAnimationsPackage(self, animationsPackage: str) -> None:
+        """Accept a package of animations, which is empty here."""
+
+    def addTagsToWords(self, tagsToWords: Any) -> None:
+        """Keep which words have which tags: {tag: [word, ...]}."""
+        self._words.update({str(tag): list(words) for tag, words in dict(tagsToWords).items()})
+
+    def declareTagForAnimations(self, tagsToAnimations: Any) -> None:
+        """Give animations further tags: {tag: [animation, ...]}."""
+        self.broker.module("ALAnimationPlayer").declareTagForAnimations(tagsToAnimations)
+
+
+MODULES = (ALTextToSpeech, ALAnimatedSpeech)

@@ -1,0 +1,342 @@
+"""ALTracker: looking and pointing at points, and following what has a place in the twin's world."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import ik
+from pepper_kin.naoqi.base_tasks import MoveToTask
+from pepper_kin.naoqi.body import Body
+from pepper_kin.naoqi.effectors import CHAIN_JOINTS, space_pose, standing_pepper
+from pepper_kin.naoqi.errors import quoted
+from pepper_kin.naoqi.joint_names import HEAD, LEG
+from pepper_kin.naoqi.joint_tasks import SpeedTask
+from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.tasks import Task
+
+Array = NDArray[np.float64]
+
+MODES = ("Head", "BodyRotation", "WholeBody", "Move", "Navigate", "WholeBodyRotation")
+
+NEAR = 0.15
+"""How far from its place relative to the target the base may be [m]."""
+
+
+class TrackTask(Task):
+    """The head follows a target; in the modes that move the base, this keeps it before the robot.
+
+    Args:
+        tracker: Knows the place of the target.
+        target: Its name.
+    """
+
+    def __init__(self, tracker: ALTracker, target: str) -> None:
+        super().__init__("track", HEAD)
+        self.tracker, self.target = tracker, target
+        self._head = SpeedTask("track", {}, 0.3)
+        self._count = 0
+
+    def step(self, body: Body) -> bool:
+        """Aim the head at the target, five times a second anew."""
+        point = self.tracker.place_of(self.target)
+        if point is None:
+            return True
+        if self._count % 10 == 0:
+            angles = gaze_angles(body, point)
+            speeds = {joint: body.command_rate(joint) for joint in angles}
+            self._head = SpeedTask("track", angles, 0.3)
+            self._head.start(body)
+            self._head._speed.update(speeds)
+            self._drive(body, point)
+        self._count += 1
+        self._head.step(body)
+        return True
+
+    def _drive(self, body: Body, point: Array) -> None:
+        """Drive toward a point of the world [m], shape (3,), as the tracking mode requires."""
+        mode = self.tracker.getMode()
+        if mode in ("Head", "WholeBody"):
+            return
+        x, y, yaw = body.base_pose(False)
+        bearing = math.atan2(point[1] - y, point[0] - x)
+        turn = math.remainder(bearing - yaw, 2.0 * math.pi)
+        goal = [x, y, yaw + turn]
+        far = math.hypot(point[0] - x, point[1] - y) - self.tracker.distance
+        if mode in ("Move", "Navigate") and abs(far) > NEAR:
+            goal = [x + far * math.cos(bearing), y + far * math.sin(bearing), bearing]
+        elif abs(turn) < 0.3:
+            return
+        if not any(isinstance(task, MoveToTask) for task in body.tasks):
+            body.do(MoveToTask("trackMove", [goal], world=True))
+
+
+def gaze_angles(body: Body, point: Array, *, whole_body: bool = False) -> dict[str, float]:
+    """Return the angles [rad] of the head (and of the hip) that turn the top camera to a point.
+
+    Args:
+        body: The robot.
+        point: In the world [m], shape (3,).
+        whole_body: Whether the hip turns, too.
+    """
+    pepper = standing_pepper()
+    inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
+    place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]
+    q = pepper.joint_vector({name: body.commanded(name) for name in pepper.joint_names})
+    q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
+    joints = [*HEAD, *LEG] if whole_body else list(HEAD)
+    result = ik.solve(pepper, [ik.LookAt(place)], q, joints=joints, collisions=False, restarts=4)
+    return {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+
+
+class ALTracker(Module):
+    """Looking at, pointing at and following targets.
+
+    Targets have the place that `place_target` gives them, or that of the object of the scene with their name.
+    """
+
+    name = "ALTracker"
+
+    def __init__(self, broker: Any) -> None:
+        super().__init__(broker)
+        self._targets: dict[str, Any] = {}
+        self._places: dict[str, Array] = {}
+        self._mode, self._effector = "Head", "None"
+        self._task: TrackTask | None = None
+        self._relative = [-1.0, 0.0, 0.0, 0.1, 0.1, 0.3]
+        self._numbers = {
+            "MaximumDistanceDetection": 3.0,
+            "TimeOut": 1000.0,
+            "MaximumVelocity": 0.35,
+            "MaximumAcceleration": 0.4,
+        }
+        self._flags = {"search": False}
+
+    @property
+    def distance(self) -> float:
+        """How far before a target the base stays [m]."""
+        return math.hypot(self._relative[0], self._relative[1])
+
+    def place_target(self, name: str, point: Any) -> None:
+        """Put a target somewhere in the world [m]: what a face or a ball is detected at."""
+        self._places[name] = np.asarray(self.numbers("place_target", "point", point, 3))
+
+    def place_of(self, name: str) -> Array | None:
+        """Return where a target is in the world [m], or None where nothing is known of it."""
+        if name in self._places:
+            return self._places[name]
+        scene = self.body.scene
+        known = {} if scene is None else scene.objects
+        return None if name not in known else np.asarray(known[name].transform_object_to_world[:3, 3])
+
+    # Looking and pointing.
+
+    def lookAt(self, position: Any, *arguments: Any) -> None:
+        """Look at a point: (position, frame, share of speed, with the whole body); blocks."""
+        method = "lookAt"
+        frame, share, whole = self._look_arguments(method, arguments)
+        with self.body.time.lock:
+            angles = gaze_angles(self.body, self._point(method, position, frame), whole_body=whole)
+        self.broker.motion.move_together(method, angles, share)
+
+    def pointAt(self, effector: str, position: Any, frame: int, maxSpeed: float) -> None:
+        """Point with "LArm", "RArm" or "Arms" at a point; blocks."""
+        method = "pointAt"
+        if effector not in ("LArm", "RArm", "Arms"):
+            raise self.fail(method, f"effector: got {quoted(effector)}, expected LArm, RArm or Arms")
+        share = self.share(method, "maxSpeed", maxSpeed)
+        pepper = standing_pepper()
+        with self.body.time.lock:
+            point = self._point(method, position, frame)
+            inverse = np.linalg.inv(self.body.frame_pose("base_footprint", False))
+            place = inverse[:3, :3] @ point + inverse[:3, 3]
+            arms = ["LArm", "RArm"] if effector == "Arms" else [effector]
+            q = pepper.joint_vector({name: self.body.commanded(name) for name in pepper.joint_names})
+            q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
+            angles: dict[str, float] = {}
+            for arm in arms:
+                hand = "left" if arm == "LArm" else "right"
+                joints = list(CHAIN_JOINTS[arm])
+                result = ik.solve(pepper, [ik.PointAt(hand, place)], q, joints=joints, collisions=False)
+                angles |= {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+        self.broker.motion.move_together(method, angles, share)
+
+    def _look_arguments(self, method: str, arguments: tuple[Any, ...]) -> tuple[int, float, bool]:
+        if len(arguments) == 2:  # the old form: share of speed, with the whole body
+            return 0, self.share(method, "fractionMaxSpeed", arguments[0]), bool(arguments[1])
+        if len(arguments) != 3:
+            raise self.fail(method, f"got {len(arguments) + 1} arguments, expected 3 or 4")
+        return int(arguments[0]), self.share(method, "fractionMaxSpeed", arguments[1]), bool(arguments[2])
+
+    def _point(self, method: str, position: Any, frame: int) -> Array:
+        origin = space_pose(self.body, frame, False, self.name, method)
+        point = np.asarray(self.numbers(method, "position", position)[:3])
+        return np.asarray(origin[:3, :3] @ point + origin[:3, 3])
+
+    # Following.
+
+    def registerTarget(self, pTarget: str, pParams: Any) -> None:
+        """Register a target ("Face", "RedBall", "People", an object of the scene) with its size."""
+        self._targets[str(pTarget)] = pParams
+
+    def setExtractorPeriod(self, pTarget: str, pPeriod: int) -> None:
+        """Accept: places are known at every cycle."""
+
+    def unregisterTarget(self, pTarget: str) -> None:
+        """Forget a target."""
+        self._targets.pop(pTarget, None)
+
+    def unregisterTargets(self, pTarget: Any) -> None:
+        """Forget targets."""
+        for name in pTarget:
+            self.unregisterTarget(name)
+
+    def unregisterAllTargets(self) -> None:
+        """Forget all targets."""
+        self._targets.clear()
+
+    def getRegisteredTargets(self) -> list[str]:
+        """Return the targets that are registered."""
+        return list(self._targets)
+
+    def getSupportedTargets(self) -> list[str]:
+        """Return the targets that have a place, and those that NAOqi knows."""
+        scene = [] if self.body.scene is None else list(self.body.scene.objects)
+        return ["RedBall", "Face", "LandMark", "LandMarks", "People", "Sound", *self._places, *scene]
+
+    def track(self, pTarget: str) -> None:
+        """Follow a registered target until `stopTracker`; returns at once."""
+        if pTarget not in self._targets:
+            known = ", ".join(self._targets) or "(none)"
+            raise self.fail("track", f"{quoted(pTarget)} is not registered; registered: {known}")
+        self.stopTracker()
+        self._task = TrackTask(self, pTarget)
+        self.body.do(self._task)
+
+    def trackEvent(self, pEventName: str) -> None:
+        """Accept: there is nobody who raises the event with places."""
+
+    def stopTracker(self) -> None:
+        """Follow no longer."""
+        with self.body.time.lock:
+            if self._task is not None:
+                tasks = [self._task, *(t for t in self.body.tasks if t.name == "trackMove")]
+                self.body.tasks.kill(tasks, self.body)
+            self._task = None
+
+    def isActive(self) -> bool:
+        """Return whether a target is followed."""
+        return self._task is not None
+
+    def getActiveTarget(self) -> str:
+        """Return the target that is followed."""
+        return "" if self._task is None else self._task.target
+
+    def isTargetLost(self) -> bool:
+        """Return whether nothing is known of the place of the target."""
+        return self._task is None or self.place_of(self._task.target) is None
+
+    def isNewTargetDetected(self) -> bool:
+        """Return whether the target has a place."""
+        return not self.isTargetLost()
+
+    def getTargetPosition(self, pFrame: int) -> list[float]:
+        """Return the place of the target in a frame [m]; empty where nothing is known of it."""
+        point = None if self._task is None else self.place_of(self._task.target)
+        if point is None:
+            return []
+        inverse = np.linalg.inv(space_pose(self.body, pFrame, True, self.name, "getTargetPosition"))
+        return [float(x) for x in inverse[:3, :3] @ point + inverse[:3, 3]]
+
+    def getRobotPosition(self) -> list[float]:
+        """Return x, y [m] and yaw [rad] of the base."""
+        return self.broker.motion.getRobotPosition(True)
+
+    # Settings.
+
+    def setMode(self, pMode: str) -> None:
+        """Choose what moves: "Head", "BodyRotation", "WholeBody", "Move"."""
+        if pMode not in MODES:
+            raise self.fail("setMode", f"mode: got {quoted(pMode)}, expected one of {', '.join(MODES)}")
+        self._mode = pMode
+
+    def getMode(self) -> str:
+        """Return what moves."""
+        return self._mode
+
+    def getAvailableModes(self) -> list[str]:
+        """Return the modes."""
+        return list(MODES)
+
+    def setEffector(self, pEffector: str) -> None:
+        """Choose what points at the target: "None", "LArm", "RArm", "Arms"."""
+        if pEffector not in ("None", "LArm", "RArm", "Arms"):
+            raise self.fail("setEffector", f"got {quoted(pEffector)}, expected None, LArm, RArm or Arms")
+        self._effector = pEffector
+
+    def getEffector(self) -> str:
+        """Return what points at the target."""
+        return self._effector
+
+    def setRelativePosition(self, target: Any) -> None:
+        """Set where the base stays, [distance X, Y, angle, thresholds] from the target."""
+        self._relative = self.numbers("setRelativePosition", "target", target)
+
+    def getRelativePosition(self) -> list[float]:
+        """Return where the base stays from the target."""
+        return list(self._relative)
+
+    def toggleSearch(self, pSearch: bool) -> None:
+        """Say whether the head searches for a lost target."""
+        self._flags["search"] = bool(pSearch)
+
+    def isSearchEnabled(self) -> bool:
+        """Return whether the head searches for a lost target."""
+        return self._flags["search"]
+
+    def setMaximumDistanceDetection(self, pMaxDistance: float) -> None:
+        """Set how far targets are detected [m]."""
+        self._set("MaximumDistanceDetection", pMaxDistance)
+
+    def getMaximumDistanceDetection(self) -> float:
+        """Return how far targets are detected [m]."""
+        return self._numbers["MaximumDistanceDetection"]
+
+    def setTimeOut(self, pTimeMs: float) -> None:
+        """Set after which time a target is lost [ms]."""
+        self._set("TimeOut", pTimeMs)
+
+    def getTimeOut(self) -> int:
+        """Return after which time a target is lost [ms]."""
+        return int(self._numbers["TimeOut"])
+
+    def setMaximumVelocity(self, pVelocity: float) -> None:
+        """Set the speed of the base [m/s]."""
+        self._set("MaximumVelocity", pVelocity)
+
+    def getMaximumVelocity(self) -> float:
+        """Return the speed of the base [m/s]."""
+        return self._numbers["MaximumVelocity"]
+
+    def setMaximumAcceleration(self, pAcceleration: float) -> None:
+        """Set the acceleration of the base [m/s^2]."""
+        self._set("MaximumAcceleration", pAcceleration)
+
+    def getMaximumAcceleration(self) -> float:
+        """Return the acceleration of the base [m/s^2]."""
+        return self._numbers["MaximumAcceleration"]
+
+    def initialize(self) -> None:
+        """Forget targets and settings."""
+        self.stopTracker()
+        self._targets.clear()
+        self._mode = "Head"
+
+    def _set(self, name: str, value: Any) -> None:
+        self._numbers[name] = self.number(f"set{name}", name, value)
+
+
+MODULES = (ALTracker,)

@@ -1,0 +1,115 @@
+"""Weights are compared with one another only: what is reached does not depend on them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.ik.priorities import balanced, equally_weighted
+from pepper_kin.ik.solvers import ALL_SOLVERS, SOLVERS
+
+PEPPER = pk.load_pepper()
+LEFT = "LArm_effector"
+
+
+def reachable(count, seed=1):
+    """Points of the left hand, and points that the head camera looks at, in random postures."""
+    generator = np.random.default_rng(seed)
+    q = generator.uniform(PEPPER.lower_limits, PEPPER.upper_limits, (count, PEPPER.n))
+    camera = pk.kinematics.frame_pose(PEPPER, q, "CameraTop_frame")
+    viewed = camera[:, :3, 3] + generator.uniform(0.5, 2.0, (count, 1)) * camera[:, :3, 0]
+    return pk.kinematics.frame_pose(PEPPER, q, LEFT)[:, :3, 3], viewed
+
+
+@pytest.mark.parametrize("weight", [1e-6, 1e-3, 1e3, 1e6])
+def test_one_weight_for_all_changes_nothing(weight):
+    points, viewed = reachable(100)
+
+    def answers(w):
+        tasks = [pk.ik.HandPosition("left", points, weight=w), pk.ik.LookAt(viewed, weight=w)]
+        return pk.ik.solve_batch(PEPPER, tasks, collisions=False)
+
+    plain, found = answers(1.0), answers(weight)
+    assert plain.success.all()
+    np.testing.assert_array_equal(found.q, plain.q)
+    one = [pk.ik.HandPosition("left", points[3], weight=weight), pk.ik.LookAt(viewed[3], weight=weight)]
+    np.testing.assert_array_equal(pk.ik.solve(PEPPER, one, collisions=False).q, plain.q[3])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("weight", [1e-6, 1e-3, 1e3])
+def test_one_weight_for_all_changes_nothing_for_other_solvers(solver, weight):
+    points, _ = reachable(3, seed=2)
+    for point in points:
+        results = [
+            pk.ik.solve(
+                PEPPER,
+                pk.ik.HandPosition("left", point, weight=w),
+                solver=solver,
+                collisions=False,
+                restarts=4,
+            )
+            for w in (1.0, weight)
+        ]
+        assert [r.success for r in results] == [True, True]
+
+
+@pytest.mark.parametrize("weights", [(1.0, 1e-6), (1e-6, 1.0), (1e6, 1e-3), (1.0, 0.1)])
+def test_very_unequal_weights_solve_the_same(weights):
+    points, viewed = reachable(100)
+    tasks = [pk.ik.HandPosition("left", points, weight=weights[0]), pk.ik.LookAt(viewed, weight=weights[1])]
+    found = pk.ik.solve_batch(PEPPER, tasks, collisions=False)
+    assert found.success.all()
+    for row in (0, 50, 99):
+        one = [task.at(row) for task in tasks]
+        np.testing.assert_array_equal(pk.ik.solve(PEPPER, one, collisions=False).q, found.q[row])
+
+
+@pytest.mark.parametrize("solver", ALL_SOLVERS)
+def test_unequal_weights_and_a_hard_task(solver):
+    points, viewed = reachable(2, seed=4)
+    for point, other in zip(points, viewed, strict=True):
+        tasks = [pk.ik.HandPosition("left", point, weight=1e-5, hard=True), pk.ik.LookAt(other, weight=1e4)]
+        result = pk.ik.solve(PEPPER, tasks, solver=solver, collisions=False)
+        assert result.success, result.report()
+
+
+def test_a_heavy_preference_prevents_nothing():
+    points, _ = reachable(30, seed=5)
+    tasks = [
+        pk.ik.HandPosition("left", points, weight=1e-3),
+        pk.ik.JointPosture(PEPPER.neutral(), weight=10.0, tolerance=math.inf),
+    ]
+    assert pk.ik.solve_batch(PEPPER, tasks, collisions=False).success.all()
+
+
+def test_weights_still_say_what_counts_more():
+    here, there = (0.40, 0.20, 0.85), (0.40, 0.28, 0.85)
+
+    def share(first, second):
+        tasks = [
+            pk.ik.FramePosition(LEFT, here, weight=first),
+            pk.ik.FramePosition(LEFT, there, weight=second),
+        ]
+        result = pk.ik.solve(PEPPER, tasks, collisions=False)
+        assert not result.success
+        return result.errors[0].value / 0.08
+
+    # The least of w1^2 x^2 + w2^2 (1 - x)^2.
+    assert share(1e-4, 2e-4) == pytest.approx(4 / 5, abs=2e-3)
+    assert share(3e5, 1e5) == pytest.approx(1 / 10, abs=2e-3)
+
+
+def test_weights_are_brought_to_one_scale():
+    tasks = [
+        pk.ik.LookAt((1, 0, 1), weight=1e-7),
+        pk.ik.HandPosition("left", (0.4, 0.2, 0.9), weight=1e300),
+        pk.ik.JointPosture(PEPPER.neutral(), weight=1e-2, tolerance=math.inf),
+    ]
+    weights = [task.weight for task in balanced(tasks)]
+    assert weights[:2] == [0.01, 1.0]
+    assert 0 < weights[2] < 1e-300
+    assert [task.weight for task in equally_weighted(tasks)][:2] == [1.0, 1.0]
+    least = [pk.ik.HandPosition("left", (0.4, 0.2, 0.9), weight=5e-324)]
+    assert [task.weight for task in balanced(least)] == [1.0]

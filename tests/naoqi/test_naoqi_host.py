@@ -1,0 +1,128 @@
+"""Real clients of libqi, in processes of their own."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.naoqi import Broker, Host
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("qi") is None, reason="the package qi has no wheel for this machine"
+)
+
+CLIENT = textwrap.dedent(
+    """
+    import json, sys, time
+    import qi
+    session = qi.Session()
+    session.connect(sys.argv[1])
+    motion, memory = session.service("ALMotion"), session.service("ALMemory")
+    said = {}
+    motion.angleInterpolation("HeadYaw", 0.4, 0.5, True)
+    said["yaw"] = motion.getAngles("HeadYaw", True)[0]
+    future = motion.moveTo(2.0, 0.0, 0.0, _async=True)
+    time.sleep(0.5)
+    said["active"] = motion.moveIsActive()
+    motion.stopMove()
+    said["arrived"] = future.value()
+    got = []
+    subscriber = memory.subscriber("Own")
+    subscriber.signal.connect(got.append)
+    memory.raiseEvent("Own", [1, "two"])
+    time.sleep(0.5)
+    said["event"] = got
+    for name, call in (
+        ("unknown", lambda: motion.getAngles("Tail", True)),
+        ("types", lambda: motion.getAngles(1)),
+        ("feet", lambda: motion.setFootSteps(["Tail"], [[0.1, 0.0, 0.0]], [1.0], True)),
+        ("speech", lambda: session.service("ALDialog").loadTopic("x")),
+    ):
+        try:
+            call()
+        except RuntimeError as error:
+            said[name] = str(error)
+    video = session.service("ALVideoDevice")
+    picture = video.getImageRemote(video.subscribeCamera("x", 0, 1, 11, 10))
+    said["picture"] = [picture[0], picture[1], len(picture[6]), type(picture[6]).__name__]
+    said["services"] = len(session.services())
+    print(json.dumps(said))
+    """
+)
+
+
+@pytest.fixture(scope="module")
+def host():
+    with Broker() as broker, Host(broker, port=0) as made:
+        yield made
+
+
+def ask(host):
+    command = [sys.executable, "-c", CLIENT, host.url]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_clients_move_the_robot_and_are_answered(host):
+    out, error = ask(host).communicate(timeout=120)
+    assert out, error
+    said = json.loads(out)
+    assert said["yaw"] == pytest.approx(0.4, abs=2e-3)
+    assert said["active"] is True
+    assert said["arrived"] is False
+    assert said["event"] == [[1, "two"]]
+    assert said["unknown"].startswith("ALMotion::getAngles\n\t'Tail' is no joint")
+    assert "Arguments types did not match" in said["types"]
+    assert "expected LLeg or RLeg" in said["feet"]
+    assert "ALDialog::loadTopic" in said["speech"]
+    assert said["picture"] == [320, 240, 230400, "bytearray"]
+    assert said["services"] > 60
+
+
+def test_two_clients_at_once(host):
+    clients = [ask(host), ask(host)]
+    for client in clients:
+        out, error = client.communicate(timeout=180)
+        assert client.returncode == 0, error
+        assert json.loads(out)["services"] > 60
+
+
+def test_malformed_calls_do_not_end_the_server(host):
+    calls = textwrap.dedent(
+        """
+        import random, sys
+        import qi
+        session = qi.Session()
+        session.connect(sys.argv[1])
+        rng = random.Random(0)
+        values = [None, True, -1, 10**9, 1.5, float("nan"), float("inf"), "", "HeadYaw", "x" * 2000, [],
+                  [[]],
+                  [1, "a", [2.0]], ["HeadYaw"], {"a": 1}]
+        names = ["setAngles", "getAngles", "setStiffnesses", "getPosition", "getLimits", "changeAngles",
+                 "getMass", "setMotionConfig", "getCOM", "killTask", "areResourcesAvailable", "move"]
+        motion = session.service("ALMotion")
+        for _ in range(int(sys.argv[2])):
+            try:
+                getattr(motion, rng.choice(names))(*[rng.choice(values) for _ in range(rng.randrange(6))])
+            except RuntimeError:
+                pass
+        motion.stopMove()
+        print(len(motion.getAngles("Body", True)))
+        """
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", calls, host.url, "500"],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert done.stdout.strip() == "20", done.stderr
+
+
+def test_only_this_machine_unless_remote_is_allowed(host):
+    with pytest.raises(InvalidValueError, match="allow_remote"):
+        Host(host.broker, "0.0.0.0", 0)

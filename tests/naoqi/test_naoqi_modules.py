@@ -1,0 +1,173 @@
+"""Modules besides ALMotion, and the table of methods."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.naoqi import Broker, NaoqiError, NotSimulatedError, coverage
+from pepper_kin.naoqi.module import robot_signatures
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_method_of_the_robots_list_is_answered(broker):
+    text = (ROOT / "pepper_kin/naoqi/data/signatures.csv").read_text("utf-8")
+    rows = list(csv.DictReader(text.splitlines()))
+    assert len(rows) == len(robot_signatures())
+    refused = []
+    for row in rows:
+        method = getattr(broker.module(row["module"]), row["name"])
+        assert callable(method)
+        if method.__name__ == "refuse":
+            count = len([p for p in row["parameters"].split(", ") if p])
+            with pytest.raises(NotSimulatedError, match=row["name"]):
+                method(*[0] * count)
+            refused.append((row["module"], row["name"]))
+    table = coverage()
+    simulated = [row for row in table if row.answer == "simulated"]
+    assert len(simulated) >= 0.95 * len(table)
+    assert {(row.module, row.method) for row in table} - {(r.module, r.method) for r in simulated} == set(
+        refused
+    )
+
+
+def test_the_table_in_the_docs_is_the_table(broker):
+    page = (ROOT / "docs/naoqi.md").read_text("utf-8")
+    table = coverage()
+    for module in dict.fromkeys(row.module for row in table):
+        rows = [row for row in table if row.module == module]
+        done = sum(row.answer == "simulated" for row in rows)
+        assert f"| {module} | {len(rows)} | {done} |" in page
+
+
+def test_memory_keeps_data_and_calls_subscribers(broker):
+    memory, got = broker.memory, []
+    memory.insertData("a/b", [1, "two"])
+    assert memory.getData("a/b") == [1, "two"]
+    number = memory.subscriber("Happened").signal.connect(got.append)
+    memory.raiseEvent("Happened", 3)
+    memory.subscriber("Happened").signal.disconnect(number)
+    memory.raiseEvent("Happened", 4)
+    assert got == [3]
+    assert memory.getEventHistory("Happened") == [3, 4]
+    with pytest.raises(NaoqiError, match="unable to get data for key: nothing"):
+        memory.getData("nothing")
+
+
+def test_device_keys_are_the_body(broker, motion):
+    motion.setAngles("HeadYaw", 0.4, 0.5)
+    broker.body.time.sleep(1.5)
+    memory = broker.memory
+    at = "Device/SubDeviceList/HeadYaw/Position"
+    assert memory.getData(f"{at}/Actuator/Value") == pytest.approx(0.4)
+    assert memory.getListData([f"{at}/Sensor/Value", "none"])[0] == pytest.approx(0.4, abs=1e-3)
+    down = memory.getData("Device/SubDeviceList/InertialSensor/AccelerometerZ/Sensor/Value")
+    assert down == pytest.approx(9.81, abs=0.05)
+    for key in memory.getDataList("Device/SubDeviceList"):
+        assert memory.getData(key) is not None
+
+
+def test_lasers_and_sonars_see_the_scene():
+    scene = pk.Scene().add_box("wall", size=(0.1, 3.0, 2.0), position=(1.05, 0.0, 1.0))
+    with Broker(real_time=False, scene=scene) as broker:
+        x = broker.memory.getData(
+            "Device/SubDeviceList/Platform/LaserSensor/Front/Horizontal/Seg08/X/Sensor/Value"
+        )
+        origin = broker.motion.getPosition("LaserSensor/Front", 2, True)[0]
+        assert x + origin == pytest.approx(1.0, abs=1e-6)
+        sonar = broker.memory.getData("Device/SubDeviceList/Platform/Front/Sonar/Sensor/Value")
+        assert 0.8 < sonar < 1.0
+
+
+def test_a_press_is_an_event(broker):
+    got = []
+    broker.memory.subscriber("MiddleTactilTouched").signal.connect(got.append)
+    broker.memory.press("head_touch_middle", True)
+    assert broker.memory.getData("Device/SubDeviceList/Head/Touch/Middle/Sensor/Value") == 1.0
+    broker.memory.press("head_touch_middle", False)
+    assert got == [1.0, 0.0]
+
+
+def test_postures_are_reached_and_named(broker):
+    posture = broker.module("ALRobotPosture")
+    assert posture.goToPosture("Crouch", 0.6) is True
+    assert posture.getPosture() == "Crouch"
+    assert posture.goToPosture("StandZero", 0.6) is True
+    assert broker.motion.getAngles("Joints", False) == pytest.approx([0.0] * 15, abs=0.05)
+    assert posture.goToPosture("Sit", 0.5) is False
+    with pytest.raises(NaoqiError, match="StandZero"):
+        posture.goToPosture("Headstand", 0.5)
+
+
+def test_waking_and_resting(broker, motion):
+    motion.rest()
+    assert not motion.robotIsWakeUp()
+    assert motion.getStiffnesses("LArm") == [0.0] * 6
+    motion.wakeUp()
+    assert motion.robotIsWakeUp()
+    assert motion.getStiffnesses("LArm") == [1.0] * 6
+    assert broker.module("ALRobotPosture").getPosture() == "Stand"
+
+
+def test_pictures_are_those_of_the_twins_camera(broker):
+    video = broker.module("ALVideoDevice")
+    handle = video.subscribeCamera("test", 0, 1, 11, 10)
+    width, height, layers, space, _, _, data, camera, *angles = video.getImageRemote(handle)
+    assert (width, height, layers, space, camera) == (320, 240, 3, 11, 0)
+    pixels = np.frombuffer(data, np.uint8).reshape(240, 320, 3)
+    body = broker.body
+    expected = pk.twin.sensors.Camera(body.pepper, "camera_top").color(body.configuration(True))
+    assert np.array_equal(pixels, expected)
+    assert angles[0] == -angles[2] == pytest.approx(0.48, abs=0.05)
+    deep = video.getImageRemote(video.subscribeCamera("test", 2, 1, 17, 10))
+    millimeters = np.frombuffer(deep[6], "<u2").reshape(240, 320)
+    assert millimeters[200, 160] > 300
+    gray = video.getImageRemote(video.subscribeCamera("test", 1, 0, 0, 10))
+    assert len(gray[6]) == 160 * 120
+    assert video.unsubscribe(handle)
+    with pytest.raises(NaoqiError, match="is no subscription"):
+        video.getImageRemote(handle)
+
+
+def test_speech_takes_its_time_and_moves_the_body(broker):
+    speech = broker.module("ALTextToSpeech")
+    begun = broker.body.time.now
+    speech.say("\\pau=500\\ " + "a" * 50)
+    assert broker.body.time.now - begun == pytest.approx(0.5 + 50 * 0.06, abs=0.04)
+    before = np.array(broker.motion.getAngles("RArm", False))
+    moved = []
+    broker.body.listeners.append(lambda: moved.append(broker.motion.getAngles("RArm", False)))
+    broker.module("ALAnimatedSpeech").say(
+        "^start(animations/Stand/Gestures/Hey_1) Hello to everybody in this place"
+    )
+    assert np.abs(np.array(moved) - before).max() > 0.5
+    assert [spoken.text for spoken in speech.spoken][-1] == "Hello to everybody in this place"
+
+
+def test_animations_are_gestures_of_the_library(broker):
+    player = broker.module("ALAnimationPlayer")
+    begun = broker.body.time.now
+    player.run("animations/Stand/Gestures/Yes_1")
+    yes = pk.motion.gesture(pk.load_pepper(), "yes").duration
+    assert broker.body.time.now - begun == pytest.approx(yes, abs=1.0)
+    with pytest.raises(NaoqiError, match="expected one of"):
+        player.runTag("no such tag")
+
+
+def test_lights_fade(broker):
+    leds = broker.module("ALLeds")
+    leds.fadeRGB("FaceLeds", "red", 1.0)
+    assert leds.color("LeftFaceLed0") == pytest.approx((1.0, 0.0, 0.0))
+    leds.fadeRGB("ChestLeds", 0x0000FF, 0.0)
+    assert leds.color("ChestLeds") == (0.0, 0.0, 1.0)
+    leds.off("AllLeds")
+    assert leds.getIntensity("EarLeds") == [0.0] * 20
+
+
+def test_modules_that_are_not_simulated_say_so(broker):
+    with pytest.raises(NotSimulatedError, match="ALDialog::loadTopic") as error:
+        broker.module("ALDialog").loadTopic("x.top")
+    assert "understands no speech" in str(error.value)

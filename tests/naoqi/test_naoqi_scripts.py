@@ -1,0 +1,91 @@
+"""Scripts run as they are: in Python 2 with proxies, in Python 3 with sessions."""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.naoqi import run_script
+from pepper_kin.naoqi.shims import almath
+
+SCRIPTS = Path(__file__).parent / "scripts"
+
+
+def test_a_script_in_python_2_runs_to_its_end(broker, capsys):
+    result = run_script(SCRIPTS / "old_style.py2", broker=broker)
+    assert result.error is None
+    assert result.ended == "completed"
+    assert result.duration >= 2.5
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "refused ALMotion::getAngles"
+    assert lines[1].startswith("yaw 0.52")
+    assert lines[3] == "touched MiddleTactilTouched 1.0"
+
+
+def test_a_script_in_python_3_runs_to_its_end(broker, capsys):
+    result = run_script(SCRIPTS / "new_style.py", ["--ip", "robot"], broker=broker)
+    assert result.success, result.error
+    assert capsys.readouterr().out.splitlines() == ["arrived True", "slept 1.0", "event 5"]
+    assert result.duration > 1.5
+
+
+def test_a_script_without_an_end_is_interrupted(broker, tmp_path):
+    script = tmp_path / "endless.py"
+    script.write_text("import time\nwhile True:\n    time.sleep(1)\n")
+    result = run_script(script, broker=broker, longest=5.0)
+    assert (result.ended, result.success) == ("time is up", True)
+    assert result.duration == pytest.approx(5.0, abs=0.05)
+
+
+def test_what_a_script_raises_is_in_the_result(broker, tmp_path):
+    script = tmp_path / "wrong.py"
+    script.write_text("raise ValueError('no')\n")
+    result = run_script(script, broker=broker)
+    assert (result.ended, result.code, result.success) == ("failed", 1, False)
+    assert isinstance(result.error, ValueError)
+    script.write_text("import sys\nsys.exit(3)\n")
+    assert run_script(script, broker=broker).code == 3
+
+
+def test_modules_and_names_are_put_back(broker, tmp_path):
+    script = tmp_path / "plain.py"
+    script.write_text("import naoqi, qi, almath, motion, vision_definitions, time\n")
+    argv, main = list(sys.argv), sys.modules["__main__"]
+    before = {name: sys.modules.get(name) for name in ("naoqi", "qi", "almath", "motion")}
+    run_script(script, broker=broker)
+    assert {name: sys.modules.get(name) for name in before} == before
+    assert (sys.argv, sys.modules["__main__"]) == (argv, main)
+
+
+def test_a_file_that_is_no_script_is_refused(broker, tmp_path):
+    script = tmp_path / "no.py"
+    script.write_text("def broken(:\n")
+    with pytest.raises(FileFormatError, match=r"no\.py"):
+        run_script(script, broker=broker)
+
+
+def test_almath_is_geometry():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        numbers = rng.uniform(-1.2, 1.2, 6)
+        transform = almath.transformFromPosition6D(almath.Position6D(*numbers))
+        expected = pin.SE3(pin.rpy.rpyToMatrix(*numbers[3:]), numbers[:3])
+        assert transform.toVector() == pytest.approx(list(expected.homogeneous.ravel()), abs=1e-12)
+        assert list(almath.position6DFromTransform(transform)) == pytest.approx(list(numbers), abs=1e-9)
+        other = almath.transformFromRotZ(0.3)
+        product = expected.homogeneous @ pin.SE3(pin.rpy.rpyToMatrix(0, 0, 0.3), np.zeros(3)).homogeneous
+        assert (transform * other).toVector() == pytest.approx(list(product.ravel()), abs=1e-12)
+        assert (transform * transform.inverse()).isNear(almath.Transform(), 1e-9)
+
+
+def test_dubins_ways_arrive():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        goal = almath.Pose2D(*rng.uniform(-2, 2, 2), rng.uniform(-3, 3))
+        *_, last = almath.getDubinsSolutions(goal, 0.3)
+        assert math.hypot(last.x - goal.x, last.y - goal.y) < 1e-9
+        assert abs(math.remainder(last.theta - goal.theta, 2 * math.pi)) < 1e-9

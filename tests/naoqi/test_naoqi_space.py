@@ -1,0 +1,177 @@
+"""ALMotion's effectors and base, beside Pinocchio on the text of the description."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.naoqi import Broker, RefusedByRobotError
+
+
+def place(broker, frame, root="base_footprint"):
+    """The pose of a frame as found_here from another, by Pinocchio alone."""
+    body = broker.body
+    model = pin.buildModelFromXML(body.pepper.urdf)
+    data, q = model.createData(), pin.neutral(model)
+    for name in broker.motion.getBodyNames("Joints"):
+        q[model.joints[model.getJointId(name)].idx_q] = body.commanded(name)
+    pin.framesForwardKinematics(model, data, q)
+    a, b = (data.oMf[model.getFrameId(name)] for name in (root, frame))
+    return a.actInv(b)
+
+
+def test_positions_are_forward_kinematics(broker, motion):
+    motion.angleInterpolation(["LShoulderPitch", "LElbowRoll", "HipPitch"], [0.7, -0.9, -0.2], 1.0, True)
+    expected = place(broker, "LArm_effector")
+    found = motion.getPosition("LArm", 2, False)
+    assert found[:3] == pytest.approx(list(expected.translation), abs=1e-9)
+    assert pin.rpy.rpyToMatrix(*found[3:]) == pytest.approx(expected.rotation, abs=1e-9)
+    transform = np.reshape(motion.getTransform("LArm", 0, False), (4, 4))
+    assert transform == pytest.approx(place(broker, "LArm_effector", "torso_naoqi").homogeneous, abs=1e-9)
+
+
+def test_position_interpolations_follow_straight_lines(broker, motion):
+    begin = np.array(motion.getPosition("LArm", 2, False)[:3])
+    end = begin + np.array([0.06, 0.02, 0.08])
+    number = motion.pCall("positionInterpolations", ["LArm"], 2, [[*end, 0, 0, 0]], [7], [1.5])
+    apart = []
+    while motion.isRunning(number):
+        broker.body.time.sleep(0.02)
+        point = np.array(motion.getPosition("LArm", 2, False)[:3]) - begin
+        direction = (end - begin) / np.linalg.norm(end - begin)
+        apart.append(np.linalg.norm(point - direction * (point @ direction)))
+    assert motion.getPosition("LArm", 2, False)[:3] == pytest.approx(list(end), abs=1.5e-3)
+    assert max(apart) < 3e-3
+
+
+def test_two_arms_at_once_and_there_and_back(motion):
+    paths = []
+    for arm in ("LArm", "RArm"):
+        now = motion.getPosition(arm, 0, False)
+        up = [*now[:2], now[2] + 0.05, *now[3:]]
+        paths.append([up, now])
+    before = motion.getAngles("JointActuators", False)
+    motion.positionInterpolations(["LArm", "RArm"], 0, paths, [7, 7], [[1.0, 2.0], [1.0, 2.0]])
+    assert motion.getPosition("LArm", 0, False)[:3] == pytest.approx(paths[0][1][:3], abs=2e-3)
+    assert motion.getPosition("RArm", 0, False)[:3] == pytest.approx(paths[1][1][:3], abs=2e-3)
+    assert len(before) == len(motion.getAngles("JointActuators", False))
+
+
+def test_set_transforms_returns_at_once_and_gets_there(broker, motion):
+    goal = np.reshape(motion.getTransform("RArm", 2, False), (4, 4))
+    goal[2, 3] += 0.05
+    before = broker.body.time.now
+    motion.setTransforms("RArm", 2, list(goal.ravel()), 0.5, 7)
+    assert broker.body.time.now == before
+    broker.body.time.sleep(3.0)
+    assert motion.getPosition("RArm", 2, False)[:3] == pytest.approx(list(goal[:3, 3]), abs=1.5e-3)
+
+
+@pytest.mark.parametrize(
+    "target", [(0.4, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.2, 0.1, 1.0), (0.0, 0.0, math.pi / 2)]
+)
+def test_move_to_arrives(motion, target):
+    assert motion.moveTo(*target) is True
+    found = motion.getRobotPosition(True)
+    assert found[:2] == pytest.approx(list(target[:2]), abs=6e-3)
+    assert math.remainder(found[2] - target[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-2)
+
+
+def test_control_points_are_in_the_frame_of_the_start(motion):
+    motion.moveTo(0.0, 0.0, math.pi / 2)
+    motion.moveTo([[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    assert motion.getRobotPosition(True) == pytest.approx([0.0, 0.3, math.pi / 2], abs=1.2e-2)
+
+
+def test_a_velocity_is_kept_until_somebody_stops_it(broker, motion):
+    motion.move(0.1, 0.0, 0.2)
+    broker.body.time.sleep(3.0)
+    assert motion.moveIsActive()
+    assert motion.getRobotVelocity() == pytest.approx([0.1, 0.0, 0.2])
+    motion.stopMove()
+    assert not motion.moveIsActive()
+    rest = motion.getRobotPosition(False)
+    broker.body.time.sleep(1.0)
+    assert motion.getRobotPosition(False) == pytest.approx(rest)
+
+
+def test_velocities_of_the_base_keep_the_limits_asked(broker, motion):
+    motion.moveToward(1.0, 0.0, 0.0, [["MaxVelXY", 0.2]])
+    found_here = []
+    for _ in range(150):
+        broker.body.time.sleep(0.02)
+        found_here.append(motion.getRobotVelocity()[0])
+    assert max(found_here) == pytest.approx(0.2)
+
+
+def test_an_obstacle_stops_the_base_and_protection_can_be_switched_off():
+    scene = pk.Scene().add_box("wall", size=(0.1, 2.0, 1.0), position=(1.0, 0.0, 0.5))
+    with Broker(real_time=False, scene=scene) as broker:
+        motion = broker.motion
+        assert motion.moveTo(0.9, 0.0, 0.0) is False
+        here = motion.getRobotPosition(True)[0]
+        assert here < 0.45
+        near = pk.collision.near_pairs(broker.body.pepper, broker.body.configuration(True), 1.0, scene)
+        assert min(d for names, d in zip(near.names, near.distances, strict=True) if "wall" in names) > 0.3
+        motion.setExternalCollisionProtectionEnabled("Move", False)
+        assert motion.moveTo(0.1, 0.0, 0.0) is True
+
+
+def test_navigation_goes_around():
+    scene = pk.Scene().add_box("post", size=(0.1, 0.1, 1.0), position=(0.9, 0.0, 0.5))
+    with Broker(real_time=False, scene=scene) as broker:
+        assert broker.module("ALNavigation").navigateTo(1.8, 0.0) is True
+        assert broker.motion.getRobotPosition(True)[:2] == pytest.approx([1.8, 0.0], abs=1e-2)
+
+
+def test_mass_and_center_of_mass_are_those_of_the_description(broker, motion):
+    model = pin.buildModelFromXML(broker.body.pepper.urdf)
+    assert motion.getMass("Body") == pytest.approx(sum(inertia.mass for inertia in model.inertias), rel=1e-9)
+    pepper, data, q = broker.body.pepper, model.createData(), pin.neutral(model)
+    full, inner = pepper.to_full(broker.body.configuration(False)), pepper.inner_model
+    for name in list(model.names)[1:]:
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 1:  # the base's yaw is neutral
+            q[joint.idx_q] = full[inner.joints[inner.getJointId(name)].idx_v]
+    assert motion.getCOM("Body", 1, False) == pytest.approx(list(pin.centerOfMass(model, data, q)), abs=1e-9)
+
+
+def test_looking_and_pointing_aim_at_the_point(broker):
+    point = np.array([1.2, 0.5, 1.1])
+    tracker = broker.module("ALTracker")
+    tracker.lookAt(list(point), 2, 0.4, False)
+    camera = place(broker, "CameraTop_optical_frame")
+    found_here = camera.actInv(point)
+    assert np.arctan2(np.hypot(found_here[0], found_here[1]), found_here[2]) < 0.01
+    tracker.pointAt("LArm", list(point), 2, 0.4)
+    elbow, wrist = place(broker, "LForeArm").translation, place(broker, "l_wrist").translation
+    forearm, aim = wrist - elbow, point - elbow
+    turned = np.arccos(forearm @ aim / np.linalg.norm(forearm) / np.linalg.norm(aim))
+    assert turned < 0.2, turned
+
+
+def test_a_tracked_target_is_followed_with_the_head(broker):
+    tracker = broker.module("ALTracker")
+    tracker.registerTarget("Face", 0.1)
+    tracker.place_target("Face", [1.5, 0.8, 1.2])
+    tracker.track("Face")
+    broker.body.time.sleep(2.0)
+    found_here = place(broker, "CameraTop_optical_frame").actInv(np.array([1.5, 0.8, 1.2]))
+    assert np.arctan2(np.hypot(found_here[0], found_here[1]), found_here[2]) < 0.02
+    tracker.stopTracker()
+    assert not tracker.isActive()
+
+
+def test_the_mode_robot_refuses_what_pepper_refuses():
+    with Broker(real_time=False, mode="robot") as broker:
+        for call in (
+            lambda: broker.motion.wbEnable(True),
+            lambda: broker.motion.setStiffnesses("Leg", 0.0),
+            lambda: broker.motion.setPositions("LArm", 2, [0.3, 0.2, 0.8, 0, 0, 0], 0.3, 7),
+        ):
+            with pytest.raises(RefusedByRobotError, match="the robot does not"):
+                call()
+        with pytest.raises(RefusedByRobotError, match="no feet"):
+            broker.motion.getFootSteps()
