@@ -146,25 +146,8 @@ def _broker(
 
 def _shown(broker: Broker) -> Callable[[], Any]:
     """Open a page that follows the robot; return what closes it."""
-    import webbrowser
+    from pepper_kin.body_page import BodyPage
 
-    from pepper_kin.viewer import Viewer
-
-    body = broker.body
-    viewer = Viewer(body.pepper)
-    if body.scene is not None:
-        viewer.add_scene(body.scene)
-    viewer.follow(False)
-    url = viewer.show(body.configuration(True))
-    print(url, file=sys.stderr)
-    webbrowser.open(url)
-    count = 0
-
-    def show() -> None:
-        nonlocal count
-        count += 1
-        if count % 2 == 0:  # 25 pictures a second
-            viewer.show(body.configuration(True))
-
-    body.listeners.append(show)
-    return viewer.close
+    page = BodyPage(broker.body)
+    page.open()
+    return page.close

@@ -36,6 +36,8 @@ ORDER = (
     "naoqi",
     "jobs",
     "viewer",
+    "body_page",
+    "qibullet",
     "cli_terminal",
     "cli_check",
     "cli_naoqi",
@@ -119,10 +121,13 @@ def test_imports_point_one_way(path):
         assert (package, other) not in APART, f"{package} and {other} are kept apart"
 
 
+APPLICATIONS = ("viewer", "body_page", "cli", "cli_naoqi", "cli_show", "__init__")
+
+
 def test_only_the_command_line_imports_the_viewer():
     for path in ALL_FILES:
         if "viewer" in packages_imported(path):
-            assert package_of(path) in ("viewer", "cli", "cli_naoqi", "cli_show", "__init__"), path
+            assert package_of(path) in APPLICATIONS, path
 
 
 def test_planners_name_no_robot():

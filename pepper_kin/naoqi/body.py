@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -144,6 +145,13 @@ class Body:
         """Set how strong the motors of joints are, 0 to 1."""
         self.stiffness.update(values)
         self._strength_due = True
+
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        """Let another gravity act on the links [m/s^2], shape (3,); the base stays on the floor."""
+        with self.time.lock:
+            self.pepper = copy.copy(self.pepper)  # the model is shared with others
+            self.pepper.pinocchio_model.gravity.linear = np.asarray(gravity, dtype=float)
+            self._set_strength()
 
     def do(self, task: Task) -> Task:
         """Hand a task to the simulation."""

@@ -1,0 +1,54 @@
+"""qiBullet's API over the twin: `from pepper_kin.qibullet import SimulationManager, PepperVirtual`.
+
+SimulationManager                         launches simulations, and puts robots into them
+PepperVirtual, RobotVirtual               a robot: joints, base, cameras, lasers, inertial unit
+Joint, Link, PepperPosture                what it is made of
+Camera, CameraRgb, CameraDepth, CameraResolution, Laser, Imu   its sensors
+PepperBaseController                      its base
+SimulationError, UnsimulatedError         what calls raise; `pybullet.error` where pybullet is installed
+NaoVirtual, RomeoVirtual, NaoFsr, PepperRosWrapper, NaoRosWrapper, RomeoRosWrapper   refused by name
+"""
+
+from pepper_kin.qibullet.base_controller import PepperBaseController
+from pepper_kin.qibullet.camera import Camera, CameraDepth, CameraResolution, CameraRgb
+from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
+from pepper_kin.qibullet.fsr import NaoFsr
+from pepper_kin.qibullet.imu import Imu
+from pepper_kin.qibullet.joint import Joint
+from pepper_kin.qibullet.laser import Laser
+from pepper_kin.qibullet.link import Link
+from pepper_kin.qibullet.other_robots import (
+    NaoRosWrapper,
+    NaoVirtual,
+    PepperRosWrapper,
+    RomeoRosWrapper,
+    RomeoVirtual,
+)
+from pepper_kin.qibullet.pepper_virtual import PepperVirtual
+from pepper_kin.qibullet.robot_posture import PepperPosture
+from pepper_kin.qibullet.robot_virtual import RobotVirtual
+from pepper_kin.qibullet.simulation_manager import SimulationManager
+
+__all__ = [
+    "Camera",
+    "CameraDepth",
+    "CameraResolution",
+    "CameraRgb",
+    "Imu",
+    "Joint",
+    "Laser",
+    "Link",
+    "NaoFsr",
+    "NaoRosWrapper",
+    "NaoVirtual",
+    "PepperBaseController",
+    "PepperPosture",
+    "PepperRosWrapper",
+    "PepperVirtual",
+    "RobotVirtual",
+    "RomeoRosWrapper",
+    "RomeoVirtual",
+    "SimulationError",
+    "SimulationManager",
+    "UnsimulatedError",
+]

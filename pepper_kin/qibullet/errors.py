@@ -1,0 +1,39 @@
+"""Errors of the adapter, caught by `except pybullet.error` where pybullet is installed."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any
+
+from pepper_kin.exceptions import PepperKinError
+
+__all__ = ["SimulationError", "UnsimulatedError"]
+
+
+def _bullet_error() -> Any:
+    """Return `pybullet.error`, which scripts for qiBullet catch; a plain error where there is no pybullet."""
+    if find_spec("pybullet") is None:
+        return RuntimeError
+    import pybullet
+
+    return pybullet.error
+
+
+_BulletError: Any = _bullet_error()
+
+
+class SimulationError(PepperKinError, _BulletError):
+    """A call with wrong arguments, or to a simulation or a robot that there is not."""
+
+
+class UnsimulatedError(SimulationError):
+    """Something that qiBullet has and the twin does not simulate.
+
+    Attributes:
+        what: Its name.
+        why: Why there is none, or what to use in its place.
+    """
+
+    def __init__(self, what: str, why: str) -> None:
+        self.what, self.why = what, why
+        super().__init__(f"{what} is not simulated: {why}")

@@ -1,0 +1,94 @@
+"""The three lasers at the base."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.qibullet.sensor import Sensor
+from pepper_kin.twin.sensors.suite import SensorSuite
+
+NUM_RAY = 15
+"""Beams of a laser."""
+
+RAY_LENGTH = 3.0
+"""What a beam without an echo reads [m]."""
+
+NEAREST = 0.1
+"""What a beam reads that meets something nearer [m]."""
+
+DEFAULT_FREQUENCY = 6.25
+"""Scans a second."""
+
+SENSORS = ("laser_front", "laser_right", "laser_left")
+
+
+class Laser(Sensor):
+    """Three lasers of 15 beams each, the twin's, without noise; a scan is made when one is asked for and due.
+
+    Args:
+        robot_model: Number of the robot's model.
+        laser_id: Number of the link that carries them.
+        frequency: Scans a second.
+        display: Whether the page in the browser marks where beams end.
+        physicsClientId: Number of the simulation.
+    """
+
+    def __init__(
+        self,
+        robot_model: int,
+        laser_id: int,
+        frequency: float = DEFAULT_FREQUENCY,
+        display: bool = False,
+        physicsClientId: int = 0,
+    ) -> None:
+        super().__init__(robot_model, physicsClientId)
+        self.laser_id, self.display = laser_id, display
+        self.laser_value = [0.0] * NUM_RAY * len(SENSORS)
+        self._suite: SensorSuite | None = None
+        self.setFrequency(frequency)
+
+    def subscribe(self) -> None:
+        """Begin to scan."""
+        self._active = True
+
+    def unsubscribe(self) -> None:
+        """End scanning; the last values stay."""
+        self._active = False
+
+    def showLaser(self, display: bool) -> None:
+        """Choose whether the page in the browser marks where beams end."""
+        self.display = bool(display)
+
+    def getFrontLaserValue(self) -> list[float]:
+        """Return the distances of the front laser [m], clockwise."""
+        return self._values(0)
+
+    def getRightLaserValue(self) -> list[float]:
+        """Return the distances of the right laser [m], clockwise."""
+        return self._values(1)
+
+    def getLeftLaserValue(self) -> list[float]:
+        """Return the distances of the left laser [m], clockwise."""
+        return self._values(2)
+
+    def _values(self, which: int) -> list[float]:
+        if self._active:
+            self._scan()
+        return self.laser_value[which * NUM_RAY : (which + 1) * NUM_RAY]
+
+    def _scan(self) -> None:
+        """Scan, where a scan is due."""
+        body = self.body
+        with body.time.lock:
+            if not self._is_due(body.time.now):
+                return
+            state, now, scene = body.state, body.time.now, body.scene
+        if self._suite is None:
+            self._suite = SensorSuite(body.pepper, sensors=SENSORS, noise=False)
+        self._suite.reset()
+        readings = self._suite.read(
+            now, state.position, state.velocity, state.acceleration, state.torque, scene=scene
+        )
+        clockwise = np.concatenate([np.asarray(readings[name].value, dtype=float)[::-1] for name in SENSORS])
+        finite = np.where(clockwise > 0.0, np.minimum(clockwise, RAY_LENGTH), NEAREST)
+        self.laser_value = [float(value) for value in finite]

@@ -1,0 +1,290 @@
+"""Robots in a simulation: joints, links, cameras and sensors, whatever the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from pepper_kin import collision
+from pepper_kin.exceptions import UnknownNameError, shortened
+from pepper_kin.model import quaternion_from_rotation
+from pepper_kin.qibullet.camera import Camera, CameraResolution
+from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
+from pepper_kin.qibullet.imu import Imu
+from pepper_kin.qibullet.joint import Joint
+from pepper_kin.qibullet.link import Link
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi.body import Body
+
+NO_FEET = "the weight under the feet (FSR)"
+
+
+class RobotVirtual:
+    """A robot of a simulation; `PepperVirtual` is the one that there is.
+
+    Args:
+        description_file: The description that `loadRobot` would read.
+
+    Attributes:
+        robot_model: Number of its model, once it is loaded.
+        physics_client: Number of its simulation.
+        camera_dict: Number of a camera -> camera.
+        joint_dict: Name -> joint.
+        link_dict: Name -> link.
+        imu: The inertial unit, or None.
+    """
+
+    def __init__(self, description_file: str) -> None:
+        self.description_file = description_file
+        self.physics_client = 0
+        self.robot_model: int | None = None
+        self.camera_dict: dict[int, Camera] = {}
+        self.joint_dict: dict[str, Joint] = {}
+        self.link_dict: dict[str, Link] = {}
+        self.imu: Imu | None = None
+        self._body: Body | None = None
+
+    @property
+    def body(self) -> Body:
+        """The simulated body behind the robot.
+
+        Raises:
+            SimulationError: for a robot that was not loaded.
+        """
+        if self._body is None:
+            raise SimulationError(f"{type(self).__name__}: not loaded into a simulation yet; see loadRobot")
+        return self._body
+
+    def loadRobot(self, translation: Any, quaternion: Any, physicsClientId: int = 0) -> None:
+        """Refuse: the twin is made for Pepper; see `PepperVirtual.loadRobot`.
+
+        Raises:
+            SimulationError: where the description is no file.
+            UnsimulatedError: for other robots.
+        """
+        if not Path(self.description_file).is_file():
+            raise SimulationError(
+                f"cannot load the robot: there is no file {shortened(self.description_file)!r}"
+            )
+        raise UnsimulatedError(f"the robot of {self.description_file}", "this simulation is made for Pepper")
+
+    def end(self) -> None:
+        """End what runs for the robot; it is not simulated any longer."""
+        for camera in self.camera_dict.values():
+            camera.unsubscribe()
+        if self.imu is not None:
+            self.imu.unsubscribe()
+        if self._body is not None:
+            self._body.time.stop()
+
+    def getRobotModel(self) -> int | None:
+        """Return the number of the robot's model."""
+        return self.robot_model
+
+    def getPhysicsClientId(self) -> int:
+        """Return the number of the simulation."""
+        return self.physics_client
+
+    def getJoint(self, joint_name: str) -> Joint:
+        """Return a joint by name.
+
+        Raises:
+            UnknownNameError: for an unknown one, a `KeyError`.
+        """
+        if joint_name not in self.joint_dict:
+            raise UnknownNameError("joint", joint_name, self.joint_dict)
+        return self.joint_dict[joint_name]
+
+    def getLink(self, link_name: str) -> Link:
+        """Return a link by name.
+
+        Raises:
+            UnknownNameError: for an unknown one, a `KeyError`.
+        """
+        if link_name not in self.link_dict:
+            raise UnknownNameError("link", link_name, self.link_dict)
+        return self.link_dict[link_name]
+
+    def getLinkPosition(self, link_name: str) -> tuple[list[float], list[float]]:
+        """Return where a link is in the world: x, y, z [m], and the quaternion x, y, z, w.
+
+        Raises:
+            UnknownNameError: for an unknown one, a `KeyError`.
+        """
+        link = self.getLink(link_name)
+        with self.body.time.lock:
+            pose = self.body.frame_pose(link.name, True)
+        quaternion = quaternion_from_rotation(pose[:3, :3])
+        return [float(value) for value in pose[:3, 3]], [float(value) for value in quaternion]
+
+    def getPosition(self) -> tuple[float, float, float]:
+        """Return x, y [m] and yaw [rad] of the base in the world."""
+        with self.body.time.lock:
+            x, y, theta = (float(value) for value in self.body.base_pose(True))
+        return x, y, theta
+
+    def isSelfColliding(self, link_names: str | list[str]) -> bool:
+        """Return whether one of the links touches another part of the robot.
+
+        Args:
+            link_names: A link, or several.
+
+        Raises:
+            SimulationError: for an unknown link.
+        """
+        names = {link_names} if isinstance(link_names, str) else set(link_names)
+        for name in sorted(map(str, names - set(self.link_dict))):
+            raise SimulationError(str(UnknownNameError("link", name, self.link_dict)))
+        with self.body.time.lock:
+            q = self.body.configuration(True)
+        touching = collision.contacts(self.body.pepper, q)
+        return any(names & {*contact.names, *(contact.links or ())} for contact in touching)
+
+    # Cameras.
+
+    def subscribeCamera(
+        self, camera_id: int, resolution: CameraResolution = Camera.K_QVGA, fps: float = 30.0
+    ) -> int | None:
+        """Begin to take pictures; return a handle, or None where there is no such camera.
+
+        Raises:
+            SimulationError: for something else than a resolution, or an fps that is not above 0.
+        """
+        camera = self.camera_dict.get(camera_id)
+        return None if camera is None else camera.subscribe(resolution, fps=fps)
+
+    def unsubscribeCamera(self, handle: int) -> bool:
+        """Take no more pictures; return whether somebody had subscribed."""
+        camera = Camera._getCameraHandlesDict().get(handle)
+        return camera is not None and camera.unsubscribe()
+
+    def getCamera(self, handle: int) -> Camera:
+        """Return the camera with a handle.
+
+        Raises:
+            SimulationError: for a handle that nobody has.
+        """
+        cameras = Camera._getCameraHandlesDict()
+        if handle not in cameras:
+            raise SimulationError(
+                f"handle: got {shortened(repr(handle))}, no camera is subscribed to with it"
+            )
+        return cameras[handle]
+
+    def getCameraFrame(self, handle: int) -> NDArray[Any] | None:
+        """Return the present picture: blue, green, red, shape (h, w, 3), or distances [mm], shape (h, w).
+
+        Raises:
+            SimulationError: for a handle that nobody has.
+        """
+        return self.getCamera(handle).getFrame()
+
+    def getCameraResolution(self, handle: int) -> CameraResolution | None:
+        """Return the resolution of a subscription.
+
+        Raises:
+            SimulationError: for a handle that nobody has.
+        """
+        return self.getCamera(handle).getResolution()
+
+    def getCameraFps(self, handle: int) -> float | None:
+        """Return how many pictures a second a subscription takes.
+
+        Raises:
+            SimulationError: for a handle that nobody has.
+        """
+        return self.getCamera(handle).getFps()
+
+    def getCameraLink(self, handle: int) -> Link | None:
+        """Return the link that carries a camera.
+
+        Raises:
+            SimulationError: for a handle that nobody has.
+        """
+        return self.getCamera(handle).getCameraLink()
+
+    # The inertial unit.
+
+    def subscribeImu(self, frequency: float | None = None) -> None:
+        """Begin to read the inertial unit, at a frequency [Hz] or at its own.
+
+        Raises:
+            SimulationError: for a robot without one, or a frequency that is not above 0.
+        """
+        imu = self._imu()
+        if frequency is not None:
+            imu.setFrequency(frequency)
+        imu.subscribe()
+
+    def unsubscribeImu(self) -> None:
+        """End reading the inertial unit.
+
+        Raises:
+            SimulationError: for a robot without one.
+        """
+        self._imu().unsubscribe()
+
+    def getImuGyroscopeValues(self) -> list[float]:
+        """Return the velocity of rotation [rad/s] in world axes; zeros until somebody subscribes.
+
+        Raises:
+            SimulationError: for a robot without inertial unit.
+        """
+        return self._imu().getGyroscopeValues()
+
+    def getImuAccelerometerValues(self) -> list[float]:
+        """Return the acceleration [m/s^2] in world axes, without gravity; zeros until somebody subscribes.
+
+        Raises:
+            SimulationError: for a robot without inertial unit.
+        """
+        return self._imu().getAccelerometerValues()
+
+    def getImuValues(self) -> tuple[list[float], list[float]]:
+        """Return velocity of rotation [rad/s] and acceleration [m/s^2].
+
+        Raises:
+            SimulationError: for a robot without inertial unit.
+        """
+        return self._imu().getValues()
+
+    def getImu(self) -> Imu | None:
+        """Return the inertial unit, or None."""
+        return self.imu
+
+    def _imu(self) -> Imu:
+        if self.imu is None:
+            raise SimulationError(f"{type(self).__name__}: the robot has no inertial unit")
+        return self.imu
+
+    # What NAO has under its feet.
+
+    def getFsrHandler(self) -> None:
+        """Return None: there are no sensors under feet."""
+
+    def getFsrValue(self, fsr_name: str) -> float:
+        """Refuse: there are no sensors under feet.
+
+        Raises:
+            UnsimulatedError: always.
+        """
+        raise UnsimulatedError(NO_FEET, "Pepper has wheels")
+
+    def getFsrValues(self, fsr_names: list[str]) -> list[float]:
+        """Refuse: there are no sensors under feet.
+
+        Raises:
+            UnsimulatedError: always.
+        """
+        raise UnsimulatedError(NO_FEET, "Pepper has wheels")
+
+    def getTotalFsrValues(self, fsr_names: list[str]) -> float:
+        """Refuse: there are no sensors under feet.
+
+        Raises:
+            UnsimulatedError: always.
+        """
+        raise UnsimulatedError(NO_FEET, "Pepper has wheels")

@@ -1,0 +1,48 @@
+"""Sensors in general: a frequency, and subscriptions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pepper_kin.qibullet.robot_module import RobotModule
+from pepper_kin.qibullet.simulation import SimulationError, finite
+
+
+class Sensor(RobotModule):
+    """A sensor of a robot, read at a frequency while somebody subscribes to it."""
+
+    def __init__(self, robot_model: int | None, physics_client: int) -> None:
+        super().__init__(robot_model, physics_client)
+        self.frequency: float | None = None
+        self._read_at = -math.inf
+
+    def subscribe(self, *arguments: Any, **options: Any) -> Any:
+        """Begin to read; each kind of sensor has its way."""
+        raise NotImplementedError
+
+    def unsubscribe(self) -> Any:
+        """End reading; each kind of sensor has its way."""
+        raise NotImplementedError
+
+    def getFrequency(self) -> float | None:
+        """Return the frequency [Hz], or None where none was set."""
+        return self.frequency
+
+    def setFrequency(self, frequency: float) -> None:
+        """Set the frequency [Hz].
+
+        Raises:
+            SimulationError: for anything but a finite number above 0.
+        """
+        value = finite(frequency, "frequency", "Hz")
+        if value <= 0.0:
+            raise SimulationError(f"frequency: got {value:g}, expected a number above 0 [Hz]")
+        self.frequency = value
+
+    def _is_due(self, now: float) -> bool:
+        """Return whether a period has passed at a time [s]; if so, count the next one from there."""
+        if self.frequency is None or now < self._read_at + 1.0 / self.frequency - 1e-9:
+            return False
+        self._read_at = now
+        return True
