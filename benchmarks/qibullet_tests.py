@@ -1,6 +1,6 @@
 """qiBullet's own tests for Pepper against `pepper_kin.qibullet`, unmodified.
 
-Asked are 90 % of them.  The tests are read from a folder: they are in qiBullet's repository, not in its wheel;
+Asked are 90 % of them.  The tests are read from a folder (qiBullet's repository has them, its wheel has not);
 each imports `qibullet`, which here is the adapter, and `pybullet`, which must be installed.
 
 Run: python benchmarks/qibullet_tests.py FOLDER/tests [--verbose]

@@ -1,16 +1,33 @@
-"""A page in the browser that follows a simulated body."""
+"""A page in the browser that follows a simulated body: its joints, its lights, where its lasers end."""
 
 from __future__ import annotations
 
 import sys
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.collision import PointCloud
 from pepper_kin.naoqi.body import Body
-from pepper_kin.viewer import Viewer
+from pepper_kin.viewer import Drawable, Viewer
+from pepper_kin.viewer.drawable import Color
+from pepper_kin.viewer.lights import OFF, pepper_lights
+
+if TYPE_CHECKING:
+    from pepper_kin.viewer.server.board import Board
 
 EVERY = 2
 """Cycles of the body between two pictures: 25 of them a second."""
+
+LIGHTS = ("robot", "lights")
+POINTS = ("markers", "ends of beams")
+POINT_COLOR: Color = (0.86, 0.16, 0.16, 1.0)
+POINT_RADIUS = 0.012
+
+Light = tuple[float, float, float]
 
 
 class BodyPage:
@@ -18,20 +35,33 @@ class BodyPage:
 
     Args:
         body: The simulated body.
+        lights: Returns red, green and blue, 0 to 1 each, of every light by name; none are drawn if omitted.
+        points: Returns points of the world [m], shape (k, 3), which are marked; none are if omitted.
 
     Attributes:
         viewer: What draws it.
         url: Its address.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(
+        self,
+        body: Body,
+        *,
+        lights: Callable[[], Mapping[str, Light]] | None = None,
+        points: Callable[[], ArrayLike] | None = None,
+    ) -> None:
         self._body, self._count, self._scene = body, 0, body.scene
+        self._lights, self._points = lights, points
+        self._painted: dict[str, Light] = {}
+        self._marked = b""
         self.viewer = Viewer(body.pepper)
         if body.scene is not None:
             self.viewer.add_scene(body.scene)
         self.viewer.follow(False)
         self.url = self.viewer.show(body.configuration(True))
-        self.on_picture: list[Callable[[Viewer], object]] = []
+        self._drawn = pepper_lights(body.pepper) if lights is not None else {}
+        for name, drawable in self._drawn.items():
+            self.viewer.draw(lambda board, n=name, d=drawable: board.draw((*LIGHTS, n), [d]))  # type: ignore[misc]
         body.listeners.append(self._show)
 
     def open(self) -> None:
@@ -47,6 +77,7 @@ class BodyPage:
         self.viewer.close()
 
     def _show(self) -> None:
+        """Draw what has changed, with the lock of the body held."""
         self._count += 1
         if self._count % EVERY:
             return
@@ -55,5 +86,35 @@ class BodyPage:
             if self._scene is not None:
                 self.viewer.add_scene(self._scene)
         self.viewer.show(self._body.configuration(True))
-        for draw in self.on_picture:
-            draw(self.viewer)
+        if self._lights is not None:
+            self._paint(self._lights())
+        if self._points is not None:
+            self._mark(np.asarray(self._points(), dtype=float).reshape(-1, 3))
+
+    def _paint(self, lights: Mapping[str, Light]) -> None:
+        """Paint the lights whose color has changed."""
+        changed = {n: c for n, c in lights.items() if n in self._drawn and self._painted.get(n) != c}
+        if changed:
+            self._painted.update(changed)
+            self.viewer.draw(lambda board: _paint_all(board, changed))
+
+    def _mark(self, points: np.ndarray) -> None:
+        """Mark points of the world [m], shape (k, 3), where they have changed."""
+        if points.tobytes() == self._marked:
+            return
+        self._marked = points.tobytes()
+        cloud = [
+            Drawable("ends", None, PointCloud(points, POINT_RADIUS), np.eye(4), POINT_COLOR)
+        ] if len(points) else []  # fmt: skip
+        self.viewer.draw(lambda board: board.draw(POINTS, cloud))
+
+
+def shade(light: Light) -> Color:
+    """Return the color that a light of red, green and blue is drawn in: dark glass where it is off."""
+    red, green, blue = (OFF[k] + (1.0 - OFF[k]) * light[k] for k in range(3))
+    return red, green, blue, 1.0
+
+
+def _paint_all(board: Board, lights: Mapping[str, Light]) -> None:
+    for name, light in lights.items():
+        board.paint((*LIGHTS, name), shade(light))

@@ -148,6 +148,6 @@ def _shown(broker: Broker) -> Callable[[], Any]:
     """Open a page that follows the robot; return what closes it."""
     from pepper_kin.body_page import BodyPage
 
-    page = BodyPage(broker.body)
+    page = BodyPage(broker.body, lights=broker.module("ALLeds").colors)
     page.open()
     return page.close

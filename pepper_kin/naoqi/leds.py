@@ -69,7 +69,7 @@ class Fade:
 
 
 class ALLeds(Module):
-    """Lights: colors that fade; the viewer shows those of eyes and chest."""
+    """Lights: colors that fade; the page of `--view` shows them."""
 
     name = "ALLeds"
 
@@ -82,6 +82,10 @@ class ALLeds(Module):
     def color(self, light: str) -> Color:
         """Return red, green and blue (0 to 1) of a light now."""
         return self._lights[light].at(self.body.time.now)
+
+    def colors(self) -> dict[str, Color]:
+        """Return red, green and blue (0 to 1) of all lights now."""
+        return {light: self.color(light) for light in self._lights}
 
     def fadeRGB(self, name: str, *arguments: Any) -> None:
         """Fade to a color: (name, "red", s), (name, 0xRRGGBB, s) or (name, r, g, b, s); blocks."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.qibullet.sensor import Sensor
+from pepper_kin.twin.sensors.specification import sensor_specifications
 from pepper_kin.twin.sensors.suite import SensorSuite
 
 NUM_RAY = 15
@@ -70,6 +72,22 @@ class Laser(Sensor):
     def getLeftLaserValue(self) -> list[float]:
         """Return the distances of the left laser [m], clockwise."""
         return self._values(2)
+
+    def ends(self) -> NDArray[np.float64]:
+        """Return where beams meet something in the world [m], shape (k, 3); none while nothing is shown."""
+        if not (self._active and self.display):
+            return np.empty((0, 3))
+        self._scan()
+        found = []
+        for k, name in enumerate(SENSORS):
+            specification = sensor_specifications()[name]
+            pose = self.body.frame_pose(specification.frame, True)
+            half = specification.field_of_view / 2.0
+            for value, angle in zip(self._values(k), np.linspace(half, -half, NUM_RAY), strict=True):
+                if value < RAY_LENGTH:
+                    place = [value * np.cos(angle), value * np.sin(angle), specification.height]
+                    found.append(pose[:3, :3] @ place + pose[:3, 3])
+        return np.reshape(found, (-1, 3))
 
     def _values(self, which: int) -> list[float]:
         if self._active:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.exceptions import shortened
 from pepper_kin.naoqi.body import Body
@@ -92,6 +93,10 @@ class PepperVirtual(RobotVirtual):
         )
         simulation.show(self)
         body.time.start()
+
+    def shown_points(self) -> NDArray[np.float64]:
+        """Return where beams of the lasers end, while `showLaser` is on [m], shape (k, 3)."""
+        return self.laser_manager.ends()
 
     def setAngles(self, joint_names: Any, joint_values: Any, percentage_speed: Any) -> None:
         """Move joints toward angles; returns at once, and a later call for the same joints takes its place.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import collision
@@ -62,7 +63,7 @@ class RobotVirtual:
         """Refuse: the twin is made for Pepper; see `PepperVirtual.loadRobot`.
 
         Raises:
-            SimulationError: where the description is no file.
+            SimulationError: where the description file is missing.
             UnsimulatedError: for other robots.
         """
         if not Path(self.description_file).is_file():
@@ -79,6 +80,10 @@ class RobotVirtual:
             self.imu.unsubscribe()
         if self._body is not None:
             self._body.time.stop()
+
+    def shown_points(self) -> NDArray[Any]:
+        """Return points of the world that the page in the browser marks [m], shape (k, 3)."""
+        return np.empty((0, 3))
 
     def getRobotModel(self) -> int | None:
         """Return the number of the robot's model."""

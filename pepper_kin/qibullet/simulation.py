@@ -70,7 +70,7 @@ class Simulation:
         if self.gui:
             from pepper_kin.body_page import BodyPage
 
-            page = self._pages[robot.robot_model] = BodyPage(robot.body)
+            page = self._pages[robot.robot_model] = BodyPage(robot.body, points=robot.shown_points)
             page.open()
 
     def remove(self, model: int) -> None:

@@ -37,6 +37,7 @@ from pepper_kin.viewer.video import check_video, save_video
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
+    from pepper_kin.viewer.server.board import Board
     from pepper_kin.viewer.server.session import Session
 
 GeometryType = Literal["visual", "collision", "spheres"]
@@ -269,6 +270,15 @@ class Viewer:
 
         server.call(begin)
         return server.url
+
+    def draw(self, do: Callable[[Board], object]) -> Viewer:
+        """Draw more on the live page, which this starts: `do` is called with the board of its groups.
+
+        Returns:
+            The viewer itself, so that calls can be chained.
+        """
+        self._live().call(lambda session: do(session.board))
+        return self
 
     def save_html(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.drawing import draw_commands
 
 Root = tuple[str, ...]
@@ -22,6 +22,7 @@ class Board:
         self._send = send
         self._drawn: dict[Root, list[bytes]] = {}
         self._shown: dict[Root, bytes] = {}
+        self._painted: dict[Root, bytes] = {}
 
     def draw(self, root: Root, drawables: Iterable[Drawable]) -> None:
         """Replace what a group holds."""
@@ -29,7 +30,8 @@ class Board:
         commands = [_packed(command) for command in draw_commands(drawables, root)]
         if commands:
             self._drawn[root] = commands
-            for command in (*commands, *filter(None, [self._shown.get(root)])):
+            kept = [self._shown.get(root), self._painted.get(root)]
+            for command in (*commands, *filter(None, kept)):
                 self._send(command)
 
     def erase(self, root: Root) -> None:
@@ -44,11 +46,19 @@ class Board:
         )
         self._send(self._shown[root])
 
+    def paint(self, root: Root, color: Color) -> None:
+        """Give all of a group one color: red, green, blue, opacity; it stays so when it is drawn anew."""
+        self._painted[root] = _packed(
+            {"type": "set_property", "path": _lowered(root), "property": "color", "value": list(color)}
+        )
+        self._send(self._painted[root])
+
     def snapshot(self) -> Iterator[bytes]:
         """Yield the commands that draw everything on an empty page."""
         for commands in self._drawn.values():
             yield from commands
         yield from self._shown.values()
+        yield from (command for root, command in self._painted.items() if root in self._drawn)
 
 
 def _lowered(root: Root) -> str:
