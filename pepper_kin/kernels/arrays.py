@@ -20,7 +20,7 @@ class Rows:
     """An array as rows of contiguous numbers.
 
     Attributes:
-        array: shape (count, size), or (1, size) for a row that all states share.
+        array: Shape (count, size), or (1, size) for a row that all states share.
         address: Address of the first row.
         stride: Distance of rows in elements; 0 for a shared row.
     """
@@ -115,6 +115,7 @@ def refuse_not_finite(signature: Signature, inputs: Sequence[Rows]) -> None:
 
 
 def _real_array(name: str, value: ArrayLike) -> np.ndarray:
+    """Return an array of real numbers of any shape and dtype; refuse anything else by name."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -125,7 +126,7 @@ def _real_array(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    """The leading axes that all inputs share; inputs without any go with every state."""
+    """The leading axes that all inputs share; inputs without any are shared by all states."""
     leading: tuple[int, ...] = ()
     first = ""
     for name, batch in zip(names, batches, strict=True):
@@ -137,6 +138,7 @@ def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> t
 
 
 def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, shared: bool) -> Rows:
+    """Return an array of shape (..., *core) as rows, shape (count, size), copied only where it has to be."""
     if array.dtype != dtype:
         with np.errstate(over="ignore"):  # what is too large for a float becomes infinite, refused as such
             array = array.astype(dtype)

@@ -2,9 +2,9 @@
 
 For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: that
 to the nearest cell with a point in it, by a distance transform along one axis after another.  A ball that is
-far from all points by the field costs a few loads.  For any other, points are sorted by bins of two cells' edge, row by row
-along x, so that those of neighboring bins of a row stand side by side, and the rows that the ball meets are
-searched.
+far from all points by the field costs a few loads.  For any other, points are sorted by bins of two cells'
+edge, row by row along x, so that those of neighboring bins of a row are side by side, and the rows that the
+ball meets are searched.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class ShapeTable(NamedTuple):
 
     Attributes:
         shapes: A row of SHAPE numbers for each shape, shape (k, SHAPE).
-        pairs: First and second shape, how they are compared, whether results name the second first, shape (m, 4).
+        pairs: First and second shape, how they are compared, whether results swap the two, shape (m, 4).
         paddings: How far the two of each pair reach beyond their shapes together, shape (m,) [m].
     """
 
