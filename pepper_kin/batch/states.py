@@ -126,7 +126,7 @@ def all_over_states(
 
 
 def _exact(results: tuple[Array, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, ...]:
-    """Return the results of one state as float arrays of exactly these shapes."""
+    """Return the results of one state, reshaped to float arrays of exactly these shapes."""
     return tuple(
         value
         if type(value) is np.ndarray and value.shape == shape

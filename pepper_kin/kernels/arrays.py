@@ -40,6 +40,11 @@ def read_inputs(
 ) -> tuple[tuple[int, ...], list[Rows]]:
     """Check and convert the inputs of a call.
 
+    Args:
+        signature: Names and shapes of the inputs.
+        dtype: Number format of the rows.
+        values: One for each input, of shape (..., rows) or (..., rows, columns).
+
     Returns:
         The leading axes of the inputs (those that have any must agree), and the rows of each input.
 

@@ -211,7 +211,7 @@ def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k:
         memory: The block, shape (s,).
         t: Its tables.
         a: Values of the free joints at the beginning of the edge, shape (k,) [rad or m].
-        b: The same at the end.
+        b: The same at the end, shape (k,).
         waiting: Number of states that wait already.
         k: Which eight states of the edge, from 0.
         blocks: How many eights of states the edge has.
@@ -241,7 +241,7 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
     Args:
         memory: The block, shape (s,); ROWS receives the states.
         a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end.
+        b: The same at the end, shape (k,).
         count: Number of states, a multiple of eight.
     """
     numbers, rows, scratch = (
@@ -289,7 +289,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         memory: The block, shape (s,); its section FREE lists the joints of a and b, FROZEN has the positions
             of the others.
         a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end.
+        b: The same at the end, shape (k,).
         steps: Number of states, which is rounded up to a multiple of eight.
     """
     numbers, t = section(memory, at.NUMBERS), tables_of(memory)

@@ -511,7 +511,7 @@ def thin(points: Array, low: Array, edge: float, table: NDArray[np.int64], boxes
 
     Args:
         points: Coordinates, shape (k, 3) [m].
-        low: Least corner of the first cube, shape (3,) [m].
+        low: Least corner of the first cube, shape (>= 3,) [m].
         edge: Edge of a cube [m].
         table: Workspace, all -1, its shape (t,) with t a power of two above k.
         boxes: Written: of each cube the middle of the box around its points; and workspace, shape (k, 6) [m].

@@ -135,11 +135,11 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
 def _check_states(
     check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool
 ) -> None:
-    """Write the verdicts on states, shape (>= count, n), at margins into `answers`.
+    """Write the verdicts on states at margins into `answers`.
 
     Args:
         check: Checks of the states of one motion.
-        states: The states [rad or m].
+        states: The states, shape (>= count, n) [rad or m].
         count: Number of states, STATES_AT_ONCE at most.
         margins: To the scene and to the robot itself [m].
         surely: Whether ties may count as contacts, where `quick` allows it.

@@ -39,7 +39,7 @@ def _lower_bound(first: Array, pose: Array, second: Array, other: Array, how: in
         first: Numbers of the first, shape (SHAPE,).
         pose: Pose of its core in the world, shape (12,).
         second: Numbers of the second, shape (SHAPE,).
-        other: Pose of its core.
+        other: Pose of its core in the world, shape (12,).
         how: BOUNDED, BY_BALLS or BY_HEIGHT.
     """
     if how == BOUNDED:
@@ -58,7 +58,7 @@ def _nearest(first: Array, pose: Array, second: Array, other: Array, points: Arr
         first: Numbers of the first, shape (SHAPE,).
         pose: Pose of its core in the world, shape (12,).
         second: Numbers of the second, a segment or a box, shape (SHAPE,).
-        other: Pose of its core.
+        other: Pose of its core in the world, shape (12,).
         points: Written, in the world, shape (2, 3) [m].
     """
     if second[0] == SEGMENT:
