@@ -197,7 +197,7 @@ def test_prose_of_pages_and_examples_is_plain(pattern):
 
 
 PLAIN_FOLDERS = (
-    "base_placement", "batch", "dynamics", "files", "kinematics", "symbolic", "trajectory",
+    "base_placement", "batch", "core", "dynamics", "files", "kernels", "kinematics", "symbolic", "trajectory",
 )  # fmt: skip
 """Packages whose prose is held to the patterns of pages; further ones are added as they meet them."""
 
