@@ -150,7 +150,7 @@ def write_brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1,
 
 
 def brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1) -> Floats2:
-    """Return what `write_brake_path` writes, shape (m, n), for n joints and m numbers of ticks."""
+    """Return what `write_brake_path` writes, shape (m, n), for v of shape (n,) and ticks of shape (m,)."""
     path = np.empty((ticks.size, v.size))
     write_brake_path(v, acceleration, dt, ticks, path)
     return path

@@ -251,7 +251,10 @@ def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> 
 def normals_at(
     origins: Floats2, directions: Floats2, hits: Hits, solids: Solids, pose: Floats3, result: Floats2
 ) -> None:
-    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3); else 0."""
+    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3); else 0.
+
+    Rays and hits are those of `nearest_hits`, `pose` is that of `Placed`, shape (m, 4, 4).
+    """
     distance, solid, part = hits
     for ray in range(origins.shape[0]):
         item = solid[ray]

@@ -108,7 +108,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 class Solid(NamedTuple):
-    """A shape in the world: a row of each of these in `ShapeTable`."""
+    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,)."""
 
     kind: int
     size: Floats1

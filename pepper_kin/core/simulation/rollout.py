@@ -70,8 +70,8 @@ class Log(NamedTuple):
     Attributes:
         position: At the start and after every `every`-th step, and in the row after the last good one the
             state that diverged, shape (N, 1 + ceil(T / every), n); the first row is the caller's [rad or m].
-        velocity: The same [rad/s or m/s].
-        torque: The same [N m or N].
+        velocity: The same [rad/s or m/s], of the same shape.
+        torque: The same [N m or N], of the same shape.
         good: Number of good steps of each robot, shape (N,).
     """
 
