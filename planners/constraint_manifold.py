@@ -269,7 +269,19 @@ def _surface_of(
     weights: FloatArray,
     stop: np.ndarray,
 ) -> Surface:
-    """Return a manifold as machine code takes it, with fresh room."""
+    """Return a manifold as machine code takes it, with new scratch arrays.
+
+    Args:
+        manifold: The manifold, of r rows over n coordinates.
+        code: Its kernel.
+        lower: Lower bounds of the box, shape (n,).
+        upper: Upper bounds, shape (n,).
+        weights: Weights of the metric, shape (n,).
+        stop: Set to stop, shape (1,).
+
+    Raises:
+        InvalidValueError: where the kernel writes more numbers than the rows hold.
+    """
     n, r, tolerances = manifold.n, manifold.rows, np.array(manifold.tolerances)
     g = tolerances.size
     if code.size > r * (1 + code.width):

@@ -242,16 +242,17 @@ class Callback:
     stop, and the exception is raised when the block ends.  It has to stop as well when time has run out.
 
     Attributes:
-        code: The validity function that asks the validator.
+        code: The validity function, which calls the validator.
     """
 
     def __init__(self, validator: MotionValidator, n: int, counters: np.ndarray | None = None) -> None:
         """Make the C function.
 
         Args:
-            validator: What is asked.
+            validator: What is called.
             n: Number of coordinates.
-            counters: Of the planner; counters[STOP] is set when it is to stop.
+            counters: Of the planner, integers, shape (k,) with k > STOP; counters[STOP] is set when it is to
+                stop.
         """
         self._validator, self._n = validator, n
         self._counters = np.zeros(STOP + 1, dtype=np.int64) if counters is None else counters
@@ -322,7 +323,7 @@ def machine_code_of(
         problem: The problem.
         deadline: Time budget of a Python checker; what it has not checked in time counts as not valid.
         resolution: See `Problem.validator`.
-        counters: See `Callback`.
+        counters: Of the planner, integers, shape (k,), see `Callback`.
     """
     if isinstance(problem.validity, CompiledMotionValidator):
         return _MachineCode(problem.validity)

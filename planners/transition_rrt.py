@@ -156,7 +156,15 @@ def _valid(space: SearchSpace, states: FloatArray, counters: Ints1) -> np.ndarra
 def _planted(
     space: SearchSpace, price: Surface, problem: Problem, goals: np.ndarray, counters: Ints1
 ) -> Forest:
-    """Return the trees of the start and of some goals."""
+    """Return the trees of the start and of some goals.
+
+    Args:
+        space: The box and its metric.
+        price: The price of states as machine code.
+        problem: The problem.
+        goals: Numbers of the goals, integers, shape (g,).
+        counters: Of the planner.
+    """
     n, capacity = problem.n, whole_blocks(max(_FIRST_CAPACITY, goals.size))
     forest = Forest(
         np.empty((2, capacity, n)),

@@ -124,7 +124,13 @@ def neighbor_count(n: int, size: int, most: int) -> int:
 
 
 def grown(array: np.ndarray, size: int, axis: int = 0) -> np.ndarray:
-    """Return a copy of an array with room for more entries along an axis."""
+    """Return a copy of an array of any shape with space for more entries along an axis.
+
+    Args:
+        array: The array.
+        size: Its new length along the axis; the further entries are not set.
+        axis: The axis.
+    """
     shape = list(array.shape)
     shape[axis] = size
     longer = np.empty(tuple(shape), dtype=array.dtype)

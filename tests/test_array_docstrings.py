@@ -7,14 +7,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = (
-    "base_placement", "batch", "collision", "core", "dynamics", "files", "ik/solvers", "jobs", "kernels",
-    "kinematics", "naoqi", "servo", "trajectory", "twin", "viewer",
-)  # fmt: skip
-"""Packages whose functions all name shapes; further ones are added as they do."""
-
-WAITING: set[tuple[str, str]] = set()
-"""Functions that do not name one yet; a function that does has to leave this set."""
+PACKAGES = {
+    ".": ROOT / "pepper_kin",
+    "planners": ROOT / "planners",
+    "urdf": ROOT / "urdf",
+    **{path.parent.name: path.parent for path in (ROOT / "pepper_kin").glob("*/__init__.py")},
+}
+"""Folders by name; "." are the modules beside the packages."""
 
 ALIASES = ("core", "kernels")
 """Packages where the aliases of `kernels/signatures.py` (`Floats2`) count as arrays too."""
@@ -37,7 +36,7 @@ def array_arguments(function: ast.FunctionDef, array: re.Pattern[str]) -> list[s
 
 
 def without_shape(source: str, array: re.Pattern[str] = ARRAY) -> list[str]:
-    """Return the functions that take arrays and name no shape; an initializer's are named by its class.
+    """Return the functions that take arrays and name no shape; an initializer's may be named by its class.
 
     Functions inside of functions are left out: they take what the function around them describes.
     """
@@ -48,7 +47,8 @@ def without_shape(source: str, array: re.Pattern[str] = ARRAY) -> list[str]:
             if isinstance(part, ast.ClassDef):
                 look(part, ast.get_docstring(part) or "")
             elif isinstance(part, ast.FunctionDef):
-                text = above if part.name == "__init__" else ast.get_docstring(part) or ""
+                text = ast.get_docstring(part) or ""
+                text += above if part.name == "__init__" else ""
                 if array_arguments(part, array) and not SHAPE.search(text):
                     found.append(part.name)
 
@@ -56,17 +56,15 @@ def without_shape(source: str, array: re.Pattern[str] = ARRAY) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_functions_that_take_arrays_name_a_shape(folder):
-    paths = sorted((ROOT / "pepper_kin" / folder).rglob("*.py"))
+@pytest.mark.parametrize("name", PACKAGES)
+def test_functions_that_take_arrays_name_a_shape(name):
+    paths = sorted(PACKAGES[name].glob("*.py" if name == "." else "**/*.py"))
     assert paths
-    array = ALIAS if folder in ALIASES else ARRAY
+    array = ALIAS if name in ALIASES else ARRAY
     found = {
-        (f"{folder}/{path.name}", name)
-        for path in paths
-        for name in without_shape(path.read_text("utf-8"), array)
+        (path.name, function) for path in paths for function in without_shape(path.read_text("utf-8"), array)
     }
-    assert found == {entry for entry in WAITING if entry[0].startswith(folder + "/")}
+    assert not found
 
 
 def test_functions_without_a_shape_are_found():

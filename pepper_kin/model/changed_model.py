@@ -99,7 +99,18 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:
-    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group."""
+    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group.
+
+    Args:
+        pepper: The robot.
+        quantity: What messages call them.
+        value: One number, numbers of shape (n,), or a mapping from joints and groups to numbers.
+        present: What joints keep that a mapping leaves out, shape (n,).
+
+    Raises:
+        UnknownNameError: for a name that is neither a joint nor a group.
+        InvalidValueError: for a wrong shape, NaN, or anything but numbers.
+    """
     if not isinstance(value, Mapping):
         array = np.asarray(value, dtype=object)
         numbers = [_number(quantity, each) for each in array.reshape(-1)]
@@ -120,6 +131,18 @@ def _number(quantity: str, value: object) -> float:
 
 
 def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
+    """Check new limits.
+
+    Args:
+        pepper: The robot before the change.
+        new: All limits, each of shape (n,): "lower" and "upper" [rad or m], "velocity" [rad/s or m/s],
+            "acceleration" [rad/s^2 or m/s^2] and "effort" [N m or N].
+
+    Raises:
+        InvalidValueError: for a lower limit above the upper one, an infinite limit of a joint that is
+            bounded on the other side or that slides, or another limit that is not above zero, unless the
+            robot had it before.
+    """
     for j, name in enumerate(pepper.joint_names):
         lower, upper = float(new["lower"][j]), float(new["upper"][j])
         endless = lower == -np.inf and upper == np.inf and pepper.joint_units[j] == "rad"

@@ -160,7 +160,16 @@ def _write_nearby(search: GoalSearch) -> None:
 
 @compiled
 def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> None:
-    """Write a posture drawn evenly from all that joints may do, at most half a turn from q0."""
+    """Write a random posture within the limits of all joints, at most half a turn from q0, into q.
+
+    Joints that may not move keep q0.
+
+    Args:
+        search: The search.
+        key: Key of the stream of random numbers.
+        place: Place of the first of n numbers in it.
+        q: Joint positions [rad or m], shape (n,), the result.
+    """
     tables, bounds, start = search.tables, search.bounds, search.ends[0]
     for i in range(q.size):
         j = tables.joints[i]
@@ -205,7 +214,17 @@ def _sort(search: GoalSearch, first: int, size: int) -> None:
 
 @compiled
 def _add_different(solutions: Array, count: int, kept: Array, size: int) -> int:
-    """Add solutions that differ from those that are kept, as long as there is room; return how many are."""
+    """Add solutions that differ from those kept, while there is space for them.
+
+    Args:
+        solutions: Joint positions [rad or m], shape (m, n).
+        count: How many of them, from the first, are looked at.
+        kept: Those kept, shape (k, n); further ones are written behind the first `size`.
+        size: How many are kept before.
+
+    Returns:
+        How many are kept now.
+    """
     for k in range(count):
         new = size < kept.shape[0]
         for other in range(size if new else 0):

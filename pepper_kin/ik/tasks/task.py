@@ -135,7 +135,7 @@ class Task(ABC):
         return self.unit
 
     def size(self, residual: Array) -> float:
-        """Return the error that a residual amounts to [unit]: |r|, where a task says nothing else."""
+        """Return the error of a residual, shape (m,) [unit]: |r|, unless a task defines another."""
         return float(np.linalg.norm(residual))
 
     def error(self, pepper: PepperModel, q: Array) -> float:
@@ -144,11 +144,11 @@ class Task(ABC):
 
     @abstractmethod
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words how far q is from meeting the task, with the target."""
+        """Return in words how far q, shape (n,) [rad or m], is from meeting the task, with the target."""
 
     @abstractmethod
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words what q reaches in the target's place."""
+        """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
 
 
 class TaskGroup(ABC):
@@ -243,7 +243,7 @@ def words_for(value: float, unit: str) -> str:
 
 
 def words_for_vector(vector: Array) -> str:
-    """Return "(x, y, z)" with three decimals."""
+    """Return "(x, y, z)" with three decimals of a vector of any length, shape (k,)."""
     return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(vector, 3)) + ")"
 
 
