@@ -1,6 +1,6 @@
-"""Validity of states and motions: all that a planner knows of the world.
+"""Validity of states and motions: a planner's only access to the world.
 
-A planner never sees obstacles, joints or links.  It asks one question, "how far along this edge are states
+A planner has no access to obstacles, joints or links.  It has one query, "how far along this edge are states
 valid?", of a C function at an address.  Behind it is machine code (`CompiledMotionValidator`), or a callable
 that says which states of a batch are valid (`StateValidityChecker`), which a `MotionValidator` calls back.
 """
@@ -154,7 +154,7 @@ class MotionValidator:
         resolution: Greatest distance between checked states of an edge [length unit of the metric].
         deadline: Time budget.
         calls: Number of calls of the checker so far.
-        states: Number of states asked about so far.
+        states: Number of states tested so far.
     """
 
     def __init__(
@@ -273,7 +273,7 @@ class Callback:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Raise what the checker raised; let the counters tell what it was asked."""
+        """Raise what the checker raised; write to the counters how often it was called."""
         validator, counters = self._validator, self._counters
         counters[STOP] = 0
         counters[STATES] = self._before[STATES] + validator.states

@@ -34,7 +34,7 @@ from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_block
 from .vectors import BoolArray, FloatArray, finite_points, finite_vector, require_inside, whole_number
 
 _FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
-_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is room at first
+_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is space at first
 _MOST_NEIGHBORS = 64
 _SAME = 1e-18  # of a square of the box's diagonal
 _STREAM = 3
@@ -57,7 +57,7 @@ UNKNOWN, VALID, INVALID = range(3)
 
 
 class Graph(NamedTuple):
-    """A graph in arrays with room for m nodes and k edges.
+    """A graph in arrays with space for m nodes and k edges.
 
     Attributes:
         states: Shape (m, n).
@@ -69,7 +69,7 @@ class Graph(NamedTuple):
         findings: What is known of edges, shape (k,).
         keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
         heap: Arcs, shape (2 k + 2,).
-        rows: Room, shape (4, n).
+        rows: Scratch space, shape (4, n).
         counters: See the places above.
     """
 
@@ -356,7 +356,7 @@ def _new_graph(n: int) -> Graph:
 
 
 def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
-    """Return a roadmap with room for some nodes and edges."""
+    """Return a roadmap with space for some nodes and edges."""
     nodes = whole_blocks(nodes)
     return graph._replace(
         states=grown(graph.states, nodes),
@@ -480,7 +480,7 @@ def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wa
         wanted: Number of nodes.
 
     Returns:
-        DONE, TIME_UP, or FULL if there may be no room for one more.
+        DONE, TIME_UP, or FULL if there may be no space for one more.
     """
     counters, sample, place = graph.counters, graph.rows[3], np.empty(2, np.int64)
     end, tolerance = seconds_now(space.clock, place) + seconds, _tolerance(space)

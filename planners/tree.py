@@ -85,8 +85,8 @@ def k_nearest(
         size: Number of nodes.
         query: Scaled state, shape (n,).
         wanted: How many are wanted, 1 or more.
-        found: Room for them.
-        squares: Room for the squares of their distances.
+        found: Space for them.
+        squares: Space for the squares of their distances.
         spare: Eight numbers.
 
     Returns:

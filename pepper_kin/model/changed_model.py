@@ -1,4 +1,4 @@
-"""A model with other limits or masses: a new description, of which everything is computed anew."""
+"""A model with other limits or masses: a new description, from which everything is computed again."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
 
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
-            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which a new model would lose; "
-            "change limits and masses before"
+            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, the new one would not be; "
+            "change limits and masses first, then the pinocchio_model"
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
@@ -149,7 +149,7 @@ def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
         if not endless and not (np.isfinite([lower, upper]).all() and lower <= upper):
             raise InvalidValueError(
                 f"limits of {name}", f"{lower:.6g} to {upper:.6g} {pepper.joint_units[j]}",
-                "a lower one up to the upper one; none at all, -inf and inf, for joints that turn",
+                "a lower limit not above the upper one; for no limits -inf and inf, of joints that turn only",
             )  # fmt: skip
         for quantity in ("velocity", "acceleration", "effort"):
             value = float(new[quantity][j])

@@ -242,7 +242,7 @@ class PepperModel:
     ) -> tuple[str, ...]:
         """Return the names of joints, given by groups and joints mixed.
 
-        All functions with an argument `joints` ask this one.
+        All functions with an argument `joints` use this one.
 
         Args:
             joints: A name, or several, such as `["right_arm", "HeadYaw"]`: joints, and groups, which stand

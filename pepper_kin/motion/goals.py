@@ -27,7 +27,7 @@ from pepper_kin.motion.task_goals import clear_goals, load_tasks
 Array = NDArray[np.float64]
 
 OTHER_SOLVER = "placo"
-"""For tasks that the fast solver does not know."""
+"""For tasks of classes that the fast solver has no code for."""
 STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
 

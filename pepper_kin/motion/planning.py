@@ -88,7 +88,7 @@ def plan(
             the retimed plan stays, and the message says so.
 
     Returns:
-        The plan, with `smooth` its trajectory; without a path, its status and message tell why, and what was
+        The plan, with `smooth` its trajectory; without a path, its status and message say why, and what was
         most often in the way.
 
     Raises:

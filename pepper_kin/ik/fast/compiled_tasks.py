@@ -251,7 +251,7 @@ _lock = threading.Lock()
 def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
     """Return tasks of a robot ready for the search; the first time, compile them or read them from disk.
 
-    Tasks of classes that there is no machine code for are evaluated in Python, and made ready anew each time.
+    Tasks of classes without machine code are evaluated in Python, and prepared again each time.
     """
     structures = known_structures(tasks)
     if structures is None:
@@ -336,7 +336,7 @@ def _compiled(
 def squared_tolerance(allowed: float) -> float:
     """Return the square of a tolerance as machine code compares with it.
 
-    It is smaller by more than rounding: errors that are computed anew, by another code, are within the
+    It is smaller by more than rounding: errors that are computed again, by another code, are within the
     tolerance too.
     """
     if allowed == np.inf:

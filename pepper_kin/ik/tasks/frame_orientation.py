@@ -39,7 +39,7 @@ class FrameOrientation(Task):
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
         hard: Whether it is met even where soft tasks suffer from it.
-        yields: Whether it gives way to the task before it, where not both can be met.
+        yields: Whether the task before it in a list is preferred where not both can be met.
         label: What is turned, in words; the frame's name if left empty.
     """
 

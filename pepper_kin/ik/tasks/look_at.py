@@ -21,7 +21,7 @@ from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
-# A point nearer to the camera's origin than this has no direction to speak of [m].
+# A point nearer to the camera's origin than this has no defined direction [m].
 NEAREST = 1e-6
 
 _AHEAD, _AHEAD_OPTICAL = read_only((1.0, 0.0, 0.0)), read_only((0.0, 0.0, 1.0))

@@ -40,8 +40,9 @@ class Task(ABC):
         weight: w_i, above zero.
         tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
         hard: Whether it is met to its tolerance even where soft tasks suffer from it.
-        yields: Whether it gives way to the task before it in a list, as an orientation does to its position.
-        unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` knows the robot as well.
+        yields: Whether the task before it in a list is preferred where not both can be met, as a position to
+            its orientation.
+        unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` takes the robot into account.
         aspect: What of `label` the task is about, such as "position"; empty where the label says all.
         target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
         target_axes: Number of axes of one target.
@@ -209,7 +210,7 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
     Raises:
         InvalidValueError: for another shape, NaN or infinity.
     """
-    # Most targets are a few floats: asking each of them is quicker than NumPy's way to ask all.
+    # Most targets are a few floats: testing each of them is quicker than NumPy's test of all.
     if (
         isinstance(value, np.ndarray)
         and value.dtype == np.float64

@@ -237,7 +237,7 @@ def _within_limits(
         motion = motion.scaled(stretch * _MORE)
     raise InfeasibleError(
         "trajectory",
-        "the motion given passes where the robot cannot hold itself still within the limits asked for",
+        "the given motion passes a posture that the robot cannot hold at rest within these limits",
         "raise torque_scale, lower the payload, or give another motion",
     )
 
