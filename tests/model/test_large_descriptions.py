@@ -43,11 +43,12 @@ def lines_run(count: int) -> int:
         lines += event == "line"
         return tracer
 
+    before = sys.gettrace()  # that of the coverage
     sys.settrace(tracer)  # type: ignore[arg-type]
     try:
         depth_first(parse_urdf(text))
     finally:
-        sys.settrace(None)
+        sys.settrace(before)
     return lines
 
 
