@@ -72,7 +72,7 @@ def discard_output() -> None:
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:
-    """Tell which files were written."""
+    """Print which files were written."""
     if as_json:
         print_json({"written": [str(path) for path in paths]})
         return
@@ -94,7 +94,7 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def stages(silent: bool) -> Iterator[Callable[[str], None]]:
-    """Tell of the stages of a reach: a bar on a terminal, a line each elsewhere, none if quiet.
+    """Report the stages of a reach: a bar on a terminal, a line each elsewhere, none if quiet.
 
     Yields:
         What to call with the name of each stage as it begins.

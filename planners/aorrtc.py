@@ -66,8 +66,8 @@ def aorrtc(
 ) -> Result:
     """Search a path, then keep shortening it until it is short enough or the time budget is used up.
 
-    RRT-Connect finds a first path, if none is given.  Then rounds follow.  In each, two trees grow anew as in
-    `rrt_connect`, but know the cost of every node: a sample is drawn where a path through it can be short
+    RRT-Connect finds a first path, if none is given.  Then rounds follow.  In each, two new trees grow as in
+    `rrt_connect`, but store the cost of every node: a sample is drawn where a path through it can be short
     enough; a tree is extended towards it from the nearest node that leads there at a cost drawn between the
     least possible and the greatest of use; a new node may change its parent for a cheaper one; and the trees
     meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours),

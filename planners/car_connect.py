@@ -45,7 +45,7 @@ _STREAM = 0xCA2
 
 
 class CarTrees(NamedTuple):
-    """Two trees of poses, and room for a curve.
+    """Two trees of poses, and space for a curve.
 
     Attributes:
         poses: (x, y, yaw), shape (2, capacity, 3).

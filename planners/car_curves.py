@@ -78,7 +78,7 @@ def car_curve(start: ArrayLike, end: ArrayLike, radius: float, *, backward: bool
     """Return the shortest curve from one pose to another.
 
     Args:
-        start: (x, y, yaw) [m, m, rad].
+        start: (x, y, yaw) [m, m, rad], shape (3,).
         end: The same; its yaw is met up to full turns.
         radius: The least turning radius [m].
         backward: Whether the car may go backward too.

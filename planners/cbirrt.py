@@ -52,7 +52,7 @@ _SAMPLE, _SCALED, _CURRENT, _TARGET = range(4)
 
 
 class Tree(NamedTuple):
-    """A forest of states with room for m nodes, each of which but the roots has a parent added before it.
+    """A forest of states with space for m nodes, each of which but the roots has a parent added before it.
 
     Attributes:
         states: Shape (m, n).
@@ -256,7 +256,7 @@ def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tr
 
 
 def _with_capacity(tree: Tree, spare: int) -> Tree:
-    """Return a tree that has room for some more nodes."""
+    """Return a tree that has space for some more nodes."""
     if int(tree.size[0]) + spare <= len(tree.states):
         return tree
     capacity = whole_blocks(2 * len(tree.states) + spare)
@@ -377,13 +377,13 @@ def grow(
         surface: The manifold.
         start: The tree of the start, which grows in even iterations.
         goal: That of the goals.
-        workspace: Its counters tell the iterations, and at which nodes the trees have met.
+        workspace: Its counters hold the iterations, and the nodes at which the trees have met.
         seconds: Time budget [s].
         key: Of the stream of random numbers.
         iterations: Number of samples in all, those of earlier calls included.
 
     Returns:
-        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there may be no room for the
+        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there may be no space for the
         nodes of one more iteration.
     """
     place, counters, n = np.empty(2, np.int64), workspace.counters, space.lower.size
@@ -452,7 +452,7 @@ class Explorer:
         self._surface = OnSurface(manifold, problem.lower, problem.upper, problem.metric.weights)
 
     def __enter__(self) -> Explorer:
-        """Make room for machine code."""
+        """Allocate the arrays of machine code."""
         code = machine_code_of(self._problem, self.deadline, counters=self.workspace.counters)
         self.space = space_of(self._problem, self._contexts.enter_context(code), self.resolution)
         self.surface = self._contexts.enter_context(self._surface)

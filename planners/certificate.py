@@ -18,14 +18,14 @@ _ROUNDING = 1e-12  # of the box's size
 
 @dataclass(frozen=True, eq=False)
 class PathCertificate:
-    """What a path really does, computed anew from the problem and the path alone.
+    """What a path really does, computed again from the problem and the path alone.
 
     Attributes:
         first_invalid: The first invalid state met, shape (n,); None if there is none.
         within_bounds: Whether all states checked are inside the box.
         start_error: Distance of the path's first state from the start [length unit of the metric].
         goal_error: Distance of its last state from the nearest goal [length unit of the metric]; 0 where
-            goals are drawn by a sampler, which cannot be asked whether a state is one of them.
+            goals are drawn by a sampler, which does not show whether a state is one of them.
         states_checked: Number of states that were checked.
         resolution: Greatest step between them [length unit of the metric].
     """

@@ -40,13 +40,13 @@ _PROGRESS = 0.05  # of a step
 
 
 class Surface(NamedTuple):
-    """A manifold within a box, and room for one thread.
+    """A manifold within a box, and scratch space of one thread.
 
     Attributes:
         address: Of the residual function.
         kernel_input: Its input.
         out: Its output: residuals, then the Jacobian.
-        work: Its room.
+        work: Its scratch space.
         places: Places of the coordinates in the input, shape (n,).
         columns: Columns of the Jacobian, shape (n,).
         groups: Constraint of each residual, shape (r,).
@@ -102,9 +102,9 @@ class CompiledManifold:
         places: For each of the n coordinates its place in `kernel_input`, shape (n,).
         columns: For each coordinate its column of the Jacobian, shape (n,).
         width: Number of columns of the Jacobian.
-        work_size: Room that `work` has, in numbers.
+        work_size: Length of `work`, in numbers.
         keep_alive: What must live as long as the address is used.
-        size: Numbers that the function writes, where that is known: callers make sure that they have room.
+        size: Numbers that the function writes, where that is known: callers make sure that it fits.
     """
 
     address: int
@@ -202,7 +202,7 @@ class OnSurface:
     def __init__(
         self, manifold: ConstraintManifold, lower: FloatArray, upper: FloatArray, weights: FloatArray
     ) -> None:
-        """Make room for one thread.
+        """Prepare a manifold for one thread.
 
         Args:
             manifold: The manifold.
@@ -269,12 +269,24 @@ def _surface_of(
     weights: FloatArray,
     stop: np.ndarray,
 ) -> Surface:
-    """Return a manifold as machine code takes it, with fresh room."""
+    """Return a manifold as machine code takes it, with new scratch arrays.
+
+    Args:
+        manifold: The manifold, of r rows over n coordinates.
+        code: Its kernel.
+        lower: Lower bounds of the box, shape (n,).
+        upper: Upper bounds, shape (n,).
+        weights: Weights of the metric, shape (n,).
+        stop: Set to stop, shape (1,).
+
+    Raises:
+        InvalidValueError: where the kernel writes more numbers than the rows hold.
+    """
     n, r, tolerances = manifold.n, manifold.rows, np.array(manifold.tolerances)
     g = tolerances.size
     if code.size > r * (1 + code.width):
         size = f"{r} rows of 1 + {code.width} numbers"
-        raise InvalidValueError("output buffer of a manifold", size, f"room for {code.size} numbers")
+        raise InvalidValueError("output buffer of a manifold", size, f"space for {code.size} numbers")
     return Surface(
         int(code.address),
         np.array(code.kernel_input, dtype=np.float64),

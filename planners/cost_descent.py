@@ -49,7 +49,7 @@ _BESIDE = 2  # points to either side of an invalid edge that stay too
 _SOFTER, _STIFFER, _STIFFEST = 0.3, 4.0, 1e8
 _FIRST_DAMPING = 10.0  # over the square of the length
 _USED = 0.5  # of the tolerance that projections leave: from there on a constraint is one
-_UNEVEN = 3.0  # longest edge over the mean at which points are set anew
+_UNEVEN = 3.0  # longest edge over the mean at which points are set again
 _STREAM = 7
 _DRAWS = 2
 _STEP_DRAWS = 3
@@ -101,7 +101,7 @@ class StateCost:
 
 
 class Band(NamedTuple):
-    """A polyline of N points, and room.
+    """A polyline of N points, and scratch space.
 
     Attributes:
         points: Shape (N, n).
@@ -593,7 +593,7 @@ def _solve(band: Band, damping: float) -> None:
 
 @compiled
 def _evened(space: SearchSpace, cost: Surface, surface: Surface, band: Band, total: float) -> float:
-    """Set the points at equal distances anew where they have become uneven; return the integral."""
+    """Space the points evenly again where they have become uneven; return the integral."""
     points, trial, lines, last = band.points, band.trial, band.lines, band.points.shape[0] - 1
     length = widest = 0.0
     for k in range(last):

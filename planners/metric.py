@@ -40,7 +40,7 @@ class Metric:
 
     @classmethod
     def of(cls, weights: ArrayLike | None, n: int) -> Metric:
-        """Return the metric of n coordinates with these weights, or with weights of one.
+        """Return the metric of n coordinates with weights, shape (n,), or with weights of one for None.
 
         Raises:
             InvalidValueError: There are not n weights, or one is not finite and above zero.

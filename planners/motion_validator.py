@@ -1,6 +1,6 @@
-"""Validity of states and motions: all that a planner knows of the world.
+"""Validity of states and motions: a planner's only access to the world.
 
-A planner never sees obstacles, joints or links.  It asks one question, "how far along this edge are states
+A planner has no access to obstacles, joints or links.  It has one query, "how far along this edge are states
 valid?", of a C function at an address.  Behind it is machine code (`CompiledMotionValidator`), or a callable
 that says which states of a batch are valid (`StateValidityChecker`), which a `MotionValidator` calls back.
 """
@@ -154,7 +154,7 @@ class MotionValidator:
         resolution: Greatest distance between checked states of an edge [length unit of the metric].
         deadline: Time budget.
         calls: Number of calls of the checker so far.
-        states: Number of states asked about so far.
+        states: Number of states tested so far.
     """
 
     def __init__(
@@ -242,16 +242,17 @@ class Callback:
     stop, and the exception is raised when the block ends.  It has to stop as well when time has run out.
 
     Attributes:
-        code: The validity function that asks the validator.
+        code: The validity function, which calls the validator.
     """
 
     def __init__(self, validator: MotionValidator, n: int, counters: np.ndarray | None = None) -> None:
         """Make the C function.
 
         Args:
-            validator: What is asked.
+            validator: What is called.
             n: Number of coordinates.
-            counters: Of the planner; counters[STOP] is set when it is to stop.
+            counters: Of the planner, integers, shape (k,) with k > STOP; counters[STOP] is set when it is to
+                stop.
         """
         self._validator, self._n = validator, n
         self._counters = np.zeros(STOP + 1, dtype=np.int64) if counters is None else counters
@@ -272,7 +273,7 @@ class Callback:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Raise what the checker raised; let the counters tell what it was asked."""
+        """Raise what the checker raised; write to the counters how often it was called."""
         validator, counters = self._validator, self._counters
         counters[STOP] = 0
         counters[STATES] = self._before[STATES] + validator.states
@@ -322,7 +323,7 @@ def machine_code_of(
         problem: The problem.
         deadline: Time budget of a Python checker; what it has not checked in time counts as not valid.
         resolution: See `Problem.validator`.
-        counters: See `Callback`.
+        counters: Of the planner, integers, shape (k,), see `Callback`.
     """
     if isinstance(problem.validity, CompiledMotionValidator):
         return _MachineCode(problem.validity)

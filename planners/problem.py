@@ -210,6 +210,7 @@ class GoalSource:
 
 
 def _one_or_many(goals: ArrayLike) -> ArrayLike:
+    """Return goal states, shape (k, n); one of shape (n,) is the only row, anything else is left as it is."""
     try:
         return read_only(np.asarray(goals)[None, :].copy()) if np.ndim(goals) == 1 else goals
     except ValueError:  # ragged rows: refused with a message by the check that follows
@@ -230,6 +231,18 @@ def _checked_labels(labels: Sequence[str] | None) -> tuple[str, ...] | None:
 def _checked_bounds(
     lower: ArrayLike, upper: ArrayLike, n: int | None, labels: tuple[str, ...] | None
 ) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds of the box, shape (n,) each.
+
+    Args:
+        lower: Lower bounds, shape (n,).
+        upper: Upper bounds, shape (n,).
+        n: Number of coordinates; None for that of the lower bounds.
+        labels: Names of the coordinates for messages.
+
+    Raises:
+        InvalidValueError: for a wrong shape, a bound that is not finite, a lower one above its upper one, or
+            a box without extent.
+    """
     for quantity, value in (("lower", lower), ("upper", upper)):
         bounds = np.asarray(value)
         if bounds.dtype.kind == "f" and bounds.ndim == 1 and (labels is None or len(labels) == bounds.size):

@@ -78,7 +78,7 @@ def shortest_end(
         goals: Other goals, shape (m, n).
         order: The goals that are tried, first to last; order[0] becomes the one that is met.
         gain: What has to be saved [length unit of the metric].
-        rows: Room, shape (2, n).
+        rows: Scratch space, shape (2, n).
         counters: See `search_space.last_valid_step`.
     """
     points, lengths = route.points, route.lengths

@@ -34,7 +34,7 @@ from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_block
 from .vectors import BoolArray, FloatArray, finite_points, finite_vector, require_inside, whole_number
 
 _FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
-_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is room at first
+_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is space at first
 _MOST_NEIGHBORS = 64
 _SAME = 1e-18  # of a square of the box's diagonal
 _STREAM = 3
@@ -57,7 +57,7 @@ UNKNOWN, VALID, INVALID = range(3)
 
 
 class Graph(NamedTuple):
-    """A graph in arrays with room for m nodes and k edges.
+    """A graph in arrays with space for m nodes and k edges.
 
     Attributes:
         states: Shape (m, n).
@@ -69,7 +69,7 @@ class Graph(NamedTuple):
         findings: What is known of edges, shape (k,).
         keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
         heap: Arcs, shape (2 k + 2,).
-        rows: Room, shape (4, n).
+        rows: Scratch space, shape (4, n).
         counters: See the places above.
     """
 
@@ -212,6 +212,15 @@ class Roadmap:
     def _search(
         self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline, max_nodes: int
     ) -> Status:
+        """Search and grow in turn until there is a path, or time or nodes run out.
+
+        Args:
+            start: A valid state, shape (n,).
+            goals: Valid states, shape (g, n).
+            ends: Nodes of start and goals, shape (1 + g,); -1 until they are nodes.
+            deadline: Time budget.
+            max_nodes: Greatest number of nodes.
+        """
         while True:
             ended = self._connect(start, goals, ends, deadline)
             if ended == DONE:
@@ -226,11 +235,21 @@ class Roadmap:
 
     @staticmethod
     def _ends_status(valid: np.ndarray) -> Status | None:
+        """Return the status where start or all goals are invalid, else None.
+
+        Args:
+            valid: Which are valid, the start and then each of g goals, shape (1 + g,).
+        """
         if not valid[0]:
             return Status.START_INVALID
         return None if valid[1:].any() else Status.GOAL_INVALID
 
     def _start(self, start: ArrayLike | None) -> FloatArray:
+        """Return a query's start, checked, shape (n,); the problem's for None.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity, or a state outside the box.
+        """
         problem = self.problem
         if start is None:
             return problem.start
@@ -239,6 +258,11 @@ class Roadmap:
         return state
 
     def _goals(self, goals: ArrayLike | None) -> FloatArray:
+        """Return a query's goals, shape (g, n), of states of shape (g, n) or (n,); the problem's for None.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity, a state outside the box, or no goal states.
+        """
         problem = self.problem
         if goals is None:
             if len(problem.goals) == 0:
@@ -267,7 +291,14 @@ class Roadmap:
                 )
 
     def _connect(self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline) -> int:
-        """Find the shortest path between valid ends; return how it ended."""
+        """Find the shortest path between valid ends; return how it ended.
+
+        Args:
+            start: A valid state, shape (n,).
+            goals: Valid states, shape (g, n).
+            ends: Nodes of start and goals, shape (1 + g,); those that are -1 are made and written.
+            deadline: Time budget.
+        """
         counters = self._graph.counters
         try:
             with machine_code_of(self.problem, Deadline(), self._resolution, counters) as code:
@@ -325,7 +356,7 @@ def _new_graph(n: int) -> Graph:
 
 
 def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
-    """Return a roadmap with room for some nodes and edges."""
+    """Return a roadmap with space for some nodes and edges."""
     nodes = whole_blocks(nodes)
     return graph._replace(
         states=grown(graph.states, nodes),
@@ -449,7 +480,7 @@ def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wa
         wanted: Number of nodes.
 
     Returns:
-        DONE, TIME_UP, or FULL if there may be no room for one more.
+        DONE, TIME_UP, or FULL if there may be no space for one more.
     """
     counters, sample, place = graph.counters, graph.rows[3], np.empty(2, np.int64)
     end, tolerance = seconds_now(space.clock, place) + seconds, _tolerance(space)
@@ -468,7 +499,15 @@ def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wa
 def _add_ends(
     space: SearchSpace, graph: Graph, start: FloatArray, goals: FloatArray, ends: np.ndarray
 ) -> bool:
-    """Make start and goals nodes that are joined; False if there may be no room."""
+    """Make start and goals nodes that are joined; return False if the arrays may be too small.
+
+    Args:
+        space: The box and its metric.
+        graph: The graph.
+        start: A valid state, shape (n,).
+        goals: Valid states, shape (g, n).
+        ends: Their nodes, shape (1 + g,), the result.
+    """
     counters, new, tolerance = graph.counters, 1 + goals.shape[0], _tolerance(space)
     edges = counters[EDGES] + new * (_MOST_NEIGHBORS + 1)
     if counters[NODES] + new > graph.states.shape[0] or edges > graph.lengths.size:

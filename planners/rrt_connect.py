@@ -75,7 +75,7 @@ def rrt_connect(
     is found.  The trees take turns until one has twice the nodes of the other; then the smaller one grows
     alone, since what shuts it in is what the search must find a way through.  A node from which an extension
     failed is taken for samples in a ball around it only.  Such searches mostly find a path soon or go on for
-    very long; so they begin anew, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times
+    very long; so they restart, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times
     16,384 samples.  Where the box is far wider than start and goals are apart, as with a base that drives,
     shorter rounds before these draw samples near the ends only, each from twice as far as the one before.
     Before any of this, the straight edges from the start to the goals are tried, nearest goal first.
@@ -272,7 +272,7 @@ class Search:
         )
 
     def below(self, bound: float, iterations: int, deadline: Deadline, inside: float = math.inf) -> bool:
-        """Search anew for a path, with so many samples; return whether there is one.
+        """Search again for a path, with so many samples; return whether there is one.
 
         Args:
             bound: Length that the path has to be below [length unit of the metric].
@@ -394,7 +394,7 @@ class Search:
         return Path.trusted(points, self._problem.metric, lengths), goal
 
     def end(self) -> None:
-        """Leave the memory of the trees to other searches; nothing more may be asked."""
+        """Leave the memory of the trees to other searches; it must not be used afterwards."""
         leave_trees(self._trees)
 
     def _grow_while_drawing(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> int:

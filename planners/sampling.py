@@ -95,7 +95,7 @@ def within_ellipsoid(
 
     They form an ellipsoid whose foci are start and goal.  A sample of the unit ball is stretched along the
     first axis, which a Householder reflection then turns into the direction of the goal.  2 n + 1 numbers are
-    drawn; `axis` is room, shape (n,).
+    drawn; `axis` is scratch space, shape (n,).
 
     Source: J. D. Gammell, S. S. Srinivasa and T. D. Barfoot, Informed RRT*, IROS 2014.
 

@@ -126,7 +126,7 @@ def edge_valid(
         a: Start of the edge, shape (n,), taken to be valid unless `with_start`.
         b: End of the edge, shape (n,).
         steps: Least number of states.
-        rows: Room, shape (2, n) or more; a and b must not lie in its first two rows.
+        rows: Scratch space, shape (2, n) or more; a and b must not lie in its first two rows.
         counters: Of the planner, see `STATES`.
         with_start: Whether the start is checked too, up to its rounding, together with the first states.
     """

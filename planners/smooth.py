@@ -178,7 +178,7 @@ def smooth(
     Raises:
         InvalidValueError: The path has another number of coordinates or no length, or an option is not
             allowed.
-        InfeasibleError: The path itself is not valid at this resolution, or has no room at all at a corner.
+        InfeasibleError: The path itself is not valid at this resolution, or leaves no space at a corner.
     """
     if path.n != problem.n:
         raise InvalidValueError(
@@ -207,7 +207,8 @@ def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: Floa
         _refuse_straight(polyline, abscissae, curve, invalid)
         worst = curve(float(breaks[int(np.argmax(invalid))]))
         breaks, is_new = _halved(breaks, invalid)
-    raise InfeasibleError("smooth path", f"the path has no room to turn near {_show(worst)}", _ADVICE)
+    reason = f"the path leaves no space for a smooth corner near {_show(worst)}"
+    raise InfeasibleError("smooth path", reason, _ADVICE)
 
 
 def rounded_waypoints(path: Path, segments: int) -> FloatArray:

@@ -47,7 +47,7 @@ _HEAT, _LEAST, _MOST = range(3)
 
 
 class Forest(NamedTuple):
-    """The tree of the start (0) and that of the goals (1), in arrays with room for m nodes each.
+    """The tree of the start (0) and that of the goals (1), in arrays with space for m nodes each.
 
     Attributes:
         states: Shape (2, m, n).
@@ -55,7 +55,7 @@ class Forest(NamedTuple):
         parents: -1 less the number of its goal of a root, shape (2, m).
         prices: Of the nodes, shape (2, m).
         heat: Temperature, least and greatest price met, shape (3,).
-        rows: Room, shape (4, n).
+        rows: Scratch space, shape (4, n).
         spare: Eight numbers.
         counters: See the places above.
     """
@@ -156,7 +156,15 @@ def _valid(space: SearchSpace, states: FloatArray, counters: Ints1) -> np.ndarra
 def _planted(
     space: SearchSpace, price: Surface, problem: Problem, goals: np.ndarray, counters: Ints1
 ) -> Forest:
-    """Return the trees of the start and of some goals."""
+    """Return the trees of the start and of some goals.
+
+    Args:
+        space: The box and its metric.
+        price: The price of states as machine code.
+        problem: The problem.
+        goals: Numbers of the goals, integers, shape (g,).
+        counters: Of the planner.
+    """
     n, capacity = problem.n, whole_blocks(max(_FIRST_CAPACITY, goals.size))
     forest = Forest(
         np.empty((2, capacity, n)),
@@ -177,7 +185,7 @@ def _planted(
 
 
 def _with_capacity(forest: Forest) -> Forest:
-    """Return the trees with twice the room."""
+    """Return the trees with twice the capacity."""
     capacity = whole_blocks(2 * forest.states.shape[1])
     return forest._replace(
         states=grown(forest.states, capacity, axis=1),
@@ -223,7 +231,7 @@ def _nearest(space: SearchSpace, forest: Forest, side: int, state: FloatArray) -
 
 @compiled
 def _dearest(space: SearchSpace, cost: Surface, forest: Forest, a: FloatArray, b: FloatArray) -> float:
-    """Return the highest price on an edge but for its start."""
+    """Return the highest price on an edge, its start left out."""
     count = step_count(distance(a, b, space.weights), _PRICED * space.resolution)
     between, highest = forest.rows[_BETWEEN], 0.0
     for k in range(1, count + 1):
@@ -248,7 +256,7 @@ def grow(
         iterations: Number of samples in all, those of earlier calls included.
 
     Returns:
-        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there is no room for a node.
+        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there is no space for a node.
     """
     place, counters, rows, heat = np.empty(2, np.int64), forest.counters, forest.rows, forest.heat
     end, n = seconds_now(space.clock, place) + seconds, space.lower.size

@@ -85,8 +85,8 @@ def k_nearest(
         size: Number of nodes.
         query: Scaled state, shape (n,).
         wanted: How many are wanted, 1 or more.
-        found: Room for them.
-        squares: Room for the squares of their distances.
+        found: Space for them.
+        squares: Space for the squares of their distances.
         spare: Eight numbers.
 
     Returns:
@@ -124,7 +124,13 @@ def neighbor_count(n: int, size: int, most: int) -> int:
 
 
 def grown(array: np.ndarray, size: int, axis: int = 0) -> np.ndarray:
-    """Return a copy of an array with room for more entries along an axis."""
+    """Return a copy of an array of any shape with space for more entries along an axis.
+
+    Args:
+        array: The array.
+        size: Its new length along the axis; the further entries are not set.
+        axis: The axis.
+    """
     shape = list(array.shape)
     shape[axis] = size
     longer = np.empty(tuple(shape), dtype=array.dtype)

@@ -27,6 +27,11 @@ def read_only(array: FloatArray) -> FloatArray:
 
 
 def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
+    """Return numbers, of any shape, as a new float64 array in C order.
+
+    Raises:
+        InvalidValueError: with what is allowed, for anything but real numbers in equal rows.
+    """
     try:
         array = np.asarray(value)
     except ValueError:  # ragged rows

@@ -121,7 +121,7 @@ def placement_map(
         weights: Weights of the score's terms.
         seed: Of the restarts.
         threads: Threads that share the work.
-        progress: Told the share that is done, from 0 to 1.
+        progress: Called with the share that is done, from 0 to 1.
 
     Returns:
         The map, its cells in rows from the square's corner.

@@ -38,7 +38,7 @@ def kernel(
         The kernel: call it with arrays of shape (N, n), `threads=` and `out=`.
 
     Raises:
-        UnknownNameError: for a quantity or frame that is not known.
+        UnknownNameError: for an unknown quantity or frame.
         InvalidValueError: for another dtype, arguments that are no names, or no robot.
     """
     if not isinstance(pepper, PepperModel):

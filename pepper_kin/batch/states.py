@@ -30,7 +30,7 @@ _ABSENT: Any = object()
 def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> Any:
     """Return the `pinocchio.Data` to compute with, if Pinocchio's functions can take these arrays unchanged.
 
-    This is the everyday call: (n,) arrays of floats within range, and a robot whose coordinates are
+    This is the frequent case: (n,) arrays of floats within range, and a robot whose coordinates are
     Pinocchio's.
 
     Returns:
@@ -126,7 +126,7 @@ def all_over_states(
 
 
 def _exact(results: tuple[Array, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, ...]:
-    """Return the results of one state as float arrays of exactly these shapes."""
+    """Return the results of one state, reshaped to float arrays of exactly these shapes."""
     return tuple(
         value
         if type(value) is np.ndarray and value.shape == shape
@@ -143,6 +143,22 @@ def _by_kernel(
     batch: tuple[int, ...],
     quantities: dict[str, ArrayLike],
 ) -> tuple[Array, ...]:
+    """Evaluate a quantity's kernel for a batch.
+
+    Args:
+        pepper: The robot.
+        quantity: See `all_over_states`.
+        shapes: Shape of each result for one state.
+        arrays: Joint vectors, shape (..., n) each.
+        batch: Their common leading axes.
+        quantities: The same by name, as the caller has them.
+
+    Returns:
+        The results, each of shape (*batch, *shape).
+
+    Raises:
+        InvalidValueError: for NaN, infinity or numbers beyond 1e9.
+    """
     for value, what in zip(arrays, quantities, strict=True):
         flat_value = value.reshape(-1)
         if not flat_value.dot(flat_value) <= MOST_SQUARED:  # a large sum, which needs a closer look, or NaN

@@ -75,7 +75,7 @@ class CollisionChecker:
 
     @property
     def shapes_of(self) -> CollisionChecker:
-        """The checker whose shapes and pairs this one shares; itself where it was made anew."""
+        """The checker whose shapes and pairs this one shares; itself where it shares none."""
         return self._like
 
     def with_margins(self, margin: float, self_margin: float) -> CollisionChecker:

@@ -1,4 +1,4 @@
-"""Scenes whose mesh files have changed on disk: the checkers that are kept for them are made anew."""
+"""Scenes whose mesh files have changed on disk: the checkers that are kept for them are made again."""
 
 from __future__ import annotations
 

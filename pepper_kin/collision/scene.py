@@ -316,7 +316,7 @@ class Scene:
 
         Raises:
             UnknownNameError: listing the objects.
-            InvalidValueError: for a pair of an object with itself, or a name that is no text.
+            InvalidValueError: for a pair of an object with itself, or a name that is not a string.
         """
         self._check_known(name)
         for other in others:

@@ -12,7 +12,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 ACCELERATION, VELOCITY, POSITION, LOCKED = 0, 1, 2, 3
-"""What a bound comes from."""
+"""Origins of a bound."""
 
 # Share of the acceleration limits that an approach plans its braking with: the rest is for corrections.
 RESERVE = 0.7
@@ -44,14 +44,14 @@ class JointLimits(NamedTuple):
 
 
 class VelocityInterval(NamedTuple):
-    """What the next velocity may be, joint by joint; never empty, for `brake` is always within.
+    """Interval of the next velocity, joint by joint; never empty, for `brake` is always within.
 
     Attributes:
         low: Least velocity [rad/s or m/s], shape (n,).
         high: Greatest velocity, shape (n,).
         brake: The velocity of the hardest brake, shape (n,).
-        low_kind: What `low` comes from (ACCELERATION, ...), shape (n,).
-        high_kind: What `high` comes from, shape (n,).
+        low_kind: Origin of `low` (ACCELERATION, ...), shape (n,).
+        high_kind: Origin of `high`, shape (n,).
     """
 
     low: Floats1
@@ -70,7 +70,7 @@ def stopping_speed(distance: float, deceleration: float, dt: float) -> float:
         s(v) = dt ((N + 1) v - a dt N (N + 1) / 2).
 
     Its inverse is v = s / ((N + 1) dt) + a dt N / 2 with N (N + 1) / 2 <= s / (a dt^2) < (N + 1) (N + 2) / 2.
-    Who keeps v(s) and brakes finds v - a dt <= v(s - v dt) at the next tick: it can always go on braking.
+    A joint at v(s) that brakes has v - a dt <= v(s - v dt) at the next tick: it can always go on braking.
 
     Args:
         distance: s, 0 or more, infinite allowed [rad or m].
@@ -98,7 +98,7 @@ def bound_velocities(
 
     Args:
         q: Joint positions [rad or m], shape (n,).
-        v: Velocities of the last tick, which kept the limits, shape (n,).
+        v: Velocities of the last tick, which kept the limits [rad/s or m/s], shape (n,).
         limits: The limits.
         dt: Length of a tick [s].
         bounds: Written.
@@ -124,7 +124,7 @@ def bound_velocities(
             high[i], high_kind[i] = above, POSITION
         if below > low[i]:
             low[i], low_kind[i] = below, POSITION
-        # Rounding, or a velocity that was not ours, must not leave the brake outside.
+        # Rounding, or a velocity from outside, must not leave the brake outside.
         high[i], low[i] = max(high[i], brake[i]), min(low[i], brake[i])
 
 
@@ -150,7 +150,7 @@ def write_brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1,
 
 
 def brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1) -> Floats2:
-    """Return what `write_brake_path` writes, shape (m, n)."""
+    """Return what `write_brake_path` writes, shape (m, n), for v of shape (n,) and ticks of shape (m,)."""
     path = np.empty((ticks.size, v.size))
     write_brake_path(v, acceleration, dt, ticks, path)
     return path
@@ -158,7 +158,7 @@ def brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1) -> Fl
 
 @compiled("int64(float64[::1], float64[::1], float64)")
 def ticks_to_rest(v: Floats1, acceleration: Floats1, dt: float) -> int:
-    """Return how many ticks of `brake_path` move."""
+    """Return how many ticks of `brake_path` move, for velocities and accelerations of shape (n,)."""
     most = 0.0
     for i in range(v.size):
         most = max(most, math.floor(abs(v[i]) / min(acceleration[i] * dt, 1e300)))
@@ -187,8 +187,8 @@ def approach_rate(
 ) -> tuple[float, float]:
     """Return the rate of approach, and the share of speed that singularities leave.
 
-    With J D^-1 = U S V^T (D scales the joints; locked ones are left out) and e the unit vector of what is
-    wanted, g = |S^-1 U^T e| is the joint speed that one unit of it costs.  The share is
+    With J D^-1 = U S V^T (D scales the joints; locked ones are left out) and e the unit vector of the
+    residual, g = |S^-1 U^T e| is the joint speed that one unit of it costs.  The share is
     min(1, 1 / (g sigma)) with sigma the threshold: 1 where the direction is easy, falling to zero with the
     singular value of a direction that is being lost; the direction itself is kept.
 
@@ -242,7 +242,7 @@ def approach_rate(
             distance = max(abs(step) / weights[i], 1e-12)
             speed = min(stopping_speed(distance, RESERVE * limits.acceleration[i], dt), limits.velocity[i])
             pull = min(pull, speed / distance)
-    # More directions than joints: those beyond are lost for good and say nothing about being near to it.
+    # More directions than joints: the rest is always lost, and no measure of how near a singularity is.
     effort = 0.0
     for k in range(max(0, m - moving), m):
         cost = along[k] / (size * max(math.sqrt(values[k]), LOST))

@@ -20,7 +20,7 @@ def seconds_now(clock: int, place: Ints1) -> float:
     """Return the time of the monotonic clock, that of `time.perf_counter` [s].
 
     Args:
-        clock: `CLOCK`, handed over because an address is not a constant.
+        clock: `CLOCK`, an argument because an address is not a constant.
         place: Workspace, shape (2,).
     """
     call_clock(clock, _MONOTONIC, place.ctypes.data)

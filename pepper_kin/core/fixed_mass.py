@@ -16,8 +16,8 @@ def center_of_all(share: float, still: Floats1, center: Floats1) -> None:
 
     Args:
         share: Share of the moving masses, 1 - s.
-        still: (3,) s c_0 [m].
-        center: (3,) c, overwritten [m].
+        still: s c_0, shape (3,) [m].
+        center: c, overwritten, shape (3,) [m].
     """
     for i in range(3):
         center[i] = center[i] * share + still[i]
@@ -29,9 +29,10 @@ def momentum_about_center_of_all(part: float, fixed: Floats1, center: Floats1, m
 
     Args:
         part: Share of the fixed masses, s.
-        fixed: (3,) c_0 [m].
-        center: (3,) c [m].
-        momentum: (6 k,) rows of a (6, k) matrix: linear momenta, then angular ones about c; overwritten.
+        fixed: c_0, shape (3,) [m].
+        center: c, shape (3,) [m].
+        momentum: Rows of a matrix of shape (6, k), one after the other: linear momenta, then angular ones
+            about c; overwritten, shape (6 k,).
     """
     x = part * (center[0] - fixed[0])
     y = part * (center[1] - fixed[1])
@@ -54,10 +55,10 @@ def wrench_about_origin(
 
     Args:
         share: Share of the moving masses, 1 - s.
-        still: (3,) s c_0 [m].
-        weight: (3,) m g of all masses [N].
-        center: (3,) c [m].
-        rate: (6,) dp/dt, then dL/dt about c, overwritten with f and n [N, N m].
+        still: s c_0, shape (3,) [m].
+        weight: m g of all masses, shape (3,) [N].
+        center: c, shape (3,) [m].
+        rate: dp/dt, then dL/dt about c, overwritten with f and n, shape (6,) [N, N m].
     """
     px, py, pz = rate[0], rate[1], rate[2]
     x, y, z = center[0], center[1], center[2]

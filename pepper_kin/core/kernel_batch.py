@@ -19,14 +19,14 @@ _WORDS = 8
 
 
 def evaluate(kernel: Kernel, *states: Array) -> Array:
-    """Evaluate a kernel for contiguous arrays of shape (T, n) that are known to be finite.
+    """Evaluate a kernel for contiguous, finite arrays of shape (T, n).
 
     Calling it by its address, as it documents, saves the checks of `Kernel.__call__`, which take as long as
     hundreds of states.
 
     Args:
         kernel: A kernel of one to three joint vectors with one result.
-        *states: The joint vectors.
+        *states: The joint vectors, shape (T, n) [rad or m].
 
     Returns:
         Shape (T, size of the result).
@@ -58,8 +58,8 @@ def evaluate_batch(
         second: Second input, shape (T, n); not read where there is only one.
         third: Third input, shape (T, n); not read where there are only two.
         result: Receives the result, shape (T, size of the result).
-        work: As large as the kernel asks.
-        words: Room for 8 numbers.
+        work: Workspace, shape (>= work_size,).
+        words: Workspace, shape (8,).
     """
     words[0], words[1], words[2] = first.ctypes.data, second.ctypes.data, third.ctypes.data
     words[3] = words[4] = words[5] = first.shape[1]
@@ -90,7 +90,7 @@ def linear_speed_share(velocity: Array, limit: float, column: int, shares: Array
     """Write the linear speed of a frame over its limit to a column.
 
     Args:
-        velocity: Spatial velocities, linear part first, shape (T, 6).
+        velocity: Spatial velocities, linear part first, shape (T, 6) [m/s and rad/s].
         limit: Greatest speed [m/s].
         column: Column of `shares`.
         shares: Receives the result, shape (T, f).

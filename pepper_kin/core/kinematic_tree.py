@@ -12,12 +12,18 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 JOINT = 17
 """Numbers of a joint: its parent, whether it slides, its placement there as a pose (12), its axis (3).
 
-A pose is the center and the x, y and z axis, shape (12,)."""
+A pose is the origin [m] and the x, y and z axis, shape (12,)."""
 
 
 @compiled(lean=True)
 def compose(outer: Floats1, inner: Floats1, pose: Floats1) -> None:
-    """Write the pose in the world of what has a pose `inner` in a frame of pose `outer`."""
+    """Write the pose of a frame in the world from its pose in another frame; all have the shape (12,).
+
+    Args:
+        outer: Pose of the other frame in the world.
+        inner: Pose of the frame in the other.
+        pose: Written.
+    """
     for column in range(4):
         x, y, z = inner[3 * column], inner[3 * column + 1], inner[3 * column + 2]
         for i in range(3):
@@ -27,13 +33,13 @@ def compose(outer: Floats1, inner: Floats1, pose: Floats1) -> None:
 
 @compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])")
 def place_joints(joints: Floats2, q: Floats1, poses: Floats2, axes: Floats2) -> None:
-    """Write where all joints are.
+    """Write the poses and axes of all joints in the world.
 
     Args:
-        joints: See `joint_table`.
+        joints: Rows of JOINT numbers, that of the universe first, shape (njoints, JOINT).
         q: Coordinates of `pinocchio_model` [rad or m], shape (njoints - 1,).
-        poses: Written, poses of the joints in the world, shape (njoints, 12).
-        axes: Written, their axes in the world, shape (njoints, 3).
+        poses: Written, poses of the joints, shape (njoints, 12) [m].
+        axes: Written, their axes, shape (njoints, 3).
     """
     motion, still = np.zeros(12), np.empty(12)
     poses[0] = 0.0

@@ -10,7 +10,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 
 @compiled(lean=True, inline=True)
 def dot(a: Floats1, b: Floats1) -> float:
-    """Return sum(a_i b_i)."""
+    """Return sum(a_i b_i) of two vectors, shape (n,)."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -33,7 +33,7 @@ def cholesky(matrix: Floats2, factor: Floats2) -> bool:
             return False
         factor[j, j] = math.sqrt(pivot)
         i = j + 1
-        while i + 3 < matrix.shape[0]:  # four sums at a time: one alone waits for itself
+        while i + 3 < matrix.shape[0]:  # four sums at a time: in a single one each term waits for the last
             first, second, third, fourth = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
             for c in range(j):
                 above = factor[j, c]
@@ -55,7 +55,7 @@ def cholesky(matrix: Floats2, factor: Floats2) -> bool:
 
 @compiled(lean=True)
 def solve_lower(factor: Floats2, vector: Floats1) -> None:
-    """Replace b by L^-1 b."""
+    """Replace b, shape (n,), by L^-1 b, with L lower triangular, shape (n, n)."""
     for i in range(vector.size):
         value = vector[i]
         for c in range(i):
@@ -65,7 +65,7 @@ def solve_lower(factor: Floats2, vector: Floats1) -> None:
 
 @compiled(lean=True)
 def solve_lower_transposed(factor: Floats2, vector: Floats1) -> None:
-    """Replace b by L^-T b."""
+    """Replace b, shape (n,), by L^-T b, with L lower triangular, shape (n, n)."""
     for i in range(vector.size - 1, -1, -1):
         value = vector[i]
         for c in range(i + 1, vector.size):
@@ -114,7 +114,7 @@ def symmetric_eigen(matrix: Floats2, values: Floats1, vectors: Floats2) -> None:
 
 @compiled(lean=True)
 def _rotate(matrix: Floats2, vectors: Floats2, p: int, q: int) -> None:
-    """Make one pair of entries vanish."""
+    """Make entries (p, q) and (q, p) of a symmetric matrix vanish; turn the vectors, both of shape (n, n)."""
     if matrix[p, q] == 0.0:
         return
     theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
@@ -135,7 +135,7 @@ def _rotate(matrix: Floats2, vectors: Floats2, p: int, q: int) -> None:
 
 @compiled(lean=True)
 def solve_cholesky(factor: Floats2, vector: Floats1) -> None:
-    """Replace b by A^-1 b, given L of A = L L^T; rows of L are read in order."""
+    """Replace b, shape (n,), by A^-1 b, given L of A = L L^T, shape (n, n); rows of L are read in order."""
     solve_lower(factor, vector)
     for i in range(vector.size - 1, -1, -1):
         vector[i] /= factor[i, i]
@@ -145,7 +145,12 @@ def solve_cholesky(factor: Floats2, vector: Floats1) -> None:
 
 @compiled(lean=True)
 def solve_cholesky_columns(factor: Floats2, columns: Floats2) -> None:
-    """Replace B by A^-1 B, given L of A = L L^T: `solve_cholesky` of all columns at once."""
+    """Replace B by A^-1 B, given L of A = L L^T: `solve_cholesky` of all columns at once.
+
+    Args:
+        factor: L, shape (n, n).
+        columns: B, overwritten, shape (n, k).
+    """
     for i in range(factor.shape[0]):
         for c in range(i):
             _take_row(columns[i], factor[i, c], columns[c])
@@ -158,11 +163,13 @@ def solve_cholesky_columns(factor: Floats2, columns: Floats2) -> None:
 
 @compiled(lean=True, inline=True)
 def _take_row(row: Floats1, share: float, other: Floats1) -> None:
+    """Subtract a share of a row from another, shape (k,) each."""
     for r in range(row.size):
         row[r] -= share * other[r]
 
 
 @compiled(lean=True, inline=True)
 def _divide(row: Floats1, divisor: float) -> None:
+    """Divide a row, shape (k,)."""
     for r in range(row.size):
         row[r] /= divisor

@@ -5,8 +5,8 @@ The *lever* of the joint is the greatest such distance over all points that it c
 the joints between, each within its range; no point of the body then moves by more than sum_j lever_j |dq_j|,
 on any way within the ranges.  The lever of a joint that slides is 1.
 
-A point is followed from the joint that carries it towards the root, as a ball that holds it wherever the
-joints passed stand within their ranges.  Turning about an axis by angles within m - h .. m + h takes a point
+A point is followed from the joint that carries it towards the root, as a ball that holds it at all positions
+of the passed joints within their ranges.  Turning about an axis by angles within m - h .. m + h takes a point
 at the distance s from the axis along an arc, which lies in the ball of radius s around the foot of the
 perpendicular, for h < pi / 2 in the ball of radius s sin h around the middle of the arc's chord, and in a
 ball around the joint's origin.
@@ -55,7 +55,7 @@ class MotionTree(NamedTuple):
 
 @compiled
 def _turn(axis: Floats1, angle: float, v: Floats1, out: Floats1) -> None:
-    """Write a vector turned about a unit axis (Rodrigues' formula)."""
+    """Write a vector turned about a unit axis, all of shape (3,), by Rodrigues' formula."""
     c, s = math.cos(angle), math.sin(angle)
     along = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1.0 - c)
     x = c * v[0] + s * (axis[1] * v[2] - axis[2] * v[1]) + along * axis[0]
@@ -66,7 +66,7 @@ def _turn(axis: Floats1, angle: float, v: Floats1, out: Floats1) -> None:
 
 @compiled
 def _reach(tree: MotionTree, joint: int, along: float, share: float, aside: Floats1) -> float:
-    """Return the distance from the parent's origin of the point along * axis + share * aside."""
+    """Return the distance of along * axis + share * aside, shape (3,), from the parent's origin [m]."""
     square = 0.0
     for i in range(3):
         value = tree.offsets[joint, i]
@@ -80,7 +80,17 @@ def _reach(tree: MotionTree, joint: int, along: float, share: float, aside: Floa
 def _pass_joint(
     tree: MotionTree, joint: int, low: float, high: float, which: int, ball: Floats1, scratch: Floats2
 ) -> None:
-    """Replace a ball in a joint's frame by one in the parent's that holds it wherever the joint stands."""
+    """Replace a ball in a joint's frame by one in the parent's that holds it at all positions of the joint.
+
+    Args:
+        tree: Joints and bodies.
+        joint: The joint.
+        low: Least position [rad or m].
+        high: Greatest position.
+        which: _FOOT, _CHORD, _ORIGIN or _NEARER.
+        ball: Center and radius, overwritten, shape (4,) [m].
+        scratch: Workspace, shape (2, 3).
+    """
     axis, shift, aside = tree.axes[joint], scratch[0], scratch[1]
     half = 0.5 * (high - low)
     middle = 0.5 * (low + high) if math.isfinite(half) else 0.0
@@ -117,7 +127,7 @@ def _pass_joint(
 
 @compiled
 def _from_axis(tree: MotionTree, joint: int, ball: Floats1) -> float:
-    """Return the greatest distance of a point of a ball from a joint's axis."""
+    """Return the greatest distance of a point of a ball, shape (4,), from a joint's axis [m]."""
     axis = tree.axes[joint]
     along = axis[0] * ball[0] + axis[1] * ball[1] + axis[2] * ball[2]
     square = 0.0

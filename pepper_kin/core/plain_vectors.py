@@ -1,4 +1,4 @@
-"""The quick tests of the everyday call: whether arrays from Python are vectors of one length within range."""
+"""Quick tests of the arguments of frequent calls: vectors of one length within range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MOST_SQUARED = 1e18
 
 @compiled(inline=True)
 def _is_plain(n: int, x: Floats1) -> bool:
-    """Whether x has n elements whose squares sum to MOST_SQUARED at most; NaN and infinity do not."""
+    """Whether x has shape (n,) and squares that sum to MOST_SQUARED at most; NaN and infinity do not."""
     if x.size != n:
         return False
     total = 0.0
@@ -22,25 +22,25 @@ def _is_plain(n: int, x: Floats1) -> bool:
 
 @compiled("boolean(int64, float64[::1])")
 def is_plain(n: int, a: Floats1) -> bool:
-    """Whether a vector has n elements within range."""
+    """Whether a vector has shape (n,) and is within range."""
     return _is_plain(n, a)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1])")
 def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
-    """Whether two vectors have n elements within range each."""
+    """Whether two vectors have shape (n,) and are within range each."""
     return _is_plain(n, a) and _is_plain(n, b)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1], float64[::1])")
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
-    """Whether three vectors have n elements within range each."""
+    """Whether three vectors have shape (n,) and are within range each."""
     return _is_plain(n, a) and _is_plain(n, b) and _is_plain(n, c)
 
 
 @compiled("boolean(float64[:, ::1])")
 def is_finite(a: Floats2) -> bool:
-    """Whether all elements of a matrix are finite."""
+    """Whether all elements of a matrix, shape (m, n), are finite."""
     total = 0.0
     for i in range(a.shape[0]):
         for j in range(a.shape[1]):

@@ -31,7 +31,7 @@ class Solids(NamedTuple):
 
     Attributes:
         kind: SPHERE ... BALLS, shape (m,).
-        size: Radius and half length, half lengths, offset, or padding, shape (m, 3).
+        size: Radius and half length, half lengths, offset, or padding, shape (m, 3) [m].
         start: Of triangles and balls, the place of the root in `node_box` and of the first in `parts`,
             shape (m, 2).
         node_box: Nodes of the trees of all meshes and clouds, shape (k, 6).
@@ -67,7 +67,7 @@ class Placed(NamedTuple):
 
 
 def unplaced(count: int, bounded: Ints1, endless: Ints1) -> Placed:
-    """Return arrays for the poses of solids, of which some are bounded and others half-spaces."""
+    """Return arrays for poses of solids: places of bounded ones, shape (b,), and half-spaces, shape (h,)."""
     nodes = max(2 * len(bounded) - 1, 0)
     return Placed(
         np.empty((count, 4, 4)), np.empty((nodes, 6)), np.zeros((nodes, 2), np.int64), bounded.copy(), endless
@@ -75,7 +75,7 @@ def unplaced(count: int, bounded: Ints1, endless: Ints1) -> Placed:
 
 
 class Hits(NamedTuple):
-    """What n rays met first.
+    """The first hit of each of n rays.
 
     Attributes:
         distance: [m], inf without a hit, shape (n,).
@@ -98,8 +98,8 @@ def nearest_hits(
         origins: Where the rays start, shape (n, 3) [m].
         directions: Unit vectors, shape (n, 3).
         most: Nothing beyond this distance counts, shape (n,) [m].
-        solids: What may be hit.
-        placed: Where it is.
+        solids: The solids.
+        placed: Their poses.
         hits: Written.
     """
     distance, solid, part = hits
@@ -143,7 +143,7 @@ def nearest_hits(
 
 @compiled
 def _local(pose: Floats2, o: Vector, d: Vector) -> tuple[Vector, Vector]:
-    """Return a ray in the coordinates of a solid."""
+    """Return a ray of the world in the coordinates of a solid with a pose of shape (4, 4)."""
     x, y, z = o[0] - pose[0, 3], o[1] - pose[1, 3], o[2] - pose[2, 3]
     turned_o = (
         pose[0, 0] * x + pose[1, 0] * y + pose[2, 0] * z,
@@ -171,7 +171,7 @@ def _inverse(d: Vector) -> Vector:
 
 @compiled
 def _enters(box: Floats1, o: Vector, inverse: Vector, best: float) -> float:
-    """Return the distance at which a ray enters a box (0 from inside), or inf if not before `best`."""
+    """Return where a ray enters a box, shape (6,) [m] (0 from inside), or inf if not before `best`."""
     enter, leave = 0.0, best
     a, b = (box[0] - o[0]) * inverse[0], (box[3] - o[0]) * inverse[0]
     enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
@@ -187,7 +187,7 @@ def _enters(box: Floats1, o: Vector, inverse: Vector, best: float) -> float:
 def _push(
     boxes: Floats2, child: int, root: int, o: Vector, inverse: Vector, best: float, stack: Ints1, height: int
 ) -> int:
-    """Put the two children of a node on the stack, the nearer on top; return the stack's height."""
+    """Put both children of a node, boxes of shape (k, 6), on a stack, nearer on top; return its height."""
     left = _enters(boxes[root + child], o, inverse, best)
     right = _enters(boxes[root + child + 1], o, inverse, best)
     near, far, near_child, far_child = left, right, child, child + 1
@@ -204,7 +204,7 @@ def _push(
 
 @compiled
 def _hit(solids: Solids, item: int, o: Vector, d: Vector, best: float, stack: Ints1) -> tuple[float, int]:
-    """Return the distance to a solid, inf if not before `best`, and which of its parts is hit."""
+    """Return the distance to a solid, inf if not before `best`, and its part; stack of shape (DEPTH,)."""
     kind = solids.kind[item]
     a, b, c = solids.size[item, 0], solids.size[item, 1], solids.size[item, 2]
     if kind == SPHERE:
@@ -237,7 +237,7 @@ def _hit(solids: Solids, item: int, o: Vector, d: Vector, best: float, stack: In
 
 @compiled
 def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> float:
-    """Return the distance to a triangle or ball, or inf."""
+    """Return the distance to a triangle or ball, numbers of shape (9,), or inf [m]."""
     corner = (numbers[0], numbers[1], numbers[2])
     if kind == BALLS:
         return first_of(sphere(o, d, corner, padding))
@@ -251,7 +251,10 @@ def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> 
 def normals_at(
     origins: Floats2, directions: Floats2, hits: Hits, solids: Solids, pose: Floats3, result: Floats2
 ) -> None:
-    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3); else 0."""
+    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3); else 0.
+
+    Rays and hits are those of `nearest_hits`, `pose` is that of `Placed`, shape (m, 4, 4).
+    """
     distance, solid, part = hits
     for ray in range(origins.shape[0]):
         item = solid[ray]
@@ -316,7 +319,7 @@ class BoxTree(NamedTuple):
 
 
 def box_tree(boxes: Floats2, leaf: int) -> BoxTree:
-    """Return a tree over boxes; see `build_tree`."""
+    """Return a tree over boxes, shape (m, 6); see `build_tree`."""
     count = len(boxes)
     tree = BoxTree(
         np.empty((2 * count - 1, 6)), np.zeros((2 * count - 1, 2), np.int64), np.zeros(count, np.int64)
@@ -332,9 +335,8 @@ def build_tree(boxes: Floats2, leaf: int, tree: BoxTree) -> int:
     Wald, On fast construction of SAH-based bounding volume hierarchies (2007): bins along the longest axis.
 
     Args:
-        boxes: Least corner, then greatest corner of each thing, shape (m, 6), m > 0.
+        boxes: Least corner, then greatest corner of each thing, shape (m, 6) [m], m > 0.
         leaf: Things in a leaf at most.
-
         tree: Written, with 2 m - 1 rows.
 
     Returns:
@@ -371,7 +373,7 @@ def place_solids(bounds: Floats2, bounded: Ints1, leaf: int, placed: Placed) -> 
     """Write the tree of boxes around the solids where they are.
 
     Args:
-        bounds: Box around each solid in its own frame, least corner, then greatest, shape (m, 6).
+        bounds: Box around each solid in its own frame, least corner, then greatest, shape (m, 6) [m].
         bounded: Solids with finite boxes, shape (b,).
         leaf: Solids in a leaf at most.
         placed: With the poses; the tree is written.
@@ -396,7 +398,7 @@ def place_solids(bounds: Floats2, bounded: Ints1, leaf: int, placed: Placed) -> 
 
 @compiled
 def _enclose(boxes: Floats2, order: Ints1, first: int, number: int, out: Floats1) -> None:
-    """Write the box around some things, a hair wider: a ray along a face of it goes through it."""
+    """Write the box, shape (6,), around some of shape (m, 6), a little wider: rays along a face enter it."""
     for axis in range(3):
         out[axis], out[axis + 3] = np.inf, -np.inf
     for place in range(first, first + number):
@@ -411,7 +413,7 @@ def _enclose(boxes: Floats2, order: Ints1, first: int, number: int, out: Floats1
 
 @compiled
 def _split(boxes: Floats2, order: Ints1, first: int, number: int) -> int:
-    """Reorder some things into two halves; return where the second begins."""
+    """Reorder places of boxes, shape (m,) and (m, 6), into two halves; return where the second begins."""
     axis, low, high = 0, 0.0, -1.0
     for candidate in range(3):
         least, greatest = np.inf, -np.inf
@@ -441,7 +443,7 @@ def _split(boxes: Floats2, order: Ints1, first: int, number: int) -> int:
 def _best_border(
     boxes: Floats2, order: Ints1, first: int, number: int, axis: int, low: float, scale: float
 ) -> int:
-    """Return the bin before which to cut: least sum of surface times number."""
+    """Return the bin before which to cut boxes, shape (m, 6): least sum of surface times number."""
     inside = np.zeros(_BINS, dtype=np.int64)
     bins = np.empty((_BINS, 6))
     for b in range(_BINS):
@@ -473,6 +475,7 @@ def _best_border(
 
 @compiled
 def _join(box: Floats1, other: Floats1) -> None:
+    """Enlarge a box, shape (6,), by another."""
     for k in range(3):
         box[k] = min(box[k], other[k])
         box[k + 3] = max(box[k + 3], other[k + 3])
@@ -480,13 +483,14 @@ def _join(box: Floats1, other: Floats1) -> None:
 
 @compiled
 def _surface(box: Floats1) -> float:
+    """Return half the surface of a box, shape (6,) [m^2]."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return float(x * y + y * z + z * x)
 
 
 @compiled(lean=True)
 def _clear(box: Floats1) -> None:
-    """Make a box hold nothing."""
+    """Make a box, shape (6,), empty."""
     for k in range(3):
         box[k], box[k + 3] = np.inf, -np.inf
 
@@ -548,7 +552,7 @@ def sphere(o: Vector, d: Vector, center: Vector, radius: float) -> Interval:
 
 @compiled
 def box(o: Vector, d: Vector, half: Vector) -> Interval:
-    """Return the interval in a box of known half lengths."""
+    """Return the interval in a box with these half lengths."""
     enter, leave = between(o[0], d[0], -half[0], half[0])
     low, high = between(o[1], d[1], -half[1], half[1])
     enter, leave = max(enter, low), min(leave, high)
@@ -575,7 +579,7 @@ def tube(o: Vector, d: Vector, radius: float) -> Interval:
 
 @compiled
 def cylinder(o: Vector, d: Vector, radius: float, half: float) -> Interval:
-    """Return the interval in a cylinder along z of a known half length."""
+    """Return the interval in a cylinder along z with this half length."""
     enter, leave = tube(o, d, radius)
     low, high = between(o[2], d[2], -half, half)
     enter, leave = max(enter, low), min(leave, high)

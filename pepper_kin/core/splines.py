@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Array) -> None:
     """Evaluate a piecewise polynomial and its derivatives.
 
-    At a break the later piece gives the values, at the end the last.  Times that rise are found fastest.
+    At a break the values are the later segment's, at the end the last one's.  Rising times cost least.
 
     Args:
-        breaks: Ends of the pieces, rising, shape (m + 1,).
+        breaks: Ends of the segments, rising, shape (m + 1,).
         coefficients: Constant term first, shape (m, k, n).
         time: Within the breaks, shape (T,).
         state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
@@ -48,7 +48,7 @@ def evaluate_on_segments(coefficients: Array, segment: np.ndarray, local: Array,
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        segment: Indices of pieces, shape (T,).
+        segment: Indices of segments, shape (T,).
         local: Arguments, shape (T,).
         state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
     """
@@ -62,6 +62,7 @@ def evaluate_on_segments(coefficients: Array, segment: np.ndarray, local: Array,
 
 @compiled
 def _evaluate_derivatives(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
+    """Evaluate any number of derivatives; arguments and shapes as of `evaluate_on_segments`."""
     order, count, n = coefficients.shape[1], state.shape[0], coefficients.shape[2]
     for k in range(segment.size):
         i, x = segment[k], local[k]
@@ -83,10 +84,9 @@ def _evaluate_derivatives(coefficients: Array, segment: np.ndarray, local: Array
 
 @compiled
 def _evaluate_states(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """The same sums for a value and two derivatives at once.
+    """Evaluate a value and two derivatives at once; arguments and shapes as of `evaluate_on_segments`.
 
-    They are made in arrays that the compiler knows to overlap with no other, so that joints share vector
-    instructions.
+    The sums are made in new arrays, which overlap with no other, so that joints share vector instructions.
     """
     order, n = coefficients.shape[1], coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
@@ -109,7 +109,7 @@ def _evaluate_states(coefficients: Array, segment: np.ndarray, local: Array, sta
 
 @compiled
 def _evaluate_degree_six(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """The same sums written out for what timing gives."""
+    """Do what `_evaluate_states` does, for degree six, that of timed paths; its arguments and shapes."""
     n = coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
     for k in range(segment.size):
@@ -149,9 +149,9 @@ def cubic_spline(points: Array, breaks: Array, coefficients: Array) -> None:
     here by elimination without pivoting, for its diagonal dominates.
 
     Args:
-        points: Successive ones differ, shape (k, n).
+        points: Successive ones differ, shape (k, n) [rad or m].
         breaks: Receives the chord lengths up to the points, shape (k,).
-        coefficients: Receives the pieces, constant term first, shape (k - 1, 4, n).
+        coefficients: Receives the segments, constant term first, shape (k - 1, 4, n).
     """
     k, n = points.shape
     slope, upper = np.empty((k, n)), np.empty(k)
@@ -192,9 +192,9 @@ def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: 
     """Return how far a piecewise cubic leaves its bounds at most, negative where it stays inside.
 
     Args:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
-        lower: Lower bounds, shape (n,).
+        lower: Lower bounds, shape (n,), in the units of the coefficients.
         upper: Upper bounds, shape (n,).
     """
     worst = -np.inf
@@ -222,15 +222,15 @@ def bounded_cubic_spline(
     """Compute a `cubic_spline` and return its `greatest_violation` over bounds.
 
     Args:
-        points: shape (k, n).
+        points: Shape (k, n) [rad or m].
         lower: Lower bounds, shape (n,).
         upper: Upper bounds, shape (n,).
-        same: Successive points no further apart are the same.
-        breaks: See `cubic_spline`.
-        coefficients: See `cubic_spline`.
+        same: Successive points no farther apart are the same.
+        breaks: Written, see `cubic_spline`, shape (k,).
+        coefficients: Written, see `cubic_spline`, shape (k - 1, 4, n).
 
     Returns:
-        The excess; inf where points are not finite or successive ones are the same.
+        The violation; inf where points are not finite or successive ones are the same.
     """
     for i in range(points.shape[0]):
         square = 0.0
@@ -250,7 +250,7 @@ def derivatives_on_segments(coefficients: Array, segment: ArrayLike, local: Arra
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        segment: Indices of pieces, negative ones from the end, shape (...).
+        segment: Indices of segments, negative ones from the end, shape (...).
         local: Arguments, shape (...).
         count: Number of derivatives, the value among them, at most 4.
 
@@ -258,7 +258,7 @@ def derivatives_on_segments(coefficients: Array, segment: ArrayLike, local: Arra
         Shape (count, ..., n).
 
     Raises:
-        IndexError: for a piece that is not there.
+        IndexError: for a segment that does not exist.
     """
     index, argument = np.broadcast_arrays(np.asarray(segment, np.int64), np.asarray(local, dtype=float))
     segments, _, n = coefficients.shape
@@ -276,8 +276,8 @@ def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Arr
     """Return the quintics that meet values, first and second derivatives.
 
     Args:
-        step: Lengths of the pieces, shape (m,).
-        value: At the ends of the pieces, shape (m + 1, n).
+        step: Lengths of the segments, shape (m,).
+        value: At the ends of the segments, shape (m + 1, n).
         slope: First derivatives there, shape (m + 1, n).
         bend: Second derivatives there, shape (m + 1, n).
 
@@ -285,7 +285,7 @@ def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Arr
         Coefficients, constant term first, shape (m, 6, n).
     """
     h = step[:, None]
-    # What is missing at the end of a piece after the Taylor polynomial of its start.
+    # What is missing at the end of a segment after the Taylor polynomial of its start.
     d0 = value[1:] - value[:-1] - h * slope[:-1] - h**2 / 2 * bend[:-1]
     d1 = slope[1:] - slope[:-1] - h * bend[:-1]
     d2 = bend[1:] - bend[:-1]

@@ -36,7 +36,7 @@ def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doub
     """Find how far along a path pairs that are not in the table stay away, and which of the table may not.
 
     By changes dq of position no point moves by more than sum R |dq| over the joints that move a pair.  And
-    the plane between the two bodies, taken along with the one, still parts them after the other has come
+    the plane between the two bodies, moved along with the first, still parts them after the second has come
     nearer by no more than
 
         -g . dq + w L + w sum(R |dq|) / 2,    w = sum |dq|,
@@ -46,13 +46,13 @@ def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doub
 
     Args:
         shifts: Positions along the path, shape (m, n) [rad or m].
-        first: Row of `shifts` where the pairs are known; dq is counted from there.
+        first: Row of `shifts` at which the pairs were measured; dq is counted from there.
         pairs: The pairs.
         reach: By how much distances of pairs that are not in the table may shrink [m].
         doubts: Written: whether more than a pair's spare may be used up until then, shape (k,).
 
     Returns:
-        How many rows after `first` no other pair comes too near, -1 where that cannot be said of `first`.
+        How many rows after `first` no other pair comes too near, -1 where that does not hold at `first`.
     """
     bounds, n = pairs.motion_bounds, pairs.motion_bounds.size
     doubts[:] = False
@@ -92,7 +92,7 @@ class RangeTable(NamedTuple):
 
 @compiled
 def _place(x: Floats1, at: float) -> int:
-    """Return the first place in x, which rises, of a number that is not below another."""
+    """Return the first place in x, rising, shape (m,), of a number that is not below another."""
     low, high = 0, x.size
     while low < high:
         middle = (low + high) // 2
@@ -105,7 +105,13 @@ def _place(x: Floats1, at: float) -> int:
 
 @compiled
 def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
-    """Return the angle left at q below or above a curve, and the curve's slope there."""
+    """Return the angle left at q below or above a curve [rad], and the curve's slope there.
+
+    Args:
+        head: See `RangeTable`, shape (5,).
+        curves: See `RangeTable`, shape (2, total) [rad].
+        q: Joint positions, shape (n,) [rad].
+    """
     x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
     at = q[int(head[0])]
     place = min(max(_place(x, at), 1), x.size - 1)
@@ -122,7 +128,7 @@ def write_range_rows(
     Args:
         table: The curves.
         q: Joint positions, shape (n,) [rad].
-        stop: Where the hardest brake would end, shape (n,): the angle left there counts if it is smaller.
+        stop: Where the hardest brake would end, shape (n,) [rad]: the angle left there counts if smaller.
         gain: Share of the angle that may be used up per second [1/s].
         matrix: Zeros, shape (2 k, n), written.
         least: Written, shape (2 k,).
@@ -139,7 +145,7 @@ def write_range_rows(
 
 @compiled("boolean(RangeTable, int64, float64[::1], float64[::1])")
 def range_holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> bool:
-    """Return whether all of the rectangle with the corners q and `end` is on the safe side of curve k."""
+    """Return whether the whole rectangle with corners q and `end`, shape (n,), is safe by curve k."""
     head, curves = table.heads[k], table.curves
     first, second, side = int(head[0]), int(head[1]), head[2]
     x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]

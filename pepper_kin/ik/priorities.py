@@ -96,7 +96,7 @@ def _with_weight(task: Task, weight: float) -> Task:
 
 
 def is_ordered(tasks: Sequence[Task]) -> bool:
-    """Whether some tasks may give way to others."""
+    """Return whether some tasks may be relaxed in favor of others."""
     if len(tasks) < 2:
         return False
     mixed = any(task.hard for task in tasks) and not all(task.hard for task in tasks)

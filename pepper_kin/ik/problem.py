@@ -66,37 +66,52 @@ class Problem:
         return read_only(motion_scale(self.pepper, self.q0))
 
     def residuals(self, q: Array) -> list[Array]:
-        """Return the residual of each task, without weights."""
+        """Return the residual of each task, shape (m_i,), without weights, at q, shape (n,) [rad or m]."""
         return [task.residual(self.pepper, q) for task in self.tasks]
 
     def stack(self, residuals: Sequence[Array]) -> Array:
-        """Return all residuals times their strengths, shape (m,)."""
+        """Return all residuals, shape (m_i,) each, times their strengths as one vector, shape (m,)."""
         return np.concatenate([t.strength * r for t, r in zip(self.tasks, residuals, strict=True)])
 
     def jacobian(self, q: Array) -> Array:
-        """Return the derivative of the stacked residuals, shape (m, n)."""
+        """Return the derivative of the stacked residuals, shape (m, n), at q, shape (n,) [rad or m]."""
         return np.concatenate([task.strength * task.jacobian(self.pepper, q) for task in self.tasks])
 
     def task_cost(self, residuals: Sequence[Array]) -> float:
-        """Return F without the posture term."""
+        """Return F without the posture term, of the residual of each task, shape (m_i,)."""
         return 0.5 * sum(t.strength**2 * float(r @ r) for t, r in zip(self.tasks, residuals, strict=True))
 
     def cost(self, q: Array, residuals: Sequence[Array], reference: Array) -> float:
-        """Return F(q), given r(q) and q_ref."""
+        """Return F(q) from the residuals r_i(q).
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            residuals: Residual of each task at q, shape (m_i,).
+            reference: q_ref [rad or m], shape (n,).
+        """
         shift = (q - reference)[self.movable]
         return self.task_cost(residuals) + 0.5 * POSTURE_WEIGHT**2 * float(shift @ shift)
 
     def is_met(self, residuals: Sequence[Array], fraction: float = 1.0) -> bool:
-        """Whether every task's error is within this fraction of its tolerance."""
+        """Return whether every task's error is within a fraction of its tolerance.
+
+        Args:
+            residuals: Residual of each task, shape (m_i,).
+            fraction: Share of each tolerance that is allowed.
+        """
         pairs = zip(self.tasks, residuals, strict=True)
         return all(task.size(residual) <= fraction * task.tolerance for task, residual in pairs)
 
     def is_close(self, residuals: Sequence[Array]) -> bool:
-        """Whether nothing is left to gain: all tasks are well met and none is a mere preference."""
+        """Return whether the search may end: all tasks are well met and none is a mere preference.
+
+        Args:
+            residuals: Residual of each task, shape (m_i,).
+        """
         return all(np.isfinite(task.tolerance) for task in self.tasks) and self.is_met(residuals, CLOSE)
 
     def clip(self, q: Array) -> Array:
-        """Return q moved into the bounds."""
+        """Return q, shape (n,) [rad or m], moved into the bounds."""
         return np.clip(q, self.lower, self.upper)
 
     def without_limits(self) -> Problem:
@@ -158,6 +173,13 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
     """Return d_i = sqrt(M_ii / median M_ii), between 1/2 and 4: joints that carry much move less.
 
     sum_i M_ii dq_i^2 is the kinetic energy of the step, cross terms left out.
+
+    Args:
+        pepper: The robot.
+        q: Where the mass matrix M is evaluated [rad or m], shape (n,).
+
+    Returns:
+        d, shape (n,).
     """
     from pepper_kin.dynamics import mass_matrix
 

@@ -185,7 +185,7 @@ def stale_kernels() -> tuple[list[str], list[str]]:
     """Make the everyday calls and compare the code that they ask for with the package's file.
 
     Returns:
-        Names of the parts that are asked for and not in the file, which would be made anew at first use,
+        Names of the parts that are asked for and not in the file, which would be made again at first use,
         and of the kernels in the file that nothing asks for.  Calls end at the first part that is missing,
         so some kernels may be in the second list because of one in the first.
     """

@@ -9,7 +9,7 @@
 
 A CasADi function of SX expressions is a list of scalar instructions.  Each becomes one vector instruction
 that works on several states at once; the code is made at run time by LLVM, without a C compiler, and kept on
-disk.  This package knows nothing of robots: it needs numpy, casadi and llvmlite only, and `native.py`, for
+disk.  This package is independent of robots: it needs numpy, casadi and llvmlite only, and `native.py`, for
 callers that Numba compiles, Numba.  See `docs/kernels.md`.
 
     compile_function, Kernel, Signature, kernel_ir    of CasADi functions

@@ -20,7 +20,7 @@ class Rows:
     """An array as rows of contiguous numbers.
 
     Attributes:
-        array: shape (count, size), or (1, size) for a row that all states share.
+        array: Shape (count, size), or (1, size) for a row that all states share.
         address: Address of the first row.
         stride: Distance of rows in elements; 0 for a shared row.
     """
@@ -39,6 +39,11 @@ def read_inputs(
     signature: Signature, dtype: np.dtype, values: Sequence[ArrayLike]
 ) -> tuple[tuple[int, ...], list[Rows]]:
     """Check and convert the inputs of a call.
+
+    Args:
+        signature: Names and shapes of the inputs.
+        dtype: Number format of the rows.
+        values: One for each input, of shape (..., rows) or (..., rows, columns).
 
     Returns:
         The leading axes of the inputs (those that have any must agree), and the rows of each input.
@@ -115,6 +120,7 @@ def refuse_not_finite(signature: Signature, inputs: Sequence[Rows]) -> None:
 
 
 def _real_array(name: str, value: ArrayLike) -> np.ndarray:
+    """Return an array of real numbers of any shape and dtype; refuse anything else by name."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -125,7 +131,7 @@ def _real_array(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    """The leading axes that all inputs share; inputs without any go with every state."""
+    """The leading axes that all inputs share; inputs without any are shared by all states."""
     leading: tuple[int, ...] = ()
     first = ""
     for name, batch in zip(names, batches, strict=True):
@@ -137,6 +143,7 @@ def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> t
 
 
 def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, shared: bool) -> Rows:
+    """Return an array of shape (..., *core) as rows, shape (count, size), copied only where it has to be."""
     if array.dtype != dtype:
         with np.errstate(over="ignore"):  # what is too large for a float becomes infinite, refused as such
             array = array.astype(dtype)

@@ -9,7 +9,7 @@ the same row for all states).  For every W states, W x W squares of the inputs a
 shuffles into a scratch of vectors (one vector per element, one lane per state) that stays in the first-level
 cache; the block function runs; its results go back the same way.
 
-Results that are too many for the caches take another way, see `streaming.py`.
+Results that are too large for the caches are written otherwise, see `streaming.py`.
 
 No read or write goes beyond an array.  In the last block the lanes left over repeat the last state, reading
 and writing the same row.  The last square of a row is moved back to end with it, overlapping the one before;
@@ -96,7 +96,7 @@ def _load_rows(w: Writer, name: str, rows: list[str], size: int, scratch: str, c
     lanes = w.lanes
 
     def add_to_check(vectors: list[str]) -> None:
-        found = "zeroinitializer"  # a separate chain for every square: squares need not wait for each other
+        found = "zeroinitializer"  # a separate chain for every square, so that squares are independent
         for vector in vectors:
             found = w.multiply_add(vector, "zeroinitializer", found)
         w.store(w.binary("fadd", w.load(check), found), check)

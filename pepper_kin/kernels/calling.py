@@ -1,7 +1,7 @@
 """Calls of machine code from Python.
 
 A compiled function is an object of Python's own kind of C functions (`METH_FASTCALL`).  They all share one
-piece of machine code, `call_from_python`, which reads the arguments after a table, `plan`, refuses wrong
+machine code function, `call_from_python`, which reads the arguments after a table, `plan`, refuses wrong
 ones, releases the interpreter's lock, calls, and makes the result's object.  A call costs a tenth of a
 microsecond and some nanoseconds for each array: numbers of an array are found where NumPy's stable C
 interface (`PyArrayObject_fields`) has them.
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from pepper_kin.kernels.compiled_function import CompiledFunction
 
 BLOCK_WORDS = 768
-"""Room for the arguments of a call: one word for a number, one and one for each axis for an array."""
+"""Words for the arguments of a call: one for a number, one and one for each axis for an array."""
 
 # The plan: entry, number of arguments, number of steps, kind of result, message for a wrong number, C
 # interface, the interpreter's type of arrays; then the steps.
 ENTRY, COUNT, STEPS, RESULT, WRONG_COUNT, API, HEADER, RESULTS, FIRST_STEP = range(9)
 STEP_WORDS = 6
-# A step: what to read, from which tuple, which of its items; what it must be like; message if it is not.
+# A step: what to read, from which tuple, which of its items; the type it must have; message if it has not.
 KIND, SOURCE, ITEM, WHAT, AXES, MESSAGE = range(STEP_WORDS)
 INTEGER, UNSIGNED, NUMBER, TRUTH, ARRAY, RECORD = range(6)
 NOTHING, AN_INTEGER, A_NUMBER, A_TRUTH, A_TUPLE = range(5)
@@ -108,7 +108,7 @@ def _refuse(api: Any, kind: int, message: int) -> int:
 
 @compiled
 def _read_array(step: Any, api: Any, item: int, header: int, block: Any, place: int) -> int:
-    """Write address and lengths of an array; return the next place, or -1 if it is not as it must be."""
+    """Write address and lengths of an array; return the next place, or -1 if its type is wrong."""
     if _word(item + header - 8) != api[ARRAY_TYPE]:
         return -1
     base = item + header
@@ -117,7 +117,7 @@ def _read_array(step: Any, api: Any, item: int, header: int, block: Any, place: 
     if axes != step[AXES] or flags != CONTIGUOUS_AND_ALIGNED:
         return -1
     dtype, wanted = _word(base + DTYPE), step[WHAT]
-    # Arrays that were pickled have separate dtypes, which say the same.
+    # Arrays that were pickled have separate, equal dtypes.
     if dtype != wanted and (_word(dtype + header + 8) ^ _word(wanted + header + 8)) & DTYPE_MASK != 0:
         return -1
     block[place] = _word(base + DATA)
@@ -233,7 +233,7 @@ def builtin_function(function: CompiledFunction, entry: int) -> Callable[..., An
     """Return a function that Python calls as it calls its C functions.
 
     Args:
-        function: What it does.
+        function: The compiled function.
         entry: Address of its entry point.
     """
     signature = function.signature

@@ -14,7 +14,7 @@
 A function with a signature can be called from Python; one without is called by compiled functions only.
 Importing a module with such functions imports no compiler: on the first call, the machine code of all
 functions of the module with signatures is looked for in the file that comes with the package, then in the
-cache folder, and else made and kept: of the portable code that comes with the package, or by Numba
+cache folder, and else made and kept: from the portable code that comes with the package, or by Numba
 (`numba_builder`) where sources have changed.  With NUMBA_DISABLE_JIT=1 the same source runs interpreted.
 With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one is a RuntimeError, or ends the process where
 machine code called the function by its address.
@@ -59,7 +59,7 @@ class CompiledFunction:
         signature: Types of its result and arguments; None for a function that only compiled ones call.
         by_address: Whether `address` is that of a C function with the same scalar arguments.
         lean: Whether it makes and returns no arrays, so that references need not be counted.
-        inline: Whether its callers always take it in.
+        inline: Whether it is always inlined into its callers.
         vector: Whether sums may be taken in another order, and no operand is infinite or NaN.
         symbol: Its name in the object file.
     """
@@ -121,7 +121,7 @@ class CompiledFunction:
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba takes this object for, where a compiled function calls it."""
+        """Numba's type of this object, where a compiled function calls it."""
         from numba import types
 
         return types.Dispatcher(self.dispatcher)
@@ -170,7 +170,7 @@ def compiled(
         function: The function, or its signature as text (see `signatures`).
         by_address: Offer it as a C function too; all arguments must be scalars (arrays as addresses).
         lean: It makes no arrays, returns none and assigns no slices: references to arrays are not counted.
-        inline: Its callers always take it in.
+        inline: It is always inlined into its callers.
         vector: Products and sums may be contracted, and no operand is infinite or NaN.
     """
 
@@ -238,7 +238,7 @@ class Unit:
             return self._code
 
     def build(self, target: Target) -> bytes:
-        """Return new object code, of the package's portable code or, where that is stale, by Numba."""
+        """Return new object code, from the package's portable code or, where that is stale, by Numba."""
         ir = portable_part(self.key())
         if ir is None:
             from pepper_kin.kernels.numba_builder import portable_ir

@@ -81,14 +81,14 @@ def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> 
 
 
 def keep_entries(module: llvm.ModuleRef, symbols: Sequence[str]) -> None:
-    """Let linkers see the entry points of a module only: all else is taken into its callers, or removed."""
+    """Export only the entry points of a module: all else is inlined into its callers, or removed."""
     names = {name for symbol in symbols for name in (symbol, symbol + "_direct")}
     for function in module.functions:
         if not function.is_declaration:
             function.linkage = "external" if function.name in names else "internal"
     for variable in module.global_variables:
         if not variable.is_declaration:
-            variable.linkage = "internal"  # names that nothing asks for are half of a small object file
+            variable.linkage = "internal"  # unused names are half of a small object file
 
 
 def assembly(ir: str, target: Target) -> str:

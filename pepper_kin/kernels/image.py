@@ -18,7 +18,7 @@ class KernelImage:
         signature: Names and shapes of inputs and outputs.
         dtype: "float64" or "float32".
         lanes: Number of states in one vector.
-        work_size: Numbers that the block function needs as work space.
+        work_size: Numbers that the block function needs as workspace.
         flop_count: Arithmetic operations of one state; a sine counts as one.
         object_code: The object file.
     """
@@ -44,7 +44,7 @@ class KernelImage:
         """The inverse of `to_bytes`.
 
         Raises:
-            ValueError, KeyError, TypeError: The bytes are something else.
+            ValueError, KeyError, TypeError: The bytes are not an image.
         """
         header, _, object_code = data.partition(b"\n")
         fields = json.loads(header)

@@ -34,7 +34,7 @@ SUPPORTED_OPERATIONS: tuple[str, ...] = tuple(sorted(OPERAND_COUNT))
 """Names of the operations that can be compiled."""
 
 _COMMUTATIVE = frozenset(("add", "mul", "eq", "ne", "and", "or"))
-_ALIASES = frozenset(("assign", "lift"))  # lift(x, guess) is x; the guess matters to multiple shooting only
+_ALIASES = frozenset(("assign", "lift"))  # lift(x, guess) is x; the guess is for multiple shooting only
 
 
 class UnsupportedInstructionError(PepperKinError):

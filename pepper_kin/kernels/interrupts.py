@@ -1,7 +1,7 @@
 """Signals, such as Ctrl-C, during long calls of machine code.
 
 Python runs the handlers of signals between its own instructions, so not while machine code runs.  Machine
-code that may take long asks `interrupted` several times a second; after its return `raise_interrupt` raises
+code that may take long calls `interrupted` several times a second; after its return `raise_interrupt` raises
 what the handler raised.
 """
 
@@ -17,7 +17,7 @@ from pepper_kin.kernels.intrinsics import _emit_call, call_kernel, intrinsic
 from pepper_kin.kernels.signatures import Ints1
 
 PULSE = 0.1
-"""Time between two questions [s]."""
+"""Time between two checks [s]."""
 
 ENSURE, RELEASE, CHECK, FETCH, STOPPED, RAISED = 0, 1, 2, 3, 4, 5
 """Places in a table: addresses of the interpreter's functions, whether to stop, and the exception (3)."""
@@ -44,7 +44,7 @@ def interrupt_table() -> Ints1:
 
 @compiled
 def interrupted(table: Ints1) -> bool:
-    """Whether the handler of a signal has raised; the table keeps the exception and its stop flag is set."""
+    """Whether a signal's handler has raised; the table, shape (8,), keeps the exception and a stop flag."""
     if table[ENSURE] == 0:
         return False
     state = _ask(table[ENSURE])
@@ -58,7 +58,7 @@ def interrupted(table: Ints1) -> bool:
 
 
 def raise_interrupt(table: Ints1) -> None:
-    """Raise the exception that a table keeps, if any, and make the table ready for the next call."""
+    """Raise the exception that a table, shape (8,), keeps, if any, and clear the table for the next call."""
     table[STOPPED] = 0
     if table[RAISED]:
         kept = [ctypes.c_void_p(int(word)) for word in table[RAISED:]]

@@ -143,13 +143,13 @@ def _emit_array(dtype: str) -> Callable[..., Any]:
 
 @intrinsic(_emit_array("float64"))
 def floats_at(address: int, count: int) -> Floats1:
-    """Return the array of float64 at an address; it does not own the memory."""
+    """Return the array of float64 at an address, shape (count,); it does not own the memory."""
     return np.frombuffer(memoryview((ctypes.c_double * count).from_address(address)), np.float64)
 
 
 @intrinsic(_emit_array("int64"))
 def words_at(address: int, count: int) -> Ints1:
-    """Return the array of int64 at an address; it does not own the memory."""
+    """Return the array of int64 at an address, shape (count,); it does not own the memory."""
     return np.frombuffer(memoryview((ctypes.c_int64 * count).from_address(address)), np.int64)
 
 
@@ -204,7 +204,7 @@ def eight_square_distances(block: int, query: int, n: int, answer: int) -> float
         block: Address of the eight states, coordinate by coordinate, shape (n, 8).
         query: Address of the one, shape (n,).
         n: Number of coordinates, 1 or more.
-        answer: Address of room for eight numbers.
+        answer: Address that receives the squares, shape (8,).
     """
     states, one = floats_at(block, _LANES * n).reshape(n, _LANES), floats_at(query, n)
     squares = floats_at(answer, _LANES)

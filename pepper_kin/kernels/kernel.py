@@ -54,14 +54,14 @@ class Kernel:
       const int64* output_strides, int64 count, f64* work)` at `batch_address`: `count` states in row-major
       arrays, strides in elements from row to row; the result is not zero if an input held NaN or an infinity.
 
-    `work` has room for `work_size` numbers, one such array per thread; it needs no initial content, and no
+    `work` is an array of `work_size` numbers, one per thread; it needs no initial content, and no
     alignment beyond that of a number (64 bytes is fastest).  The addresses are valid while the kernel lives.
 
     Attributes:
         signature: Names and shapes of inputs and outputs.
         dtype: Number format of inputs and outputs, float64 or float32.
         lanes: Number of states that one vector holds.
-        work_size: Room that `work` needs, in numbers of `dtype`.
+        work_size: Size of `work`, in numbers of `dtype`.
         flop_count: Arithmetic operations for one state; a sine counts as one.
         from_cache: Whether the code was read from disk.
         single_address: Address of `single`.
@@ -90,7 +90,7 @@ class Kernel:
 
         Args:
             inputs: One array per input, shape (..., rows) where the function has a column vector, else
-                (..., rows, columns).  Leading axes must agree; an input without any goes with every state.
+                (..., rows, columns).  Leading axes must agree; an input without any is shared by all states.
                 Other real dtypes and layouts are converted; rows that are contiguous are read in place.
             out: Array for the result (a sequence of arrays for several outputs) of the right shape and dtype.
             threads: Number of threads that share the states.  The result does not depend on it.
@@ -115,8 +115,8 @@ class Kernel:
     def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
         """Return the address of a function for a caller whose buffers are large enough for it.
 
-        All callers in machine code ask here, so that no code runs on the buffers of another: of another
-        robot, say, or of other tasks.
+        All callers in machine code get addresses here, so that no code runs on the buffers of another: of
+        another robot, say, or of other tasks.
 
         Args:
             function: "single", "block" or "batch".
@@ -151,7 +151,7 @@ class Kernel:
     def _evaluate(
         self, inputs: Sequence[Rows], outputs: Sequence[np.ndarray], count: int, threads: int
     ) -> bool:
-        """Run the compiled loop; the result is whether an input is not finite."""
+        """Run the compiled loop; outputs have shape (..., *core).  Return whether an input is not finite."""
         sources = [(rows.address, rows.stride) for rows in inputs]
         targets = [(array.ctypes.data, size) for array, size in zip(outputs, self._output_sizes, strict=True)]
         input_strides = _pack([stride for _, stride in sources])
@@ -229,7 +229,7 @@ def _key(content: str, dtype: str) -> str:
 
 @cache
 def _source_digest() -> bytes:
-    """Hash of the files here that decide what machine code is made of an expression."""
+    """Hash of the files here that decide what machine code is made from an expression."""
     names = (
         "arrays batch codegen compiler elementary image instructions kernel partition squares streaming"
         " target trigonometry writer"

@@ -37,7 +37,7 @@ def _vector() -> Any:
 
 
 def lanes_type() -> Any:
-    """Return Numba's type of such values; made once, with what operators do with it."""
+    """Return Numba's type of such values; made once, with its operators."""
     if not _made:
         _made.append(_register())
     return _made[0]

@@ -1,7 +1,7 @@
 """Memory for results.
 
-Fresh memory is dear: the system clears every page of it, which takes as long as a kernel does.  Large arrays
-are therefore taken from memory that an earlier result had, once nobody holds that result any more.
+New memory is slow: the system clears every page of it, which takes as long as a kernel does.  Large arrays
+are therefore taken from the memory of an earlier result, once that result is no longer in use.
 """
 
 from __future__ import annotations

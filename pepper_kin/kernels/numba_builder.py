@@ -233,7 +233,7 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
         for value, argument in zip(direct.args, scalars, strict=True)
     ]
     status, out = context.call_conv.call_function(builder, callee, fndesc.restype, fndesc.argtypes, values)
-    if BOUNDS_CHECKED:  # no C caller looks for errors: the process ends here, not somewhere else later
+    if BOUNDS_CHECKED:  # C callers check for no errors: the process ends here, not somewhere else later
         abort = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), []), "abort")
         with builder.if_then(status.is_error, likely=False):
             builder.call(abort, [])
@@ -324,7 +324,7 @@ _EXCEPTIONS = frozenset(["PyErr_SetString", "PyUnicode_FromKindAndData", "PyObje
 def _simplified(module: Any, symbols: Sequence[str]) -> bytes:
     """Return the bitcode of a module without what only Numba needs: references, calls of small functions.
 
-    Loops are not vectorized: that is done for a known processor.
+    Loops are not vectorized: that is done for a certain processor.
     """
     keep_entries(module, symbols)
     module.verify()

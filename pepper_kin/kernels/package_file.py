@@ -15,12 +15,12 @@ _logger = logging.getLogger(__name__)
 
 
 def read_file(path: Path, what: str, version: int) -> tuple[dict[str, Any], bytes] | None:
-    """Return head and body of a file, or None where it cannot be used; a line says why.
+    """Return head and body of a file, or None where it cannot be used; the reason is logged.
 
     Args:
         path: The file.
-        what: What is in it, for the line.
-        version: The format that is expected; it stands in the head.
+        what: Its content, for the message.
+        version: The expected format; the head holds that of the file.
     """
     try:
         data = path.read_bytes()
@@ -65,5 +65,5 @@ def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
 
 @cache
 def tell(reason: str) -> None:
-    """Say once why machine code is made here."""
+    """Log, once for each reason, why machine code is made on this machine."""
     _logger.warning("%s; it is made here, once, and kept", reason)

@@ -10,7 +10,7 @@ and a slot is used again once its last reader has run.  Constants and inputs nee
 them where they are.
 
 Sines and cosines of inputs (of joint angles, say) are taken before the first chunk, in one small loop, and
-stay in the first slots: the loop overlaps several of them, where straight-line code would wait for each.
+stay in the first slots: the loop overlaps several of them, where straight-line code would run in turn.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _assign_slots(
     ends: dict[int, list[int]] = {}
     for index, run in enumerate(runs):
         # A slot read for the last time in chunk k may be written again in chunk k + 1, not earlier: inside
-        # one chunk the order of reading and writing would matter.
+        # one chunk, reading would have to precede writing.
         for value in ends.pop(index - 1, ()):
             heapq.heappush(free, slots[value])
         for value in run:

@@ -1,7 +1,7 @@
 """The portable code that comes with the package: LLVM IR of all compiled functions, each once.
 
-Where the package's machine code does not fit the processor, LLVM makes other machine code of this, in a
-tenth of the time that it takes with Numba.  The file serves x86-64 and ARM64 processors under Linux and
+Where the package's machine code does not fit the processor, LLVM makes other machine code from this, in a
+tenth of the time that it takes with Numba.  The file is for x86-64 and ARM64 processors under Linux and
 macOS, which lay out all structures in it alike, and the version of LLVM that wrote it and later ones.
 """
 
@@ -102,7 +102,7 @@ def _loaded() -> tuple[dict[str, str], bytes] | None:
         return None
     processor, _, rest = host_target().triple.partition("-")
     if processor not in _PROCESSORS or not any(system in rest for system in _SYSTEMS):
-        return None  # the line about the machine code says so
+        return None  # the message about the machine code covers it
     return head["units"], lzma.decompress(body, lzma.FORMAT_RAW, filters=_FILTERS)
 
 

@@ -1,4 +1,4 @@
-"""A word to those who wait while machine code is made."""
+"""Progress messages while machine code is made."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 _logger = logging.getLogger(__name__)
 
 PATIENCE = 2.0
-"""Waiting so long without a word is fine [s]."""
+"""Longest wait without a message [s]."""
 
 _WIDTH = 30
 
@@ -24,20 +24,20 @@ _expected = 0
 
 
 def expect(count: int) -> None:
-    """Tell how many parts will be made in all, as far as is known."""
+    """Set how many parts are expected to be made in all, for the bar."""
     global _expected
     _expected = count
 
 
 @contextlib.contextmanager
 def making(name: str) -> Iterator[None]:
-    """Tell that something is being made, once this has taken long in all.
+    """Report that a part is being made, once making has taken `PATIENCE` in all.
 
     On a terminal a bar moves in one line; elsewhere one message of this module's logger says that it has
     begun.
 
     Args:
-        name: What is made.
+        name: The part.
     """
     global _spent
     begin = time.perf_counter()

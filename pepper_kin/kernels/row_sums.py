@@ -77,7 +77,7 @@ def add_rows(target: int, rows: tuple[int, ...], shares: tuple[float, ...], coun
     Args:
         target: Row that is added to.
         rows: Rows that are added.
-        shares: By what they are multiplied.
+        shares: Their factors.
         count: Length of all.
     """
     if count > 0:

@@ -45,10 +45,10 @@ def baseline_target() -> Target:
 
 
 def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
-    """The part of a key, or None where the file does not have it or cannot be used; a line says why.
+    """The part of a key, or None where the file does not have it or cannot be used; the reason is logged.
 
     Args:
-        name: What it is, for the message.
+        name: Of the part, for the message.
         key: Hash of all that it was made from.
     """
     loaded = _index()
@@ -113,7 +113,7 @@ def is_usable() -> bool:
 
 
 class _Index(NamedTuple):
-    """What the file holds.
+    """Contents of the file.
 
     Attributes:
         streams: Name -> begin and size in the body, and checksum.
@@ -158,7 +158,7 @@ def _stream(name: str) -> _Stream:
 
 @cache
 def _index() -> _Index | None:
-    """Return what the file holds, or None where it cannot be used."""
+    """Return the contents of the file, or None where it cannot be used."""
     read = read_file(shipped_path(), _WHAT, FORMAT)
     if read is None:
         return None

@@ -89,10 +89,10 @@ def parse_signature(text: str, names: Mapping[str, Any]) -> Signature:
 
     Args:
         text: The signature.
-        names: What the names of record classes mean: the globals of the function.
+        names: Record classes by name: the globals of the function.
 
     Raises:
-        TypeError: The text says something else; it names what.
+        TypeError: The text is not a signature; the message quotes it.
     """
     plain = re.sub(r"\s+", "", text)
     end = plain.index(")(") + 1 if plain.startswith("Tuple(") else plain.index("(")

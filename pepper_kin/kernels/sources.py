@@ -1,4 +1,4 @@
-"""Digests of Python sources, of which names of kept machine code are made."""
+"""Digests of Python sources, parts of the keys of kept machine code."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pepper_kin.exceptions import UnknownNameError
 def source_digest(*modules: str) -> str:
     """Return a hash of the sources of modules and packages, read once in a process.
 
-    A package stands for the files in its own folder, without those of its sub-packages.  The ends of lines do
-    not count, nor where the files lie.
+    A package counts as the files in its own folder, without those of its sub-packages.  The ends of lines do
+    not count, nor do the places of the files.
 
     Args:
         *modules: Full names, such as "pepper_kin.symbolic" or "pepper_kin.ik.fast.expression".

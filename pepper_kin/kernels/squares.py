@@ -58,7 +58,7 @@ def store_rows(
 
 
 def rounds(size: int, lanes: Lanes) -> int:
-    """How often the loop of `store_rows` goes round."""
+    """Number of rounds of the loop of `store_rows`."""
     return -(-size // lanes.count) if size >= lanes.count else size
 
 

@@ -1,7 +1,7 @@
 """Store of machine code: the file that comes with the package, and a cache folder.
 
 A part is found by a key: the hash of all that its code is made from.  What was made from something else has
-another key, so stale code is never read; it is just not found.  Three places are asked in turn:
+another key, so stale code is never read; it is just not found.  Three places are searched in turn:
 
 1. The package's file, `data/x86-64-v3.code`, made for a baseline processor (`shipping`).
 2. The cache folder, for code made for this very processor.
@@ -12,10 +12,10 @@ After `pepper-kin warm-up --native` the package's file is left out.
 
 A file of the cache is written under a temporary name and renamed, which is atomic: readers and other
 writers see a whole file or none.  A checksum finds damage; what is damaged counts as missing and is written
-anew.  A folder that cannot be written means that code stays in memory, not an error.  Where several
-processes need a part that nobody has made, one makes it and the others wait.
+again.  A folder that cannot be written means that code stays in memory, not an error.  Where several
+processes need a part that does not exist yet, one makes it and the others wait.
 
-The files hold machine code that is run without further questions.  The folder is made readable by its owner
+The files hold machine code that is run without further checks.  The folder is made readable by its owner
 only; do not point `PEPPER_KIN_CACHE` to a place where others can write.
 """
 
@@ -52,10 +52,10 @@ _logger = logging.getLogger(__name__)
 
 
 class MissingPartError(LookupError):
-    """A part that was asked for while `watched` allows none to be made.
+    """A part that was requested while `watched` does not allow it.
 
     Attributes:
-        name: What it is.
+        name: Of the part.
     """
 
     def __init__(self, name: str) -> None:
@@ -83,8 +83,8 @@ def obtain(
     """Return a part from the package's file, from the cache or from its maker.
 
     Args:
-        name: What it is, for messages ("planners.rrt_connect").
-        key: Hash of all that it is made from, but the processor.
+        name: Of the part, for messages ("planners.rrt_connect").
+        key: Hash of all that it is made from, except the processor.
         make: Makes it for a processor.
         target: The processor; None for this one, or the baseline that the package's file is for.
         keep: Whether to read and write files at all.
@@ -107,7 +107,7 @@ def find(name: str, key: str) -> Part | None:
     """Return a part from the package's file or from the cache folder, or None.
 
     Raises:
-        MissingPartError: `watched` is under way and does not know the key.
+        MissingPartError: `watched` is under way and does not allow the key.
     """
     if _watch is not None:
         _watch.ask(name, key)
@@ -152,7 +152,7 @@ def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Targe
     if content is not None:
         return Part(content, wanted, False)
     with only_maker(own_key):
-        content = read_part(own_key)  # somebody may have made it while this one waited
+        content = read_part(own_key)  # another process may have made it meanwhile
         if content is not None:
             return Part(content, wanted, False)
         with making(name):
@@ -163,7 +163,7 @@ def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Targe
 
 @contextlib.contextmanager
 def recorded() -> Iterator[dict[str, tuple[str, bytes]]]:
-    """Make everything for the baseline processor, and keep what is asked for: key -> name and content."""
+    """Make everything for the baseline processor, and collect what is requested: key -> name and content."""
     global _recording
     _recording = {}
     try:
@@ -176,10 +176,17 @@ _recording: dict[str, tuple[str, bytes]] | None = None
 
 
 class _Watch(NamedTuple):
+    """Keys of the parts that may be requested, and of those that were."""
+
     allowed: Container[str]
     asked: set[str]
 
     def ask(self, name: str, key: str) -> None:
+        """Note a requested key.
+
+        Raises:
+            MissingPartError: It is not allowed.
+        """
         if key not in self.allowed:
             raise MissingPartError(name)
         self.asked.add(key)
@@ -187,10 +194,10 @@ class _Watch(NamedTuple):
 
 @contextlib.contextmanager
 def watched(allowed: Container[str]) -> Iterator[set[str]]:
-    """Collect the keys of the parts that are asked for; one that is not allowed is a `MissingPartError`.
+    """Collect the keys of the parts that are requested; one that is not allowed is a `MissingPartError`.
 
     Args:
-        allowed: Keys of the parts that may be asked for.
+        allowed: Keys of the parts that may be requested.
     """
     global _watch
     _watch = _Watch(allowed, set())
@@ -279,7 +286,7 @@ def write_part(key: str, content: bytes) -> bool:
 def only_maker(key: str, *, wait: bool = True) -> Iterator[bool]:
     """Let one process at a time make a part, and look for it again first.
 
-    The lock spares work; correctness does not rest on it.  Where files cannot be locked, or the file of the
+    The lock saves work; correctness does not depend on it.  Where files cannot be locked, or the file of the
     one that makes it is removed meanwhile, two make the same.
 
     Args:

@@ -52,7 +52,7 @@ def output_arrays(
 
 
 def staging_size(signature: Signature) -> int:
-    """Room for two arrays' blocks, in vectors."""
+    """Size of the staging area, two arrays' blocks, in vectors."""
     return 2 * max(signature.output_sizes, default=0)
 
 

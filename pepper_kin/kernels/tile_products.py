@@ -1,7 +1,7 @@
 """Products of two blocks of rows, added to a tile of four rows of eight numbers that stays in registers.
 
-Sums of outer products are what factorizing a matrix and adding J^T W J to one are made of; row by row each
-product costs a load and a store of its target.
+Factorizing a matrix, and adding J^T W J to one, consist of sums of outer products; row by row each product
+costs a load and a store of its target.
 """
 
 from __future__ import annotations
@@ -101,11 +101,11 @@ def add_tile(
         right: First row of eight numbers.
         stride: Numbers from one row to the next, of both.
         count: Number of rows.
-        share: By what the sum is multiplied.
+        share: Factor of the sum.
     """
     if count <= 0:
         return
-    target, left, right = int(target), int(left), int(right)  # interpreted callers count in NumPy's numbers
+    target, left, right = int(target), int(left), int(right)  # interpreted callers pass NumPy's integers
     ours = np.stack([floats_at(left + 8 * r * stride, TILE_ROWS) for r in range(count)])
     theirs = np.stack([floats_at(right + 8 * r * stride, TILE_COLUMNS) for r in range(count)])
     for a, row in enumerate(share * (ours.T @ theirs)):

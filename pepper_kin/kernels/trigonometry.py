@@ -70,7 +70,7 @@ def sine_cosine_functions(constants: ConstantTable, has_fma: bool) -> str:
     """IR of `{vector, vector} @sine_cosine(vector, constants)`: sine and cosine of every lane.
 
     Vectors with a lane beyond `range_limit` (or NaN) go lane by lane to the C library.  `@sine_cosine` is
-    copied into its caller, which pays in a loop; `@sine_cosine_called` is the same as a call, which keeps
+    copied into its caller, which is fast in a loop; `@sine_cosine_called` is the same as a call, which keeps
     straight-line code with many angles short.
     """
     return _near_function(constants, has_fma) + _called_function(constants) + _far_function(constants)

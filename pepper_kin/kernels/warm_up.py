@@ -79,9 +79,9 @@ def make_all(modules: Sequence[str], report: Callable[[int], None] | None = None
 
 
 def wait_for(unit: Unit) -> None:
-    """Let other processes make all code, where none comes with the package, until that of a unit is there.
+    """Have other processes make all code, where none comes with the package, and wait for that of a unit.
 
-    Where that does not work, the unit is simply not there yet when this returns.
+    Where that fails, the unit is still missing when this returns.
     """
     if (
         is_recording()

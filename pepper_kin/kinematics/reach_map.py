@@ -83,7 +83,7 @@ class ReachMap:
         return self.origin + (np.argwhere(self.counts > 0) + 0.5) * self.resolution
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for points [m], shape (..., 3), whether their voxel was hit, shape (...).
+        """Return for points [m], shape (..., 3), whether their voxel was hit, shape (...).
 
         Raises:
             InvalidValueError: for another shape, NaN or infinity.
@@ -183,8 +183,8 @@ def reach_map(
         samples: Number of postures.
         resolution: Edge of a voxel [m].
         seed: Seed of the postures.
-        valid: Tells which joint positions, shape (k, n) [rad or m], count, shape (k,); all if omitted.
-        progress: Told the share that is done, from 0 to 1.
+        valid: Returns which joint positions, shape (k, n) [rad or m], count, shape (k,); all if omitted.
+        progress: Called with the share that is done, from 0 to 1.
 
     Returns:
         The map, on a grid with a corner at the world's origin.

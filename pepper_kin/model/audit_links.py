@@ -70,9 +70,12 @@ def audit_links(facts: UrdfFacts, faults: list[Fault]) -> tuple[list[LinkRow], l
 
 
 def impossible_inertia(moments: NDArray[np.floating]) -> str:
-    """Say why no real body has these principal moments of inertia [kg m^2], rising; empty where one can.
+    """Say why no real body has given principal moments of inertia; empty where one can.
 
     All are above zero, and none is larger than the sum of the other two.
+
+    Args:
+        moments: The moments [kg m^2], rising, shape (3,).
     """
     listed = ", ".join(f"{m:.4g}" for m in moments)
     if moments[0] <= 0.0:

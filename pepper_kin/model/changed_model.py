@@ -1,4 +1,4 @@
-"""A model with other limits or masses: a new description, of which everything is computed anew."""
+"""A model with other limits or masses: a new description, from which everything is computed again."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
 
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
-            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which a new model would lose; "
-            "change limits and masses before"
+            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, the new one would not be; "
+            "change limits and masses first, then the pinocchio_model"
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
@@ -99,7 +99,18 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:
-    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group."""
+    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group.
+
+    Args:
+        pepper: The robot.
+        quantity: What messages call them.
+        value: One number, numbers of shape (n,), or a mapping from joints and groups to numbers.
+        present: What joints keep that a mapping leaves out, shape (n,).
+
+    Raises:
+        UnknownNameError: for a name that is neither a joint nor a group.
+        InvalidValueError: for a wrong shape, NaN, or anything but numbers.
+    """
     if not isinstance(value, Mapping):
         array = np.asarray(value, dtype=object)
         numbers = [_number(quantity, each) for each in array.reshape(-1)]
@@ -120,13 +131,25 @@ def _number(quantity: str, value: object) -> float:
 
 
 def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
+    """Check new limits.
+
+    Args:
+        pepper: The robot before the change.
+        new: All limits, each of shape (n,): "lower" and "upper" [rad or m], "velocity" [rad/s or m/s],
+            "acceleration" [rad/s^2 or m/s^2] and "effort" [N m or N].
+
+    Raises:
+        InvalidValueError: for a lower limit above the upper one, an infinite limit of a joint that is
+            bounded on the other side or that slides, or another limit that is not above zero, unless the
+            robot had it before.
+    """
     for j, name in enumerate(pepper.joint_names):
         lower, upper = float(new["lower"][j]), float(new["upper"][j])
         endless = lower == -np.inf and upper == np.inf and pepper.joint_units[j] == "rad"
         if not endless and not (np.isfinite([lower, upper]).all() and lower <= upper):
             raise InvalidValueError(
                 f"limits of {name}", f"{lower:.6g} to {upper:.6g} {pepper.joint_units[j]}",
-                "a lower one up to the upper one; none at all, -inf and inf, for joints that turn",
+                "a lower limit not above the upper one; for no limits -inf and inf, of joints that turn only",
             )  # fmt: skip
         for quantity in ("velocity", "acceleration", "effort"):
             value = float(new[quantity][j])

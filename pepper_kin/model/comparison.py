@@ -141,6 +141,7 @@ def compare(
 
 
 def _text(value: float | NDArray[np.float64] | None) -> str:
+    """Return a number, or the numbers of an array of any shape, with six digits; "none" for None."""
     return "none" if value is None else " ".join(f"{v:.6g}" for v in np.ravel(value))
 
 
@@ -159,7 +160,14 @@ class _Differ:
     def arrays(
         self, quantity: str, a: NDArray[np.float64], b: NDArray[np.float64], unit: str
     ) -> Iterator[Difference]:
-        """Yield a difference where two arrays are further apart than the tolerance."""
+        """Yield a difference where two arrays of one shape differ in a component by more than the tolerance.
+
+        Args:
+            quantity: What they are.
+            a: Of the first model [unit].
+            b: Of the second model [unit].
+            unit: Their unit.
+        """
         size = float(np.abs(a - b).max())
         if size > self.tolerance:
             yield self.item(quantity, _text(a), _text(b), size, unit)

@@ -1,6 +1,6 @@
 """Pepper's description, expanded from the xacro sources ahead of time: expanding takes 0.2 s.
 
-After a change of `urdf/xacro`, write the texts anew:
+After a change of `urdf/xacro`, write the texts again:
 
     python -m pepper_kin.model.expanded_urdf
 

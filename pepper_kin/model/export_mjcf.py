@@ -38,13 +38,12 @@ def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = T
     coordinate an actuator (see `mjcf_drive`).  Visual meshes are in geom group 2 and touch nothing; collision
     shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF disables.  Wheels touch
     nothing: they have no coordinate, and the base moves by its own joints.  Meshes that MuJoCo cannot read
-        are left
-    out and named in a comment.
+    are left out and named in a comment.
 
     Args:
         pepper: The robot.
         mesh_paths: "absolute" or "relative".
-        floor: Whether to add a plane at z = 0, a light and the ground's look.
+        floor: Whether to add a plane at z = 0, a light and the ground's texture.
     """
     writer = _MjcfWriter(pepper, kinematic_tree(pepper.document), mesh_namer(pepper.document, mesh_paths))
     root = ET.Element("mujoco", model=pepper.name)
@@ -96,7 +95,14 @@ class _MjcfWriter:
             child(asset, "mesh", name=name, file=self.mesh_name(path), scale=numbers(scale), inertia="shell")
 
     def _contents(self, element: ET.Element, link: str, pose: NDArray[np.float64], body: str) -> None:
-        """Write a link's shapes, site and children into an element, in which the link has a pose."""
+        """Write a link's shapes, site and children into the element of a body.
+
+        Args:
+            element: The body's element.
+            link: The link.
+            pose: Pose of the link in the body's frame [m], shape (4, 4).
+            body: The body's name.
+        """
         for group, shapes in (
             (VISUAL_GROUP, self.pepper.visual_shapes),
             (COLLISION_GROUP, self.pepper.collision_shapes),
@@ -112,6 +118,14 @@ class _MjcfWriter:
     def _link(
         self, element: ET.Element, placed: PlacedJoint, pose: NDArray[np.float64], carrier: str
     ) -> None:
+        """Write the child link of a joint: as a body, or into its parent's body where it needs none.
+
+        Args:
+            element: The element of the parent's body.
+            placed: The joint.
+            pose: Pose of the parent link in that body's frame [m], shape (4, 4).
+            carrier: Name of that body.
+        """
         link, moving = placed.joint.child, placed.joint.type != "fixed"
         here = pose @ placed.transform_child_to_parent
         if not moving and link not in self.with_shapes and link not in self.tree.bodies:
@@ -153,6 +167,15 @@ class _MjcfWriter:
     def _geom(
         self, element: ET.Element, shape: Shape, pose: NDArray[np.float64], group: str, index: int
     ) -> None:
+        """Write a shape of a link as a geom, if MuJoCo can read it.
+
+        Args:
+            element: The body's element.
+            shape: The shape.
+            pose: Pose of the link in the body's frame [m], shape (4, 4).
+            group: VISUAL_GROUP or COLLISION_GROUP.
+            index: Number of the shape among the link's shapes of the group, for its name.
+        """
         kind = "visual" if group == VISUAL_GROUP else "collision"
         attributes = self._size(shape.geometry)
         if not attributes:
@@ -186,6 +209,7 @@ class _MjcfWriter:
 
 
 def _pose(pose: NDArray[np.float64]) -> dict[str, str]:
+    """Return a pose [m], shape (4, 4), as attributes: position [m] and quaternion (w, x, y, z)."""
     return {
         "pos": numbers(pose[:3, 3]),
         "quat": numbers(quaternion_from_rotation(pose[:3, :3], order="wxyz")),

@@ -101,6 +101,15 @@ class _SdfWriter:
     def _joint(
         self, model: ET.Element, placed: PlacedJoint, parent: str, link: str, pose: NDArray[np.float64]
     ) -> str:
+        """Write a joint with axis, limits and coupling; return its name.
+
+        Args:
+            model: The element of the model.
+            placed: The joint.
+            parent: Its parent link in SDF, or "world".
+            link: Its child link.
+            pose: Pose of the child link, which is the joint's frame, in the parent's frame [m], shape (4, 4).
+        """
         joint = placed.joint
         name = joint.name if joint.name not in self.taken else f"{joint.name}_joint"
         element = self._joint_element(model, name, joint.type, parent, link, pose)
@@ -134,6 +143,16 @@ class _SdfWriter:
         link: str,
         pose: NDArray[np.float64] | None,
     ) -> ET.Element:
+        """Write the element of a joint.
+
+        Args:
+            model: The element of the model.
+            name: Name of the joint.
+            kind: Its type in SDF.
+            parent: Its parent link, or "world".
+            link: Its child link.
+            pose: Pose of the joint's frame in the parent's frame [m], shape (4, 4); None to leave it out.
+        """
         element = child(model, "joint", name=name, type=kind)
         if pose is not None:
             _pose(element, pose, relative_to="__model__" if parent == "world" else parent)
@@ -179,5 +198,6 @@ class _SdfWriter:
 
 
 def _pose(element: ET.Element, pose: NDArray[np.float64], relative_to: str | None = None) -> None:
+    """Write a pose [m], shape (4, 4), into an element: position [m] and roll, pitch and yaw [rad]."""
     attributes = {} if relative_to is None else {"relative_to": relative_to}
     child(element, "pose", numbers((*pose[:3, 3], *rpy_of(pose[:3, :3]))), **attributes)

@@ -15,7 +15,7 @@ def srdf_text(pepper: PepperModel) -> str:
 
     The text that the robot was loaded with is kept, its groups' chains included, less what speaks of fingers
     that are locked or of a base that does not move; states name only joints that have a coordinate, and only
-    joints that follow others are passive.  A pair of links whose reason MoveIt does not know gets "User".
+    joints that follow others are passive.  A pair of links whose reason is not one of MoveIt's gets "User".
     """
     text = pepper.semantics.text
     root = ET.fromstring(text) if text else _from_fields(pepper)

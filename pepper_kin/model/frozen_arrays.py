@@ -11,14 +11,17 @@ if TYPE_CHECKING:
 
 
 def read_only(array: ArrayLike) -> NDArray[np.float64]:
-    """Copy an array of floats and forbid writing to the copy."""
+    """Copy an array of floats, of any shape, and forbid writing to the copy."""
     copy = np.array(array, dtype=float)
     copy.setflags(write=False)
     return copy
 
 
 def kept_read_only(array: ArrayLike) -> NDArray[np.float64]:
-    """Return an array itself where it is of floats, its own and not to be written to, else such a copy."""
+    """Return an array of any shape as a read-only one of float64.
+
+    It is the array itself where that is of float64, owns its memory and may not be written to, else a copy.
+    """
     if (
         type(array) is np.ndarray
         and array.dtype == np.float64

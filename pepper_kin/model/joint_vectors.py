@@ -79,9 +79,13 @@ def _shape_text(shape: tuple[int | None, ...]) -> str:
 
 
 def _as_floats(value: ArrayLike) -> NDArray[np.float64]:
-    """Convert numbers, and nothing else that NumPy would turn into some.
+    """Convert numbers, in an array or nested lists of any shape, to float64; refuse everything else.
 
-    Dates, texts, truth values and complex numbers are refused, in lists and arrays of objects as well.
+    NumPy would turn dates, texts, truth values and complex numbers into floats; they are refused in lists and
+    arrays of objects as well.
+
+    Raises:
+        TypeError: for anything but real numbers.
     """
     array = np.asarray(value)
     if array.dtype.kind == "O":

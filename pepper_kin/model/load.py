@@ -79,7 +79,7 @@ def _pepper_spheres(document: UrdfDocument) -> tuple[Shape, ...]:
 
 
 def pepper_urdf(**arguments: str) -> str:
-    """Return Pepper's URDF text: as it comes with the package, or expanded anew from the xacro sources.
+    """Return Pepper's URDF text: as it comes with the package, or expanded again from the xacro sources.
 
     Args:
         **arguments: xacro arguments: name, prefix, base, hands, mesh_dir.

@@ -242,7 +242,7 @@ class PepperModel:
     ) -> tuple[str, ...]:
         """Return the names of joints, given by groups and joints mixed.
 
-        All functions with an argument `joints` ask this one.
+        All functions with an argument `joints` use this one.
 
         Args:
             joints: A name, or several, such as `["right_arm", "HeadYaw"]`: joints, and groups, which stand
@@ -402,10 +402,19 @@ class PepperModel:
         return q
 
     def _rest(self, rest: ArrayLike | None) -> NDArray[np.float64]:
+        """Return joint positions [rad or m], shape (n,), as a new array; the neutral ones for None."""
         return self.neutral() if rest is None else as_finite(rest, "rest", (self.n,)).copy()
 
     def _named(self, values: Mapping[str, ArrayLike]) -> dict[int, float]:
-        """Return place -> position of joints given by names of joints and groups."""
+        """Return index -> position of joints that are given by names of joints and groups.
+
+        Args:
+            values: A joint's position [rad or m], a number; a group's, shape (k,) for its k joints.
+
+        Raises:
+            UnknownNameError: for a name that is neither.
+            InvalidValueError: for a wrong shape, NaN or infinity, or a joint with two values.
+        """
         found: dict[int, float] = {}
         for name, value in values.items():
             joints = self.resolve_joints(name)

@@ -202,6 +202,10 @@ def check_rotations(rotations: Array, quantity: str = "rotation") -> Array:
 
 
 def _last_axes(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
-    """Return an array of finite floats whose last axes have a shape."""
+    """Return an array of finite floats of shape (..., *shape), any number of leading axes.
+
+    Raises:
+        InvalidValueError: for another shape, NaN or infinity.
+    """
     leading = max(np.ndim(value) - len(shape), 0)
     return as_finite(value, quantity, (*(None,) * leading, *shape))

@@ -161,8 +161,8 @@ class _Reader:
         return pairs
 
     def _members(self, group: str) -> set[str]:
-        """Return the joints of a group, whose sub-groups may stand anywhere in the text."""
-        above: dict[str, None] = {}  # those whose sub-groups are being read, the outermost first
+        """Return the joints of a group; its sub-groups may come before or after it in the SRDF."""
+        above: dict[str, None] = {}  # groups whose sub-groups are being read, outermost first
         waiting = [group]
         while waiting:
             name = waiting[-1]
@@ -176,7 +176,7 @@ class _Reader:
             above[name] = None
             for sub in open_subs:
                 if sub in above:
-                    raise ModelError(f"SRDF: group {sub!r} holds itself: {' > '.join((*above, sub))}")
+                    raise ModelError(f"SRDF: group {sub!r} contains itself: {' > '.join((*above, sub))}")
             waiting += open_subs
         return self.members[group]
 

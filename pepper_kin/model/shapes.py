@@ -43,6 +43,11 @@ def _check_positive(shape: object, *names: str) -> None:
 
 
 def _three(quantity: str, value: ArrayLike, allowed: str) -> tuple[float, float, float]:
+    """Return three finite numbers, shape (3,).
+
+    Raises:
+        InvalidValueError: with what is allowed, for anything else.
+    """
     try:
         x, y, z = as_finite(value, quantity, (3,)).tolist()
     except InvalidValueError as error:
@@ -178,7 +183,7 @@ def _rows_rpy(roll: float, pitch: float, yaw: float) -> list[list[float]]:
 
 
 def transform(position: ArrayLike = (0.0, 0.0, 0.0), rpy: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
-    """Return the (4, 4) transform of a position [m] and a URDF rpy [rad]."""
+    """Return the transform, shape (4, 4), of a position [m] and a URDF rpy [rad], shape (3,) each."""
     roll, pitch, yaw = np.asarray(rpy, dtype=float).tolist()
     rows = _rows_rpy(roll, pitch, yaw)
     for row, value in zip(rows, np.asarray(position, dtype=float).tolist(), strict=True):
@@ -197,6 +202,6 @@ def rotation_to_axis(axis: ArrayLike) -> NDArray[np.float64]:
 
 
 def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product of two vectors, shape (3,): `np.cross` takes twenty times as long for one."""
+    """Return the cross product of two vectors, shape (3,) each: `np.cross` takes twenty times as long."""
     (a, b, c), (x, y, z) = first.tolist(), second.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])

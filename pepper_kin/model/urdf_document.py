@@ -188,7 +188,7 @@ def cut(text: str) -> str:
 
 
 def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
-    """Return a text as `size` numbers up to MOST, or `default` where there is no text.
+    """Return a text as `size` numbers up to MOST, or `default` for None.
 
     Raises:
         ModelError: naming `what` where it is anything else.

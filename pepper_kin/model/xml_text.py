@@ -13,7 +13,7 @@ def number(value: float) -> str:
     """Return the shortest text that reads back as the same number.
 
     Raises:
-        InvalidValueError: for NaN or infinity, which the formats have no text for.
+        InvalidValueError: for NaN or infinity, which the formats cannot represent.
     """
     if not math.isfinite(value):
         raise InvalidValueError("number to export", value, "a finite number")

@@ -12,7 +12,7 @@
     minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
     gesture, gesture_names, gesture_meaning
 
-Where nothing is found, `status` and `message` tell why, and `report()` says what to try.
+Where nothing is found, `status` and `message` say why, and `report()` says what to try.
 """
 
 from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch

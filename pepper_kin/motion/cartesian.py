@@ -232,7 +232,17 @@ class _Follower:
         self.exact = checker_for(pepper, scene)
 
     def follow(self, q: Array, stops: Array, route: Route) -> tuple[Array, Array, CartesianStatus, str]:
-        """Return the joint positions up to where it ends, shape (k, n), how far they are, and why it ends."""
+        """Move the hand from stop to stop.
+
+        Args:
+            q: Joint positions at the start [rad or m], shape (n,).
+            stops: Distances of the stops along the route [m], rising from 0, shape (k,).
+            route: The hand's route.
+
+        Returns:
+            Joint positions at the stops reached, the start and any put in between included, shape (m, n); the
+            stops' distances [m], shape (m,); how it ended, and why in words.
+        """
         path, done = [q], [0.0]
         fault = fault_of(self.exact, q, "start")
         if fault is not None:

@@ -177,7 +177,7 @@ class Checks:
         )
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a compiled function that takes an `of_motion`; coal answers what it cannot tell.
+        """Call a compiled function that takes an `of_motion`; coal decides what it cannot.
 
         Raises:
             BaseException: what coal, or an interrupt meanwhile, has raised.
@@ -340,7 +340,7 @@ _asking = threading.local()
 
 @ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
 def _ask(states: int, count: int, verdicts: int, margins: int) -> int:
-    """Answer what compiled checks ask; see `MotionCheck`."""
+    """Answer the queries of compiled checks; see `MotionCheck`."""
     checks: Checks = _asking.checks
     found = words_at(verdicts, max(count, 1))
     try:

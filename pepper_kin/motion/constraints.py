@@ -161,7 +161,7 @@ class InPython:
         return q
 
     def __call__(self, states: Array) -> tuple[Array, Array]:
-        """Return residuals, shape (m, r), and their Jacobians, shape (m, r, k)."""
+        """Return residuals, shape (m, r), and their Jacobians, shape (m, r, k), at states, shape (m, k)."""
         q = self.whole(states)
         values = [np.concatenate([task.residual(self._pepper, x) for task in self._tasks]) for x in q]
         slopes = [np.concatenate([task.jacobian(self._pepper, x) for task in self._tasks]) for x in q]

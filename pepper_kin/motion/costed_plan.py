@@ -85,7 +85,7 @@ def plan_costed(
         payload: As of `plan`.
 
     Returns:
-        The plan.  Its `costs` tell the integrals along its curve, and along that of the plan without costs.
+        The plan.  Its `costs` hold the integrals along its curve, and along that of the plan without costs.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, no cost, or one that is none.

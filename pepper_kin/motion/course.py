@@ -110,6 +110,7 @@ class Course(NamedTuple):
 
 @compiled
 def _copy_row(source: Array, target: Array) -> None:
+    """Copy an array, shape (n,), into another of the same shape."""
     for i in range(source.size):
         target[i] = source[i]
 

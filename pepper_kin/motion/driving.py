@@ -279,7 +279,7 @@ def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spac
         control = np.tile(problem.start, (count + 3, 1))
         control[:, problem.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
         if drive is drives[-1]:
-            goal = problem.search_problem.goals[0].copy()  # met to the last bit, but for full turns
+            goal = problem.search_problem.goals[0].copy()  # met to the last bit, except for full turns
             goal[2] += 2.0 * math.pi * round((control[-1, problem.free[2]] - goal[2]) / (2.0 * math.pi))
             control[-1, problem.free] = goal
         coefficients = np.empty((count, 4, control.shape[1]))

@@ -56,7 +56,12 @@ class Examiner:
 
 
 def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return lower and upper ends, each of shape (n,), of a box that holds a curve: its Bezier points'."""
+    """Return lower and upper ends, shape (n,) each, of a box that holds a curve: its Bezier points'.
+
+    Args:
+        breaks: Where its cubic segments begin and end, shape (m + 1,).
+        coefficients: Of each segment in powers of the way since its begin, constant first, shape (m, 4, n).
+    """
     h = np.diff(breaks)[:, None]
     constant, first, second, third = coefficients.swapaxes(0, 1)
     points = (

@@ -39,8 +39,8 @@ BLOCK = 64
 """Rows that are solved, and configurations that are looked at, together."""
 
 DRAWS = 4
-"""Postures drawn for each start of a round, of which those that touch nothing are taken, if machine code can
-tell."""
+"""Postures drawn for each start of a round, of which those that touch nothing are taken, if machine code
+decides it."""
 
 APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
@@ -60,15 +60,15 @@ class GoalSearch(NamedTuple):
         bounds: Bounds of `tables.joints` and whether they move, see `solve_rows`.
         options: How much to search from q0.
         further: The same for each of the other starts.
-        check: Tells of configurations in which any joint may differ.
+        check: Check of configurations in which any joint may differ.
         margin: Distance to the scene that is preferred [m].
         least_margin: A smaller one counts as none [m].
-        inputs: q0, weights and targets in the first row; room for BLOCK rows, shape (BLOCK, ...).
-        answers: Room for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
-        found: Room for the solutions of a round, shape (1 + the most starts of a round, n).
-        values: Room for how far these are from q0, as many.
-        order: Room for the order of these, as many.
-        sieve: Room for configurations that are looked at, shape (BLOCK, n).
+        inputs: q0, weights and targets in the first row; space for BLOCK rows, shape (BLOCK, ...).
+        answers: Space for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
+        found: Space for the solutions of a round, shape (1 + the most starts of a round, n).
+        values: Space for how far these are from q0, as many.
+        order: Space for the order of these, as many.
+        sieve: Space for configurations that are looked at, shape (BLOCK, n).
         ends: The start, then the goals that are found, the nearest first, shape (1 + GOALS, n).
         spare: Solutions that touch nothing, but are nearer than the margin, shape (GOALS, n).
         kept: Receives the margins that the ends keep, see `kept_margins`.
@@ -99,8 +99,8 @@ def _pick_held(check: MotionCheck, rows: Array, count: int) -> int:
     """Move the configurations to the front that can be held still; return how many.
 
     Args:
-        check: Tells of states.
-        rows: Configurations, of which the first are asked about, shape (>= count, n).
+        check: Check of states.
+        rows: Configurations, of which the first are tested, shape (>= count, n).
         count: How many.
     """
     found = 0
@@ -119,8 +119,8 @@ def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_
     """Move the configurations to the front that keep margins [m]; return how many.
 
     Args:
-        check: Tells of states.
-        rows: Configurations, of which the first are asked about, shape (>= count, n).
+        check: Check of states.
+        rows: Configurations, of which the first are tested, shape (>= count, n).
         count: How many, STATES_AT_ONCE at most.
         margin: To the scene [m].
         self_margin: To the robot itself [m].
@@ -160,7 +160,16 @@ def _write_nearby(search: GoalSearch) -> None:
 
 @compiled
 def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> None:
-    """Write a posture drawn evenly from all that joints may do, at most half a turn from q0."""
+    """Write a random posture within the limits of all joints, at most half a turn from q0, into q.
+
+    Joints that may not move keep q0.
+
+    Args:
+        search: The search.
+        key: Key of the stream of random numbers.
+        place: Place of the first of n numbers in it.
+        q: Joint positions [rad or m], shape (n,), the result.
+    """
     tables, bounds, start = search.tables, search.bounds, search.ends[0]
     for i in range(q.size):
         j = tables.joints[i]
@@ -205,7 +214,17 @@ def _sort(search: GoalSearch, first: int, size: int) -> None:
 
 @compiled
 def _add_different(solutions: Array, count: int, kept: Array, size: int) -> int:
-    """Add solutions that differ from those that are kept, as long as there is room; return how many are."""
+    """Add solutions that differ from those kept, while there is space for them.
+
+    Args:
+        solutions: Joint positions [rad or m], shape (m, n).
+        count: How many of them, from the first, are looked at.
+        kept: Those kept, shape (k, n); further ones are written behind the first `size`.
+        size: How many are kept before.
+
+    Returns:
+        How many are kept now.
+    """
     for k in range(count):
         new = size < kept.shape[0]
         for other in range(size if new else 0):
@@ -303,12 +322,12 @@ def search_nearby(search: GoalSearch, known: bool) -> int:
 def search_anywhere(search: GoalSearch, key: np.uint64, starts: int, near: bool) -> int:
     """Look for goals from postures drawn from all that touch nothing, where that is cheap.
 
-    All joints are drawn: the arm that is not asked for anything may stand in the way of what is.
+    All joints are drawn: an arm without a task may be in the way of one that has a task.
 
     Args:
         search: What is looked for, after `search_nearby`.
         key: Of the stream of random numbers.
-        starts: Number of starts at most, those that `found` has room for.
+        starts: Number of starts at most, those that `found` has space for.
         near: Whether solutions nearer to something than the margin will do.
 
     Returns:

@@ -27,7 +27,7 @@ from pepper_kin.motion.task_goals import clear_goals, load_tasks
 Array = NDArray[np.float64]
 
 OTHER_SOLVER = "placo"
-"""For tasks that the fast solver does not know."""
+"""For tasks of classes that the fast solver has no code for."""
 STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
 
@@ -188,14 +188,25 @@ def goals_of(
     *,
     tried: bool = False,
 ) -> tuple[NDArray[np.float64], IKResult | None, tuple[PlanStatus, str] | None]:
-    """Return the goals that can be ends of a path, shape (m, n); or the reason why there is none.
+    """Return the goals that can be ends of a path, or the reason why there is none.
 
-    Of the margins [m] the first is preferred, and the second has to be kept.  With `tried`, `clear_goals`
-    has found none.  The deadline is on the clock of `time.perf_counter` [s].
+    Tasks are solved with the margin to the scene first, and without it where that fails; several solutions
+    are looked for at once.  Without a goal there is no path to search: all of the time is used for finding
+    one.
 
-    Tasks are solved with the margin to the scene first, and without it where that fails;
-    several solutions are looked for at once.  Without a goal there is no path to search: all of the time is
-    used for finding one.
+    Args:
+        checks: The robot, the scene and what a state has to keep.
+        start: Joint positions at the start [rad or m], shape (n,).
+        goal: One configuration, shape (n,), or several, shape (m, n) [rad or m], or IK tasks.
+        joints: Joints that tasks may move, by joints and groups; None for all.
+        margins: Distances to the scene [m]: the first is preferred, the second has to be kept.
+        seed: Of the restarts.
+        deadline: When to stop, on the clock of `time.perf_counter` [s].
+        tried: Whether `clear_goals` has been called and has found none.
+
+    Returns:
+        The goals, shape (m, n) [rad or m]; the IK result where there were tasks; status and reason where
+        there is no goal.
     """
     if _are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)

@@ -194,7 +194,12 @@ def _dense_on_curve(curve: CubicPath, step: float) -> Array:
 
 
 def _control_slopes(breaks: Array, coefficients: Array) -> Array:
-    """Return control values of dq/ds, which bound it on each piece, shape (m, 3, n)."""
+    """Return control values of dq/ds, which bound it on each segment, shape (m, 3, n).
+
+    Args:
+        breaks: Where the cubic segments begin and end, shape (m + 1,).
+        coefficients: Of each segment in powers of the way since its begin, constant first, shape (m, 4, n).
+    """
     h = np.diff(breaks)[:, None]
     first, second, third = coefficients[:, 1], coefficients[:, 2], coefficients[:, 3]
     middle = first + second * h

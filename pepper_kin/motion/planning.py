@@ -88,7 +88,7 @@ def plan(
             the retimed plan stays, and the message says so.
 
     Returns:
-        The plan, with `smooth` its trajectory; without a path, its status and message tell why, and what was
+        The plan, with `smooth` its trajectory; without a path, its status and message say why, and what was
         most often in the way.
 
     Raises:
@@ -163,9 +163,15 @@ def _unguided(
     margins: tuple[float, float],
     how: tuple[str, float | None, int, float],
 ) -> Plan:
-    """Return what `plan` does, without constraints and costs; `how` are planner, gap, seed and timeout.
+    """Return what `plan` does, without constraints and costs.
 
-    Start: configuration [rad or m], shape (n,).  Goal: shape (n,) or (m, n), or tasks.  Margins: [m].
+    Args:
+        checks: The robot, the scene and what a state has to keep.
+        q_start: Joint positions at the start [rad or m], shape (n,).
+        goal: One configuration, shape (n,), or several, shape (m, n) [rad or m], or IK tasks.
+        joints: Joints that may move, by joints and groups; None for all.
+        margins: Distances to the scene [m]: the first is preferred, the second has to be kept.
+        how: Planner, gap, seed and timeout [s].
     """
     planner, gap, seed, timeout = how
     load_code_for(checks, goal, planner)

@@ -251,5 +251,5 @@ def checked_timeout(timeout: float) -> float:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is one real number: no truth value, no text, no list."""
+    """Return whether a value is one real number: not a bool, a string or a list."""
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)

@@ -156,19 +156,19 @@ class StaticLimits:
         return min(max(most, least), LONGEST_STEP)
 
     def torque(self, q: Array) -> Array:
-        """Return what holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
+        """Return the effort that holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
         none = np.zeros_like(q)
         torque = gravity_torque(self.pepper, q)
         return torque + payload_torque(self.pepper, self.payload, q, none, none) if self.payload else torque
 
     def weakest(self, q: Array) -> int | None:
-        """Return the joint that a posture, shape (n,), asks most too much of; None where all can hold it."""
+        """Return the joint most overloaded by a posture, shape (n,); None where all can hold it."""
         joint = self.most_loaded(q)
         use = np.abs(self.torque(q)[joint]) / max(self.pepper.effort_limits[joint], 1e-12)
         return joint if use > TORQUE_SHARE else None
 
     def most_loaded(self, q: Array) -> int:
-        """Return the joint that a posture, shape (n,), asks the greatest share of its effort of."""
+        """Return the joint that needs the greatest share of its effort to hold a posture, shape (n,)."""
         return int(np.argmax(np.abs(self.torque(q)) / np.maximum(self.pepper.effort_limits, 1e-12)))
 
     def distance_inside(self, q: Array) -> float:
@@ -179,7 +179,12 @@ class StaticLimits:
         return float(balance_margin(self.pepper, polygon, q[None], none, none, self.payload)[0])
 
     def tips(self, q: Array, margin: float = ROOM_TO_MOVE) -> bool:
-        """Whether a posture, shape (n,), is nearer to tipping over than what a path keeps."""
+        """Return whether a posture is nearer to tipping over than a path may be.
+
+        Args:
+            q: The posture [rad or m], shape (n,).
+            margin: Distance that it keeps beyond `balance` [m].
+        """
         return self.balance is not None and self.distance_inside(q) < self.balance + margin
 
     @property
@@ -188,10 +193,10 @@ class StaticLimits:
         return "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
 
     def said(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
-        """Return a sentence on what a posture, shape (n,), asks too much of; empty where it can be held.
+        """Return a sentence on the limit that a posture exceeds most; empty where it can be held.
 
         Args:
-            q: The posture.
+            q: The posture [rad or m], shape (n,).
             what: Its name, such as "start".
             margin: Distance that it keeps beyond `balance` [m].
         """
@@ -242,7 +247,7 @@ class StaticLimits:
 def static_limits(
     pepper: PepperModel, balance: float | None, payload: Mapping[str, float] | None
 ) -> StaticLimits:
-    """Return the limits that a user asks for, in the words of `retime`.
+    """Return the limits of postures at rest that a user has set, in the terms of `retime`.
 
     Raises:
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.

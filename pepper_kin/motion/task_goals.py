@@ -109,7 +109,7 @@ def _arrays_of(ready: CompiledTasks) -> _Arrays:
 
 
 def load_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> None:
-    """Load, or compile, what `clear_goals` runs for tasks that the fast solver knows, groups taken apart."""
+    """Load, or compile, what `clear_goals` runs for tasks of the fast solver, groups taken apart."""
     compiled_tasks(pepper, equally_weighted(tuple(tasks)))
     load_code(search_nearby, search_anywhere, take_known, take_spare)
 
@@ -131,7 +131,7 @@ def clear_goals(
     Args:
         checks: The robot in its scene.
         start: Where the motion starts, shape (n,).
-        tasks: Tasks that the fast solver knows.
+        tasks: Tasks of classes that the fast solver has code for.
         joints: Joints that may move: joints and groups; None for all.
         margin: Distance to the scene that is preferred [m].
         seed: Draws the starts.
@@ -151,7 +151,7 @@ class _Search:
     Args:
         checks: The robot in its scene.
         start: Where the motion starts [rad or m], shape (n,).
-        parts: Tasks that the fast solver knows.
+        parts: Tasks of classes that the fast solver has code for.
         movable: Which joints may move, shape (n,); None for all.
         margin: Distance to the scene that is preferred [m].
         seed: Draws the starts.

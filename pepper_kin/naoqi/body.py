@@ -86,7 +86,7 @@ class Body:
 
     @property
     def state(self) -> TwinState:
-        """State of the twin; its clock begins anew whenever the stiffness changes."""
+        """State of the twin; its clock starts again at 0 whenever the stiffness changes."""
         return self._twin.state
 
     @property

@@ -127,7 +127,7 @@ class Broker:
             with self.body.time.lock:
                 return self.body.tasks.by_number(number) is not None
         if entry.is_alive():
-            entry.join(0.002)  # who asks in a loop lets time pass
+            entry.join(0.002)  # time passes for a caller that polls in a loop
         return entry.is_alive()
 
     def wait_for(self, number: int, timeout: float | None) -> bool:

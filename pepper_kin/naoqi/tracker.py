@@ -41,7 +41,7 @@ class TrackTask(Task):
         self._count = 0
 
     def step(self, body: Body) -> bool:
-        """Aim the head at the target, five times a second anew."""
+        """Aim the head at the target again, five times a second."""
         point = self.tracker.place_of(self.target)
         if point is None:
             return True

@@ -17,7 +17,7 @@ from pepper_kin.servo.half_spaces import VelocityRows, stacked
 from pepper_kin.servo.motion_bounds import frame_motion_bounds
 from pepper_kin.servo.range_rows import range_rows
 
-# Farthest that bodies are looked for [m], and how often one brake path is looked at anew.
+# Farthest that bodies are looked for [m], and how often one brake path is looked at again.
 FARTHEST = 0.08
 MAX_QUERIES = 4
 

@@ -40,7 +40,7 @@ class ServoState:
         scale: Share of the commanded speed that singularities leave, of the task that suffers most, 0 to 1.
         limited_by: What the velocity touches, in words: "velocity of HeadYaw", "clearance of l_wrist and
             table", "singularity of left hand".
-        relaxed: Conditions that braking cannot keep and that therefore gave way, in words; limits of joint
+        relaxed: Conditions that braking cannot keep and that were relaxed, in words; limits of joint
             position, velocity and acceleration never do.
         errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
             groups taken apart.
@@ -67,7 +67,7 @@ class ServoState:
         if self.limited_by:
             lines.append("limited by " + ", ".join(self.limited_by))
         if self.relaxed:
-            lines.append("gave way: " + ", ".join(self.relaxed))
+            lines.append("relaxed: " + ", ".join(self.relaxed))
         if self.scale < 1:
             lines.append(f"slowed to {100 * self.scale:.0f} % of the speed near a singularity")
         if self.clearance is not None and self.clearance < float("inf"):

@@ -31,12 +31,25 @@ class Alignment(NamedTuple):
     origin: Array
 
     def place(self, rotation: Array, translation: Array) -> tuple[Array, Array]:
-        """Return a placement in the joint's frame (rotation, translation) as one in the body's frame."""
+        """Convert a placement in the joint's frame to one in the body's frame.
+
+        Args:
+            rotation: Rotation matrix to the joint's frame, shape (3, 3).
+            translation: Origin in the joint's frame [m], shape (3,).
+
+        Returns:
+            Rotation matrix, shape (3, 3), and origin [m], shape (3,), in the body's frame.
+        """
         return self.rotation.T @ rotation, self.rotation.T @ (translation - self.origin)
 
 
 def snapped(rotation: Array, tolerance: float = SNAP) -> Array:
-    """Return a rotation whose entries within a tolerance of 0, 1 and -1 are exactly that."""
+    """Return an array, shape (3, 3) or (3,), whose entries near to 0, 1 and -1 are exactly that.
+
+    Args:
+        rotation: Rotation matrix, or a unit vector.
+        tolerance: How near.
+    """
     nearest = np.round(rotation)
     return np.where(np.abs(rotation - nearest) < tolerance, nearest, rotation) + 0.0
 
@@ -68,7 +81,16 @@ def align(model: Any, shift_origins: bool) -> list[Alignment]:
 
 
 def _rotation(model: Any, i: int, parent: Array) -> Array:
-    """Return the axes of body i: z along the joint, x such that the constant rotations have most zeros."""
+    """Return the axes of body i: z along the joint, x such that the constant rotations have most zeros.
+
+    Args:
+        model: `pinocchio.Model` whose joints all have one coordinate.
+        i: Index of the joint.
+        parent: Axes of the parent body in its joint's frame, as columns, shape (3, 3).
+
+    Returns:
+        The axes in the joint's frame, as columns, shape (3, 3).
+    """
     axis = snapped(joint_axis(model.joints[i])[0])
     placed = parent.T @ model.jointPlacements[i].rotation
     children = [c for c in range(1, model.njoints) if model.parents[c] == i]
@@ -89,7 +111,13 @@ def _rotation(model: Any, i: int, parent: Array) -> Array:
 
 
 def _shift(model: Any, rotations: list[Array], origins: Array) -> None:
-    """Move origins along their axes, one at a time, while that makes translations sparser."""
+    """Move origins along their axes, one at a time, while that makes translations sparser.
+
+    Args:
+        model: `pinocchio.Model` whose joints all have one coordinate.
+        rotations: Axes of each body in its joint's frame, as columns, shape (3, 3) each.
+        origins: Origin of each body in its joint's frame [m], shape (njoints, 3); changed in place.
+    """
 
     def translation(child: int) -> Array:
         parent = model.parents[child]

@@ -45,11 +45,11 @@ class Body:
 
 
 def numbers(array: NDArray[np.float64]) -> tuple:
-    """Return an array as nested tuples of Python floats."""
+    """Return an array of any shape as nested tuples of Python floats."""
     return tuple(numbers(row) if np.ndim(row) else float(row) for row in array)
 
 
 def clean(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an array with entries that are only rounding errors set to zero."""
+    """Return an array of any shape with entries that are only rounding errors set to zero."""
     size = np.abs(array).max() if array.size else 0.0
     return np.where(np.abs(array) <= 1e-15 * size, 0.0, array)

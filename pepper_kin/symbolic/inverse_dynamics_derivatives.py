@@ -61,7 +61,12 @@ def coriolis_matrix(pepper: PepperModel) -> casadi.Function:
 
 
 def coupled_rows(full_map: Array, entries: Entries) -> list[list[Value]]:
-    """Return E^T A E as rows."""
+    """Return E^T A E as n rows of n expressions.
+
+    Args:
+        full_map: E, from the robot's n coordinates to those of all N joints, shape (N, n).
+        entries: A by row and column; entries that are left out are zero.
+    """
     gains = [[(k, gain) for k, gain in enumerate(row) if gain] for row in full_map.tolist()]
     n = full_map.shape[1]
     rows: list[list[Value]] = [[0.0] * n for _ in range(n)]

@@ -104,7 +104,12 @@ def jacobian_columns(state: State, frame: str) -> tuple[Columns, Columns]:
 
 
 def reduced_rows(full_map: Array, columns: Columns) -> list[list[Value]]:
-    """Return A E as rows, from the columns of A."""
+    """Return A E as rows of n expressions, from the columns of A.
+
+    Args:
+        full_map: E, from the robot's n coordinates to those of all N joints, shape (N, n).
+        columns: Columns of A, one for each of the N joints.
+    """
     gains = full_map.tolist()
     rows = []
     for k in range(len(columns[0])):

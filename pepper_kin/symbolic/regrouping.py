@@ -73,4 +73,5 @@ def _as_arrays(inertia: Inertia) -> tuple[float, Array, Array]:
 
 
 def _as_inertia(mass: float, first: Array, second: Array) -> Inertia:
+    """Return an inertia of a mass [kg] and moments, shapes (3,) [kg m] and (3, 3) [kg m^2]."""
     return Inertia(float(mass), numbers(clean(first)), numbers(clean(second)))

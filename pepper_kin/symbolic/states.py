@@ -82,7 +82,13 @@ def make_state(
 
 
 def follow(full_map: Array, x: Sequence[Value], offset: Array | None = None) -> list[Value]:
-    """Return E x + e."""
+    """Return E x + e, one value for each of all N joints.
+
+    Args:
+        full_map: E, from the robot's n coordinates to those of all joints, shape (N, n).
+        x: n values.
+        offset: e, shape (N,); zero by default.
+    """
     result: list[Value] = []
     for i, row in enumerate(full_map.tolist()):
         total: Value = 0.0
@@ -93,7 +99,7 @@ def follow(full_map: Array, x: Sequence[Value], offset: Array | None = None) -> 
 
 
 def gather(full_map: Array, x: Sequence[Value]) -> list[Value]:
-    """Return E^T x."""
+    """Return E^T x, n values, of E, shape (N, n), and of x, one value for each of all N joints."""
     return follow(full_map.T, x)
 
 

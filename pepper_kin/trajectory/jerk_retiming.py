@@ -179,6 +179,6 @@ def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits, jerk: A
 def _cannot_rest() -> InfeasibleError:
     return InfeasibleError(
         "trajectory",
-        "the path passes where the robot can swing through but not hold itself still",
+        "the path passes a posture that the robot can move through but cannot hold at rest",
         "leave jerk limits out, or choose a path with less load",
     )

@@ -268,8 +268,8 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
     if measure_use(pepper, state, limits).stretch > 1.0 + 1e-6:
         raise InfeasibleError(
             "trajectory",
-            f"of {duration:.6g} s: the path passes where the robot can swing through, "
-            "but not hold itself still",
+            f"of {duration:.6g} s: the path passes a posture that the robot can move through "
+            "but cannot hold at rest",
             "leave the duration out, or choose a path with less load",
         )
     return slow

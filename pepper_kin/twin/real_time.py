@@ -84,7 +84,7 @@ def run_real_time(
 
     At every tick the commander is shown the state and returns where the joints should be at the next tick;
     the reference moves there evenly.  The loop sleeps for what is left of the tick.  Ticks that come late are
-    not made up for by rushing: the clock is set anew when it is a whole period behind.
+    not made up for by rushing: the clock is set again when it is a whole period behind.
 
     Args:
         twin: The twin, from where it stands.

@@ -125,7 +125,7 @@ class _Buffers:
         return self.add(np.asarray(values, dtype="<f4").tobytes(), "Float32Array")
 
     def _array(self, data: bytes, array_type: str) -> dict[str, Any]:
-        """Add an array as it is, or in half the room where it holds small whole numbers (vertex indices)."""
+        """Add an array as it is, or in half the space where it holds small whole numbers (vertex indices)."""
         if array_type == "Uint32Array":
             indices = np.frombuffer(data, dtype="<u4")
             if indices.size and indices.max() < 2**16:

@@ -15,7 +15,7 @@ from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
 
 PADDING = 2 * TILE_COLUMNS
 """Numbers after the band in each row: as many zeros as a tile has columns, since tiles reach beyond the band,
-and room for what tiles on the diagonal write left of it, which is never read."""
+and space for what tiles on the diagonal write left of it, which is never read."""
 
 
 @compiled(lean=True, inline=True)

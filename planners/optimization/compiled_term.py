@@ -79,7 +79,7 @@ class CompiledTerm:
         self._ask(TIGHTEN, q, 0 * q, 0 * q)
 
     def reserve(self, count: int) -> None:
-        """Make room in memory for a number of samples; terms that need none do nothing."""
+        """Allocate memory for a number of samples; terms that need none do nothing."""
 
     def _ask(self, what: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         self.reserve(len(q))

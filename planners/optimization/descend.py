@@ -87,7 +87,7 @@ def descend(
 ) -> LocalResult:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
-    The start must keep all limits with room to spare, and so does every iterate: the search along a step
+    The start must keep all limits with some slack, and so does every iterate: the search along a step
     stops before the first wall (A. Fiacco and G. McCormick, Nonlinear Programming: Sequential Unconstrained
     Minimization Techniques, 1968).  Matrices are Gauss and Newton's: of constraints only first derivatives
     are needed.

@@ -123,6 +123,19 @@ def _states(
     solver: str,
     max_iterations: int,
 ) -> tuple[FloatArray, FloatArray, float]:
+    """Return start and goal as one vector of positions and velocities each, shape (2 n,), and the duration.
+
+    Args:
+        start: First position and velocity, shape (n,) each.
+        goal: Last position and velocity, shape (n,) each.
+        duration: Duration [s].
+        intervals: Number of intervals, 2 or more.
+        solver: A name of `SOLVERS`.
+        max_iterations: 1 or more.
+
+    Raises:
+        InvalidValueError: for an argument that is not allowed.
+    """
     if solver not in SOLVERS:
         raise InvalidValueError("solver", repr(solver), f"one of {', '.join(map(repr, SOLVERS))}")
     for name, value, least in (("intervals", intervals, 2), ("max_iterations", max_iterations, 1)):

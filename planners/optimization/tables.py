@@ -1,4 +1,4 @@
-"""Arrays of a motion's costs and constraints, and room to evaluate them in."""
+"""Arrays of a motion's costs and constraints, and scratch space to evaluate them in."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Tables(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Room for one search.
+    """Scratch space of one search.
 
     Attributes:
         states: Positions, velocities and accelerations at samples, shape (S, 3 K n).
@@ -68,7 +68,7 @@ class Workspace(NamedTuple):
         rows: Rows of a sample by an interval's control points, each padded by zeros to m numbers, the next
             multiple of a tile's columns, shape (R + 4, (p + 1) m); R is the number of rows of all terms.
         scaled: The same, each times its curvature.
-        shares: By what rows are multiplied: their slopes, and these by the duration; and room, shape
+        shares: By what rows are multiplied: their slopes, and these by the duration; and scratch space, shape
             (3, R + 4 + m).
         sums: Matrices of four samples, shape (4, m, m).
         across: Solution for the border, shape (size n,).

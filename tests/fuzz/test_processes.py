@@ -251,7 +251,7 @@ def test_spawned_processes_get_changed_robots_and_the_same_answers(tmp_path, tri
 
 
 def long_ik(pepper):
-    points = np.random.default_rng(0).uniform((0.1, -0.5, 0.3), (0.7, 0.7, 1.3), (4000, 3))
+    points = np.random.default_rng(0).uniform((0.1, -0.5, 0.3), (0.7, 0.7, 1.3), (200, 3))
     return ik.solve_batch(pepper, ik.HandPosition("left", points))
 
 

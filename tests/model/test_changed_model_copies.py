@@ -1,8 +1,9 @@
 """Changed limits and masses survive copies, pickles, other processes and the search for a base place."""
 
 import copy
-import multiprocessing
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pinocchio
@@ -35,6 +36,13 @@ def by_hand():
     return robot
 
 
+OTHER_PROCESS = """
+import pickle, runpy, sys
+facts = runpy.run_path(sys.argv[1])["facts"]
+sys.stdout.buffer.write(pickle.dumps(facts(pickle.load(sys.stdin.buffer))))
+"""
+
+
 @pytest.mark.parametrize("make", [changed, by_hand])
 @pytest.mark.parametrize(
     "pass_on", [copy.copy, copy.deepcopy, lambda robot: pickle.loads(pickle.dumps(robot))]
@@ -51,8 +59,14 @@ def test_copies_are_the_same_robot(make, pass_on):
 @pytest.mark.parametrize("make", [changed, by_hand])
 def test_other_processes_get_the_same_robot(make):
     robot = make()
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        its = pool.apply(facts, (robot,))
+    done = subprocess.run(
+        [sys.executable, "-c", OTHER_PROCESS, __file__],
+        input=pickle.dumps(robot),
+        stdout=subprocess.PIPE,
+        timeout=200,
+        check=True,
+    )
+    its = pickle.loads(done.stdout)
     for mine, other in zip(facts(robot), its, strict=True):
         np.testing.assert_array_equal(mine, other)
 

@@ -74,7 +74,7 @@ def test_a_chain_may_go_up_one_branch_and_down_another():
 def test_groups_may_come_after_those_that_hold_them():
     text = '<group name="all"><group name="a"/></group><group name="a"><joint name="t"/></group>'
     assert groups(text) == {"all": ("t",), "a": ("t",)}
-    with pytest.raises(ModelError, match="SRDF: group 'all' holds itself: all > a > all"):
+    with pytest.raises(ModelError, match="SRDF: group 'all' contains itself: all > a > all"):
         groups(text.replace('<joint name="t"/>', '<group name="all"/>'))
 
 

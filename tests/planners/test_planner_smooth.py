@@ -134,7 +134,7 @@ def test_knots_are_refined_at_a_tight_corner_only(space: float) -> None:
 def test_without_space_the_corner_is_named() -> None:
     problem, path = tight_corner(1e-9)
     with pytest.raises(
-        InfeasibleError, match=r"no smooth path: the path has no room to turn near \[0\.9"
+        InfeasibleError, match=r"no smooth path: the path leaves no space for a smooth corner near \[0\.9"
     ) as caught:
         smooth(problem, path)
     assert "let the checker keep a margin" in caught.value.advice

@@ -34,7 +34,12 @@ class Projector:
 
     @classmethod
     def toward(cls, origin: ArrayLike, direction: ArrayLike) -> Projector:
-        """Return the projector along a direction, its upward vector as near to z as can be."""
+        """Return the projector along a direction, its upward vector as near to z as can be.
+
+        Args:
+            origin: Where slide coordinates are zero [m], shape (3,).
+            direction: Where rays go, shape (3,), of any length, not parallel to z.
+        """
         along = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         right = np.cross([0.0, 0.0, 1.0], along)
         right /= np.linalg.norm(right)
@@ -46,7 +51,13 @@ class Projector:
         return np.asarray(np.cross(self.right, self.up), dtype=float)
 
     def onto(self, surface: Loft, across: ArrayLike, upward: ArrayLike) -> Array:
-        """Return where rays at slide coordinates (across, upward) [m] meet the surface [m]."""
+        """Return where rays meet the surface [m], shape (..., 3).
+
+        Args:
+            surface: The surface.
+            across: Slide coordinate to the right [m], shape (...).
+            upward: Slide coordinate upward [m], broadcast with `across`.
+        """
         one, two = np.asarray(across, dtype=float)[..., None], np.asarray(upward, dtype=float)[..., None]
         return surface.hit(self.origin + one * self.right + two * self.up, self.direction)
 
@@ -68,7 +79,7 @@ class Relief:
     edge: float = 8.0
 
     def height(self, fraction: ArrayLike) -> Array:
-        """Return the height [m] at a fraction (0 middle, 1 border) of the way to the border."""
+        """Return the height [m] at fractions of the way from the middle, 0, to the border, 1, shape (...)."""
         way = np.clip(np.abs(np.asarray(fraction, dtype=float)), 0.0, 1.0)
         return np.asarray(self.lift - (self.lift + self.sink) * way**self.edge)
 

@@ -24,7 +24,11 @@ _MIDDLE = np.array([0.005, 0.0, 0.115])
 
 
 def _sockets(points: Array) -> Array:
-    """Press the two eye sockets into the face: x -= d (1 - r^2)^2 for r < 1, r = distance / socket radius."""
+    """Press the two eye sockets into the face: x -= d (1 - r^3)^2 for r < 1, r = distance / socket radius.
+
+    Args:
+        points: Points of the head [m], shape (..., 3); those behind the face, x <= 0, stay.
+    """
     _, y, z = features()["head"]["eyes"]["center_left"]
     carved = points.copy()
     distance = np.hypot(np.abs(points[..., 1]) - y, points[..., 2] - z) / _SOCKET_RADIUS

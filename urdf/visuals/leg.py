@@ -25,7 +25,7 @@ _KNEE_STEP = np.array([0.0, 0.0, 0.0, 0.002, 0.003, 0.0])
 
 
 def _cross(one: Array, two: Array) -> Array:
-    """Return the z component of the cross product of plane vectors."""
+    """Return the z component of the cross product of plane vectors, shape (..., 2)."""
     return np.asarray(one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
 
 
@@ -51,7 +51,12 @@ def _footprint_harmonics() -> Array:
 
 
 def _skirt_radial(phi: Array, s: Array) -> Array:
-    """Return rho(phi, s): three-lobed footprint below, ellipse at the shin, rounded box at the knee."""
+    """Return rho(phi, s): three-lobed footprint below, ellipse at the shin, rounded box at the knee.
+
+    Args:
+        phi: Polar angle in the scaled section [rad], shape (...).
+        s: Position along the axis [m], broadcast with `phi`.
+    """
     order = np.arange(_HARMONICS + 1)
     angle, position = np.broadcast_arrays(np.asarray(phi, dtype=float), np.asarray(s, dtype=float))
     lobes = np.cos(angle[..., None] * order) @ _footprint_harmonics()

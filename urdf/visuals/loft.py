@@ -42,7 +42,12 @@ _BLUR_WEIGHTS = _BLUR_WEIGHTS / _BLUR_WEIGHTS.sum()
 
 
 def superellipse(phi: Array, exponent: Array) -> Array:
-    """Return rho(phi) = (|cos phi|^n + |sin phi|^n)^(-1/n) of the unit superellipse."""
+    """Return rho(phi) = (|cos phi|^n + |sin phi|^n)^(-1/n) of the unit superellipse, shape (...).
+
+    Args:
+        phi: Polar angle in the scaled section [rad], shape (...).
+        exponent: n, broadcast with `phi`.
+    """
     total = np.abs(np.cos(phi)) ** exponent + np.abs(np.sin(phi)) ** exponent
     return np.asarray(total ** (-1.0 / exponent), dtype=float)
 
@@ -87,7 +92,7 @@ class Loft:
         object.__setattr__(self, "sections", sections)
 
     def section(self, s: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return center (..., 2) [m], half widths (..., 2) [m] and exponent (...) at positions s [m]."""
+        """Return center (..., 2) [m], half widths (..., 2) [m] and exponent (...) at s, shape (...) [m]."""
         position = np.clip(np.asarray(s, dtype=float), self.start, self.end)
         knots, values = self._knots()
         sigma = _BLUR * float(np.median(np.diff(knots)))
@@ -123,7 +128,11 @@ class Loft:
         return table[:, 0], table[:, 1:]
 
     def _inset(self, s: Array) -> Array:
-        """Return by how much a rounded edge draws the half widths in [m]: f - sqrt(f^2 - (f - d)^2)."""
+        """Return by how much a rounded edge draws the half widths in: f - sqrt(f^2 - (f - d)^2) [m].
+
+        Args:
+            s: Positions along the axis [m], shape (...); d is the distance of each from an end.
+        """
         inset = np.zeros_like(s)
         for fillet, distance in zip(self.fillets, (s - self.start, self.end - s), strict=True):
             if fillet > 0.0:
@@ -132,13 +141,24 @@ class Loft:
         return inset
 
     def _rho(self, phi: Array, s: Array, exponent: Array) -> Array:
+        """Return the radial shape at angles [rad], positions [m] and exponents, broadcast to shape (...)."""
         return superellipse(phi, exponent) if self.radial is None else self.radial(phi, s)
 
     def _carved(self, points: Array) -> Array:
+        """Return surface points [m], shape (..., 3), after carving."""
         return points if self.carve is None else self.carve(points)
 
     def _assemble(self, s: Array, first: Array, second: Array) -> Array:
-        """Put section coordinates into x, y, z order."""
+        """Put section coordinates into x, y, z order.
+
+        Args:
+            s: Positions along the axis [m], broadcast with `first`.
+            first: First coordinate in the section [m], shape (...).
+            second: Second coordinate, of the same shape.
+
+        Returns:
+            Points [m], shape (..., 3).
+        """
         points = np.empty((*first.shape, 3))
         main, one, two = _AXES[self.axis]
         points[..., main], points[..., one], points[..., two] = s, first, second

@@ -13,7 +13,12 @@ Array = NDArray[np.float64]
 
 
 def _quads(index: NDArray[np.int64], points: Array) -> NDArray[np.int64]:
-    """Split every cell of an index grid (m, n) along its shorter diagonal, shape (2 cells, 3)."""
+    """Split every cell of a grid along its shorter diagonal; return the triangles, shape (2 cells, 3).
+
+    Args:
+        index: Indices of the grid's points, shape (m, n).
+        points: All points [m], shape (k, 3).
+    """
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     a, b, c, d = (corner.ravel() for corner in (a, b, c, d))
     first = np.linalg.norm(points[a] - points[c], axis=1)
@@ -84,7 +89,7 @@ def hoop(outer: Array, inner: Array) -> Mesh:
     Args:
         outer: Rings of the visible side [m], from the middle outwards, shape (m, n, 3), counter-clockwise
             seen from outside.
-        inner: The same for the hidden side, of which only first and last ring count.
+        inner: The same for the hidden side, shape (k, n, 3), of which only first and last ring count.
     """
     loops = np.concatenate([inner[[0, -1]], outer[::-1]])
     points = loops.reshape(-1, 3)

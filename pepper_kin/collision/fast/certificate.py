@@ -69,7 +69,7 @@ def leaves_range(table: DependentRange, margin: float, a: Array, b: Array) -> bo
     """Return whether a straight line leaves a dependent range anywhere.
 
     Between two rows of the table the bounds are constant and the line is straight, so that its ends there
-    tell.  The answer is exact but for lines that run along a row of the table, which count with the
+    decide.  The answer is exact except for lines that run along a row of the table, which count with the
     narrower of both sides.
 
     Args:

@@ -73,7 +73,7 @@ class FastChecker:
 
     @property
     def supported(self) -> bool:
-        """Whether the compiled check knows the robot's shapes; if not, all is left to coal."""
+        """Whether the compiled check covers the robot's shapes; if not, all is left to coal."""
         return self._supported
 
     @property

@@ -45,7 +45,7 @@ def resting_margin(structure: Structure) -> float:
 def resting_distance(structure: Structure) -> float:
     """Return a distance that pairs which never move against one another keep [m]; inf without any.
 
-    It is the least of theirs, but for clouds that of their points to the boxes around the robot's solids.
+    It is the least of theirs; of clouds, that of their points to the boxes around the robot's solids.
     """
     (gaps, _), least = structure.gaps, float("inf")
     for k in np.argsort(gaps).tolist():

@@ -1,6 +1,6 @@
 """Balls that cover a robot against a scene and against the robot itself, eight configurations side by side.
 
-Each convex piece of the robot is covered by balls with outer radii R_i and holds balls of inner radii r_i
+Each convex part of the robot is covered by balls with outer radii R_i and holds balls of inner radii r_i
 about the same centers.  Where no outer ball comes near anything, the configuration is free; where an inner
 ball does, it is in contact; all else is in doubt.  Joint after joint, the bodies are placed, a coarse ball
 of each is compared first and its fine balls where it is near, so that a contact near the base costs little.
@@ -110,7 +110,7 @@ class Tables(NamedTuple):
 
 @compiled
 def tables_of(memory: at.Array) -> Tables:
-    """Return the tables of a block and of its scene."""
+    """Return the tables of a block, shape (s,), and of its scene."""
     numbers, here, scene = at.section(memory, at.NUMBERS), at.address_of, at.scene_of(memory)
     return Tables(
         int(numbers[at.BODY_COUNT]),
@@ -187,7 +187,7 @@ def _rotate_row(x: Any, y: Any, z: Any, frame: int, column: int) -> Any:
 
 @compiled(lean=True)
 def place_body(t: Tables, b: int) -> None:
-    """Write the pose of a body, whose parent's is known."""
+    """Write the pose of a body from its parent's."""
     words, frame = t.bodies + 8 * BODY_WORDS * b, t.frames + 4 * FRAME_SINGLES * b
     above, here = t.poses + POSE_BYTES * word_at(words), t.poses + POSE_BYTES * (b + 1)
     q = load_lanes(t.coordinates + LANE_BYTES * word_at(words + 16)) * single_at(frame + 48) + single_at(
@@ -281,7 +281,7 @@ def _is_new(t: Tables, b: int, place: int) -> bool:
 
 @compiled(lean=True)
 def _center_balls(t: Tables, b: int, p: int) -> None:
-    """Write where the centers of the balls of a body's part are, if that is not known yet."""
+    """Write where the centers of the balls of a body's part are, if that has not been done yet."""
     part = t.parts + 8 * PART_WORDS * p
     if _is_new(t, b, t.parts_at + 16 * p):
         for k in range(word_at(part + 8), word_at(part + 16)):
@@ -290,7 +290,7 @@ def _center_balls(t: Tables, b: int, p: int) -> None:
 
 @compiled(lean=True)
 def _center_parts(t: Tables, b: int) -> None:
-    """Write where the coarse balls of a body's parts are, if that is not known yet."""
+    """Write where the coarse balls of a body's parts are, if that has not been done yet."""
     words = t.bodies + 8 * BODY_WORDS * b
     if _is_new(t, b, t.placed_at + 16 * b + 8):
         for p in range(word_at(words + 56), word_at(words + 64)):
@@ -299,7 +299,7 @@ def _center_parts(t: Tables, b: int) -> None:
 
 @compiled(lean=True)
 def _place_cores(t: Tables, b: int, p: int) -> None:
-    """Write where the cores of a body's part are, if that is not known yet."""
+    """Write where the cores of a body's part are, if that has not been done yet."""
     if not _is_new(t, b, t.parts_at + 16 * p + 8):
         return
     part = t.parts + 8 * PART_WORDS * p
@@ -400,7 +400,7 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
 
 @compiled(inline=True, lean=True)
 def _near_boxes(boxes: int, low: tuple[Any, Any, Any], high: tuple[Any, Any, Any]) -> int:
-    """Return which of the eight boxes at an address meet a box whose corners are given, each in all lanes."""
+    """Return which of the eight boxes at an address meet the box with these corners, each in all lanes."""
     apart = lane_maximum(load_lanes(boxes) - high[0], low[0] - load_lanes(boxes + 3 * LANE_BYTES))
     apart = lane_maximum(apart, load_lanes(boxes + LANE_BYTES) - high[1])
     apart = lane_maximum(apart, low[1] - load_lanes(boxes + 4 * LANE_BYTES))
@@ -450,7 +450,7 @@ def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: 
     contact, doubt = decided, 0
     for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
         n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
-        alone = n + 1 == end  # a tree of one node is not worth a look at its box
+        alone = n + 1 == end  # the box of a tree of one node is not worth a test
         while n < end:
             node = t.nodes + 4 * NODE_SINGLES * n
             if not alone and (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
@@ -641,7 +641,7 @@ def _to_front(order: int, i: int) -> None:
 
 @compiled(lean=True)
 def check_block(t: Tables, first_contact: bool) -> int:
-    """Check the configurations in `coordinates`; return the lanes that are surely in contact.
+    """Check the configurations in `coordinates`; return the lanes that are certainly in contact.
 
     Lanes in doubt, which may be in contact too, are written to `group_doubts` and `class_doubts`, and
     `doubtful` shows whether there are any.

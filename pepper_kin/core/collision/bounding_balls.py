@@ -46,7 +46,7 @@ def ball_within_planes(planes: Array, low: Array, high: Array, center: Array) ->
         planes: Outward normals of the hull's faces, and what to add to n . x for the height above each, shape
             (k, 4) [m].
         low: Least corner of the box, shape (3,) [m].
-        high: Greatest corner [m].
+        high: Greatest corner, shape (3,) [m].
         center: Of the ball, written, shape (3,) [m].
     """
     radius, step, x, y, z = -math.inf, 0.0, 0.0, 0.0, 0.0

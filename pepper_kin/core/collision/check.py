@@ -45,7 +45,7 @@ MOST_BITS = 61
 
 @compiled
 def _all_within(values: Array, widest: float) -> bool:
-    """Whether all numbers are within [-widest, widest]; false where one is NaN."""
+    """Whether all numbers, shape (k,), are within [-widest, widest]; false where one is NaN."""
     beyond = 0
     for i in range(values.size):
         beyond |= not abs(values[i]) <= widest
@@ -54,7 +54,10 @@ def _all_within(values: Array, widest: float) -> bool:
 
 @compiled
 def _start(memory: Array, rows: Array, count: int) -> int:
-    """Settle what joint ranges settle; queue the rest.  Returns how many are queued."""
+    """Decide what joint ranges decide of configurations, shape (count n,) [rad or m]; queue the rest.
+
+    Returns how many are queued.
+    """
     numbers, queue = section(memory, at.NUMBERS), section_bits(memory, at.QUEUE)
     status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
     tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
@@ -83,7 +86,7 @@ def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int)
     """Note what of the last block is in doubt; return the lanes.
 
     Args:
-        memory: The block.
+        memory: The block, shape (s,).
         t: Its tables.
         first: Place in QUEUE of the configuration in the first lane.
         count: Number of configurations.
@@ -121,8 +124,8 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
     """Write the verdicts on configurations into STATUS; returns how many were in doubt.
 
     Args:
-        memory: The block.
-        rows: Configurations, one after the other, shape (count n,).
+        memory: The block, shape (s,).
+        rows: Configurations, one after the other, shape (count n,) [rad or m].
         count: How many, STATES_AT_ONCE at most.
     """
     kept, t, doubts = _start(memory, rows, count), tables_of(memory), 0
@@ -143,7 +146,15 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
 
 @compiled("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)")
 def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int, end: int) -> int:
-    """Write the verdicts on rows of q from `begin` to `end`; returns how many balls left in doubt."""
+    """Write the verdicts on rows of q from `begin` to `end`; return how many of them balls leave in doubt.
+
+    Args:
+        memory: The block, shape (s,).
+        q: Configurations, shape (m, n) [rad or m].
+        verdicts: Receives FREE, CONTACT or TIE of each, shape (m,).
+        begin: The first row.
+        end: The row behind the last.
+    """
     n, doubts, status = q.shape[1], 0, section_bits(memory, at.STATUS)
     flat = q.reshape(-1)
     for first in range(begin, end, STATES_AT_ONCE):
@@ -156,7 +167,7 @@ def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int,
 
 @compiled
 def _state(memory: Array, row: int, a: Array, b: Array, fraction: float) -> None:
-    """Write a state of an edge into ROWS."""
+    """Write the state at a fraction of an edge from a to b, shape (k,) [rad or m], into ROWS."""
     rows, moving, frozen = section(memory, at.ROWS), section(memory, at.FREE), section(memory, at.FROZEN)
     n = frozen.size
     for k in range(n):
@@ -168,7 +179,7 @@ def _state(memory: Array, row: int, a: Array, b: Array, fraction: float) -> None
 
 @compiled
 def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
-    """Whether all of an edge keeps the tabulated ranges of joints."""
+    """Whether all of an edge from a to b, shape (k,) [rad or m], keeps the tabulated ranges of joints."""
     heads, tables = section(memory, at.TABLE_HEADS), section(memory, at.TABLES)
     if heads.size == 0:
         return True
@@ -181,7 +192,7 @@ def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
 
 @compiled
 def _decided_free(memory: Array, count: int) -> bool:
-    """Whether the exact check finds the first configurations in ROWS, all in doubt, free."""
+    """Whether the first states in ROWS of a block, shape (s,), all in doubt, are free by the exact check."""
     status = section_bits(memory, at.STATUS)
     for i in range(count):
         status[i] = FREE
@@ -194,7 +205,17 @@ def _decided_free(memory: Array, count: int) -> bool:
 
 @compiled
 def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k: int, blocks: int) -> int:
-    """Add the states of a block of an edge that are in doubt to those that wait; return how many do."""
+    """Add the states in doubt, of eight on an edge, to those that wait; return how many wait now.
+
+    Args:
+        memory: The block, shape (s,).
+        t: Its tables.
+        a: Values of the free joints at the beginning of the edge, shape (k,) [rad or m].
+        b: The same at the end, shape (k,).
+        waiting: Number of states that wait already.
+        k: Which eight states of the edge, from 0.
+        blocks: How many eights of states the edge has.
+    """
     queue = section_bits(memory, at.QUEUE)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
     for i in range(LANES):
@@ -214,13 +235,13 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
     """Whether states of an edge can be held still, with what is carried, without tipping over.
 
     The kernel takes configurations and the masses in LOADS, as many side by side as it has lanes, and returns
-    the torques, and, where EDGES are given, what these are multiplied with: a product below zero is a moment
-    that nothing but a pull of the floor could bear.
+    the torques, and, where EDGES has any, the floor's force and moments that these are multiplied by: where
+    the product is below zero, only a pull of the floor could keep the robot from tipping.
 
     Args:
-        memory: The block; ROWS takes the states.
+        memory: The block, shape (s,); ROWS receives the states.
         a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end.
+        b: The same at the end, shape (k,).
         count: Number of states, a multiple of eight.
     """
     numbers, rows, scratch = (
@@ -261,13 +282,14 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
     """Whether at least `steps` states from a to b, evenly spaced and b among them, are valid.
 
     Eight states are checked side by side.  The first eight are spread from end to end, the next lie a little
-    before them, and so on, since what an edge meets is mostly wider than the space between two states.  What
-    balls leave in doubt waits until all of the edge has been looked at.
+    before them, and so on, since obstacles are mostly wider than the distance between two states.  States
+    that balls leave in doubt wait until all of the edge has been examined.
 
     Args:
-        memory: The block; its section FREE lists the joints of a and b, FROZEN where the others stand.
+        memory: The block, shape (s,); its section FREE lists the joints of a and b, FROZEN has the positions
+            of the others.
         a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end.
+        b: The same at the end, shape (k,).
         steps: Number of states, which is rounded up to a multiple of eight.
     """
     numbers, t = section(memory, at.NUMBERS), tables_of(memory)
@@ -302,7 +324,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
 
 @compiled("void(float64[::1])")
 def place_frozen(memory: Array) -> None:
-    """Place all bodies where FROZEN has the joints; those that no free joint moves stay there."""
+    """Place all bodies of a block, shape (s,), by FROZEN; those that no free joint moves stay there."""
     frozen, coordinates = section(memory, at.FROZEN), section_single(memory, at.COORDINATES)
     for k in range(frozen.size):
         for i in range(LANES):
@@ -315,12 +337,12 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
     """Make a block ready for a motion.
 
     Args:
-        memory: The block.
-        frozen: Where the joints stand that do not move, shape (n,).
-        effort: What holding still may take of each joint, shape (n,).
-        gravity: Address of the kernel's `block` of the torques that hold still; 0: holding is not asked for.
+        memory: The block, shape (s,).
+        frozen: Positions of the joints that do not move, shape (n,) [rad or m].
+        effort: Greatest torque or force of each joint while holding still, shape (n,) [N m or N].
+        gravity: Address of the kernel's `block` of the torques that hold still; 0: these are not checked.
         lanes: How many states it takes side by side, eight or a part of that.
-        moves: For each body 1 if the motion moves it, the world last.
+        moves: For each body 1 if the motion moves it, the world last, shape (bodies,).
     """
     stands, limits, gaps = section(memory, at.FROZEN), section(memory, at.EFFORT), section(memory, at.GAPS)
     for k in range(frozen.size):
@@ -344,7 +366,7 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
     """Write the margins into a block.
 
     Args:
-        memory: The block.
+        memory: The block, shape (s,).
         margin: To the scene [m].
         self_margin: Between two parts of the robot [m].
         radius: About how far from their joint neighboring bodies meet: turns that into an angle [m].
@@ -356,13 +378,13 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
-    """Write the verdicts on configurations, for those who have addresses only; see `check_rows`.
+    """Write the verdicts on configurations, all by addresses; see `check_rows`.
 
     Args:
-        memory: The block.
-        rows: Configurations, one after the other.
+        memory: Address of the block.
+        rows: Address of the configurations, one after the other, shape (count n,) [rad or m].
         count: How many, STATES_AT_ONCE at most.
-        answers: Receives FREE, CONTACT or TIE of each as an integer.
+        answers: Address that receives FREE, CONTACT or TIE of each as an integer, shape (count,).
     """
     spans = floats_at(memory, at.SIZE + 1)
     whole, found = floats_at(memory, int(spans[at.SIZE])), words_at(answers, count)
@@ -376,7 +398,7 @@ def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def valid_steps(a: int, b: int, steps: int, memory: int) -> int:
-    """Return `steps` if `is_edge_valid`, and else 0, for those who have addresses only."""
+    """Return `steps` if `is_edge_valid`, and else 0; the arrays are given by their addresses."""
     spans = floats_at(memory, at.SIZE + 1)
     whole = floats_at(memory, int(spans[at.SIZE]))
     count = int(spans[2 * at.FREE + 1] - spans[2 * at.FREE])

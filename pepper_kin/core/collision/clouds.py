@@ -1,10 +1,10 @@
-"""Clouds of points: the grids that tell how far points are, and distances of balls and solids to them.
+"""Clouds of points: grids of distances to the nearest point, and distances of balls and solids to them.
 
 For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: that
-to the nearest cell with a point in it, by a distance transform along one axis after another.  A ball that the
-field keeps apart costs a few loads.  For any other, points are sorted by bins of two cells' edge, row by row
-along x, so that those of neighboring bins of a row stand side by side, and the rows that the ball meets are
-looked through.
+to the nearest cell with a point in it, by a distance transform along one axis after another.  A ball that is
+far from all points by the field costs a few loads.  For any other, points are sorted by bins of two cells'
+edge, row by row along x, so that those of neighboring bins of a row are side by side, and the rows that the
+ball meets are searched.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
 
     Args:
         points: Coordinates, shape (k, 3) [m].
-        middle: The origin of the cloud's frame [m].
-        block: Written but for its head.
+        middle: The origin of the cloud's frame, shape (3,) [m].
+        block: Written, except for its head, shape (s,).
     """
     c, count = cloud_at(block.ctypes.data), points.shape[0]
     cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
@@ -149,7 +149,7 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
     for k in range(bins, 0, -1):
         store_single(c.first + 4 * k, single_at(c.first + 4 * k - 4))
     store_single(c.first, 0.0)
-    for i in range(LANES):  # what a look at the last eight points may see beyond them
+    for i in range(LANES):  # read with the last eight points
         store_single(c.xs + 4 * (count + i), 1e9)
         store_single(c.ys + 4 * (count + i), 1e9)
         store_single(c.zs + 4 * (count + i), 1e9)
@@ -372,7 +372,7 @@ def cloud_verdict(
         core: The core, in the world.
         address: Of the cloud's block.
         pose: Address of the cloud's frame in the world, center and axes, shape (12,).
-        reach: Points farther than this from the core's center do not matter [m].
+        reach: Points farther than this from the core's center do not count [m].
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
         places: Address of workspace for POINT_WORKSPACE_SIZE doubles, zeros at first.
@@ -496,7 +496,7 @@ def clouds_verdict(
 
 @compiled("void(float64[:, ::1], float64[::1])")
 def extent(points: Array, box: Array) -> None:
-    """Write the least and the greatest corner of the box around points, shape (6,)."""
+    """Write the least and the greatest corner, shape (6,), of the box around points, shape (k, 3) [m]."""
     for a in range(3):
         box[a], box[3 + a] = math.inf, -math.inf
     for p in range(points.shape[0]):
@@ -511,10 +511,10 @@ def thin(points: Array, low: Array, edge: float, table: NDArray[np.int64], boxes
 
     Args:
         points: Coordinates, shape (k, 3) [m].
-        low: Least corner of the first cube [m].
+        low: Least corner of the first cube, shape (>= 3,) [m].
         edge: Edge of a cube [m].
-        table: Workspace, all -1, its size a power of two above k.
-        boxes: Written: of each cube the middle of the box around its points; and workspace, shape (k, 6).
+        table: Workspace, all -1, its shape (t,) with t a power of two above k.
+        boxes: Written: of each cube the middle of the box around its points; and workspace, shape (k, 6) [m].
     """
     count, mask, off = 0, table.size - 1, 0.0
     keys, owner = np.empty((points.shape[0], 3), np.int64), np.empty(points.shape[0], np.int64)

@@ -26,7 +26,7 @@ FINEST = SHORTEST / SHORTER**2
 deeper than half of this between two states."""
 
 SPARSE = 8
-"""One of as many states is looked at before all others, since what a curve meets is mostly wider."""
+"""One of as many states is examined before all others, since obstacles are mostly wider."""
 
 
 class MotionCheck(NamedTuple):
@@ -39,25 +39,25 @@ class MotionCheck(NamedTuple):
             Without states it returns whether what never moves against the world is nearer than the margins.
         load: Address of `batch` of the kernel from a configuration and the masses to the torques that hold
             it still and, where there are edges, the floor's force along z and its moments about x and y.
-        quick: Whether ties count as near where only a distance is asked for that lets steps be longer.
+        quick: Whether ties count as near where only the distance that allows longer steps is tested.
         least: Margins to the scene below this are kept by what never moves against the world [m].
         radius: See `check.set_margins` [m].
-        still: Block that compares what stands.
-        moving: Block that compares what moves.
-        standing: Where the joints stand that do not move, shape (n,).
-        effort: What holding still may take of each joint, shape (n,).
+        still: Block that compares what stands, shape (s,).
+        moving: Block that compares what moves, shape (t,).
+        standing: Positions of the joints that do not move, shape (n,) [rad or m].
+        effort: Greatest torque or force of each joint while holding still, shape (n,) [N m or N].
         masses: What is carried [kg], shape (m,).
-        edges: What the floor's force and moments are multiplied with, for each edge that the robot could tip
-            over; none of the products may be below zero.  Shape (k, 3).
-        heads: Heads of the tables of joints' dependent ranges, see `joint_ranges`.
-        tables: Their rows.
+        edges: Factors of the floor's force and moments, for each edge that the robot could tip over; none of
+            the sums of products may be below zero.  Shape (k, 3).
+        heads: Heads of the tables of joints' dependent ranges, see `joint_ranges`, shape (HEAD t,).
+        tables: Their rows, shape (r,).
         held_step: Greatest distance that a point of the body moves between states that are to be held [m].
         states: Workspace, shape (STATES_AT_ONCE, n).
         inputs: Workspace, shape (STATES_AT_ONCE, n + m).
         torques: Workspace, shape (STATES_AT_ONCE, n), or (STATES_AT_ONCE, n + 3) where there are edges.
         answers: Workspace, shape (STATES_AT_ONCE,).
         margins: Workspace, shape (2,).
-        work: Workspace of the size that the kernel asks for.
+        work: Workspace of the kernel, shape (>= work_size,).
         words: Workspace, shape (8,).
     """
 
@@ -101,7 +101,14 @@ class Intervals(NamedTuple):
 
 @compiled
 def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) -> None:
-    """Have ties among verdicts decided, if there are any."""
+    """Call `ask` for ties among verdicts, if there are any.
+
+    Args:
+        check: Checks of the states of one motion.
+        states: Configurations, shape (>= count, n) [rad or m].
+        count: Number of states.
+        verdicts: FREE, CONTACT or TIE of each, shape (>= count,); ties are overwritten.
+    """
     for i in range(count):
         if verdicts[i] == TIE:
             margins = check.margins.ctypes.data
@@ -128,14 +135,14 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
 def _check_states(
     check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool
 ) -> None:
-    """Write the verdicts on states, shape (>= count, n), at margins into `answers`.
+    """Write the verdicts on states at margins into `answers`.
 
     Args:
         check: Checks of the states of one motion.
-        states: The states.
+        states: The states, shape (>= count, n) [rad or m].
         count: Number of states, STATES_AT_ONCE at most.
         margins: To the scene and to the robot itself [m].
-        surely: Whether ties may count as contacts.
+        surely: Whether ties may count as contacts, where `quick` allows it.
     """
     answers = check.answers
     check.margins[0], check.margins[1] = margins
@@ -180,7 +187,7 @@ def _held(check: MotionCheck, count: int) -> bool:
 
 @compiled
 def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> int:
-    """Return how many of some states keep margins [m]; 0 where the first does not."""
+    """Return how many states, shape (m, n) [rad or m], keep margins [m]; 0 where the first does not."""
     if blocked(check, margin, self_margin):
         return 0
     found = 0
@@ -198,14 +205,14 @@ def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: floa
 def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> None:
     """Write the margins that the ends of a motion allow, to the scene and to the robot itself [m].
 
-    Each is halved until the start and a goal keep it; to itself the robot gives up half of what it could
-    keep, since joints near one another have to move.
+    Each is halved until the start and a goal keep it; to itself the robot keeps half of what it
+    could, since joints near one another have to move.
 
     Args:
         check: Checks of the states of one motion.
-        ends: The start, then goals, shape (1 + m, n).
+        ends: The start, then goals, shape (1 + m, n) [rad or m].
         margin: The margin requested [m].
-        least: A smaller one counts as none [m].
+        least: One that is not greater counts as none [m].
         kept: Receives the margins, shape (2,).
     """
     own = scene = margin
@@ -221,7 +228,7 @@ def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float,
 def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> bool:
     """Return whether all ends of a motion touch nothing and can be held; if so write their margins.
 
-    See `kept_margins` for the arguments.
+    See `kept_margins` for the arguments and their shapes.
     """
     for first in range(0, ends.shape[0], STATES_AT_ONCE):
         count = min(STATES_AT_ONCE, ends.shape[0] - first)
@@ -271,7 +278,7 @@ def count_intervals(
 
 @compiled("void(float64[::1], int64[::1], Intervals)")
 def write_intervals(breaks: Floats1, counts: Ints1, parts: Intervals) -> None:
-    """Write as many equal intervals of each segment as counted."""
+    """Write equal intervals of each segment, as many as `counts`, shape (m,); breaks have shape (m + 1,)."""
     place = 0
     for i in range(counts.size):
         h = (breaks[i + 1] - breaks[i]) / counts[i]
@@ -282,7 +289,7 @@ def write_intervals(breaks: Floats1, counts: Ints1, parts: Intervals) -> None:
 
 @compiled
 def _write_middle(coefficients: Array, i: int, x: float, state: Array) -> None:
-    """Write the state of a curve on a segment."""
+    """Write the state, shape (n,), of a curve, shape (m, 4, n), at parameter x of segment i [rad or m]."""
     for j in range(state.size):
         value = coefficients[i, 2, j] + x * coefficients[i, 3, j]
         state[j] = coefficients[i, 0, j] + x * (coefficients[i, 1, j] + x * value)
@@ -301,7 +308,7 @@ def _near_ones(
 
     Args:
         check: Checks of the states of one motion.
-        coefficients: Of the curve, shape (m, 4, n).
+        coefficients: Of the curve, constant term first, shape (m, 4, n) [rad or m].
         parts: The intervals.
         kept: Margins that all middles have to keep [m].
         step: What no point of the body moves farther than in an interval [m].
@@ -368,7 +375,14 @@ def _sparse_first(parts: Intervals) -> Intervals:
 
 @compiled
 def _held_along(check: MotionCheck, breaks: Array, coefficients: Array, reach: Array) -> bool:
-    """Return whether a curve can be held still, without tipping over, all along."""
+    """Return whether a curve can be held still, without tipping over, all along.
+
+    Args:
+        check: Checks of the states of one motion.
+        breaks: Ends of the segments, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n) [rad or m].
+        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
+    """
     counts = np.empty(coefficients.shape[0], np.int64)
     count_intervals(breaks, coefficients, reach, check.held_step, counts)
     waiting = 0
@@ -402,7 +416,7 @@ def is_clear(
     The curve is cut into intervals on which no point of the body moves farther than LONGEST.  Where the
     state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
     Others are cut into shorter intervals, and those again, down to FINEST, whose middles need only keep the
-    margins asked for.  Dependent ranges of joints are kept at every point.
+    requested margins.  Dependent ranges of joints are kept at every point.
 
     Args:
         check: Checks of the states of one motion.
@@ -412,8 +426,8 @@ def is_clear(
         margin: To the scene [m].
         self_margin: To the robot itself [m].
         held: Whether the joints have to hold still along the curve.
-        strictly: Whether the margin to the scene is proven to be kept at every point, between the states
-            that are looked at as well.
+        strictly: Whether the margin to the scene is proven to be kept at every point, between the examined
+            states as well.
     """
     if blocked(check, margin, self_margin):
         return False

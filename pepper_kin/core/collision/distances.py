@@ -21,11 +21,11 @@ SHAPE = 19
 center."""
 
 MEASURED, BOUNDED, BY_BALLS, BY_HEIGHT = 0, 1, 2, 3
-"""How a pair is looked at: its distance is computed here; only a lower bound is, by a box around the one, by
+"""How a pair is compared: its distance is computed here; only a lower bound is, by a box around the one, by
 balls around both, or by the height of the one's ball above the other, a half-space."""
 
 CROSSING = 1e-6
-"""Cores nearer than this count as crossing [m]: the direction in which to part them is coal's to tell."""
+"""Cores nearer than this count as crossing [m]: coal computes the direction in which to part them."""
 
 SLACK = 1e-5
 """Coal's distances may be too small by this [m]."""
@@ -33,7 +33,15 @@ SLACK = 1e-5
 
 @compiled
 def _lower_bound(first: Array, pose: Array, second: Array, other: Array, how: int) -> float:
-    """Return a lower bound of the distance of two shapes that are not measured [m]."""
+    """Return a lower bound of the distance of two shapes that are not measured [m].
+
+    Args:
+        first: Numbers of the first, shape (SHAPE,).
+        pose: Pose of its core in the world, shape (12,).
+        second: Numbers of the second, shape (SHAPE,).
+        other: Pose of its core in the world, shape (12,).
+        how: BOUNDED, BY_BALLS or BY_HEIGHT.
+    """
     if how == BOUNDED:
         return nearest_to_box(pose, first[16], other, second[14:17])[1] - first[17]
     x, y, z = pose[0] - other[0], pose[1] - other[1], pose[2] - other[2]
@@ -44,7 +52,15 @@ def _lower_bound(first: Array, pose: Array, second: Array, other: Array, how: in
 
 @compiled
 def _nearest(first: Array, pose: Array, second: Array, other: Array, points: Array) -> float:
-    """Write the nearest points of two cores, the first a segment, and return their distance [m]."""
+    """Write the nearest points of two cores, the first a segment, and return their distance [m].
+
+    Args:
+        first: Numbers of the first, shape (SHAPE,).
+        pose: Pose of its core in the world, shape (12,).
+        second: Numbers of the second, a segment or a box, shape (SHAPE,).
+        other: Pose of its core in the world, shape (12,).
+        points: Written, in the world, shape (2, 3) [m].
+    """
     if second[0] == SEGMENT:
         s, t = nearest_on_segments(pose, first[16], other, second[16])
         for i in range(3):
@@ -69,7 +85,7 @@ class ShapeTable(NamedTuple):
 
     Attributes:
         shapes: A row of SHAPE numbers for each shape, shape (k, SHAPE).
-        pairs: First and second shape, how they are compared, which of them is meant first, shape (m, 4).
+        pairs: First and second shape, how they are compared, whether results swap the two, shape (m, 4).
         paddings: How far the two of each pair reach beyond their shapes together, shape (m,) [m].
     """
 
@@ -84,8 +100,8 @@ class NearTable(NamedTuple):
     Attributes:
         found: Places among the pairs of those that are near, shape (m,).
         distances: Their distances, shape (m,) [m].
-        points: Their nearest points, shape (m, 2, 3) [m].
-        normals: From the second to the first, shape (m, 3).
+        points: Their nearest points in the world, shape (m, 2, 3) [m].
+        normals: Unit vectors from the second to the first, in the world, shape (m, 3).
         undecided: Places of pairs that may be nearer and have to be measured otherwise, shape (m,).
     """
 
@@ -98,20 +114,20 @@ class NearTable(NamedTuple):
 
 @compiled("Tuple(int64, int64)(float64[:, ::1], ShapeTable, float64, NearTable)")
 def find_near(poses: Floats2, table: ShapeTable, distance: float, result: NearTable) -> tuple[int, int]:
-    """Find the pairs nearer than a distance, and those of which only coal can tell.
+    """Find the pairs nearer than a distance, and those that only coal can measure.
 
     The distance of two cores with nearest points a and b, grown by r_a and r_b, is |a - b| - r_a - r_b, also
     below zero, where that is how far they have to part; the nearest points are a - r_a n and b + r_b n with
     n = (a - b) / |a - b|.
 
     Args:
-        poses: Of the joints, see `place_joints`.
+        poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
         table: The shapes and pairs.
         distance: Farther pairs are left out [m].
         result: Written.
 
     Returns:
-        How many are found, and how many are open.
+        How many are found, and how many are undecided.
     """
     shapes, pairs, paddings = table.shapes, table.pairs, table.paddings
     found, distances, points, normals = result.found, result.distances, result.points, result.normals
@@ -164,12 +180,12 @@ def slopes(
     axis: +-n . (u x (p - o)), or +-n . u where it slides, with - for the second body.
 
     Args:
-        joints: See `joint_table`.
-        poses: Of the joints, see `place_joints`.
-        axes: Of the joints in the world.
+        joints: See `joint_table`, shape (njoints, JOINT).
+        poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
+        axes: Of the joints in the world, shape (njoints, 3).
         sides: 1 where a joint moves the first body alone, -1 the second, else 0, shape (k, njoints - 1).
-        points: Nearest points, shape (k, 2, 3) [m].
-        normals: Shape (k, 3).
+        points: Nearest points in the world, shape (k, 2, 3) [m].
+        normals: From the second to the first body, in the world, shape (k, 3).
         gradients: Written, shape (k, njoints - 1) [m/rad or 1].
     """
     for k in range(sides.shape[0]):

@@ -23,7 +23,7 @@ STEPS = 40
 TOUCHING = 1e-10
 """Cores nearer than this count as meeting [m]."""
 FREE, CONTACT, TIE = 0, 1, 2
-"""Verdicts: surely further than the threshold, surely nearer, too near to it to tell."""
+"""Verdicts: certainly farther than the threshold, certainly nearer, too near to it to decide."""
 GJK_WORKSPACE_SIZE = 40
 """Doubles of workspace that `nearer_than` needs."""
 SINGLE = 1e-6
@@ -40,8 +40,8 @@ class ConvexCore(NamedTuple):
     Attributes:
         kind: BOX, CYLINDER or HULL.
         half: Its half lengths, shape (3,) [m].
-        pose: Its center, x, y and z axis, shape (12,).
-        corners: Of a HULL, vertices, a multiple of eight; some may stand there twice.
+        pose: Its center [m], x, y and z axis, in the world, shape (12,).
+        corners: Of a HULL, vertices, a multiple of eight; some may be there twice.
         vertices: Their x, then their y, then their z, in the core's frame [m].
         singles: The same in single precision.
         size: Greatest distance of a vertex from the center, or more [m].
@@ -68,7 +68,7 @@ def _greatest_height(core: ConvexCore, u: float, v: float, w: float) -> float:
 
 @compiled(lean=True)
 def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
-    """Return the place of a hull's vertex with the greatest u x + v y + w z, but for rounding."""
+    """Return the place of a hull's vertex with the greatest u x + v y + w z, except for rounding."""
     most = 2.0 * SINGLE * core.size * math.sqrt(u * u + v * v + w * w)
     least = spread(_greatest_height(core, u, v, w) - most)
     x, end, best, place = core.singles, 4 * core.corners, -1e300, 0
@@ -136,6 +136,15 @@ def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -
     """Write the weights (sum 1) of the point of least norm in the points' affine hull.
 
     It solves (s 1 1^T + P P^T) mu = 1 by elimination and divides mu by its sum (Wolfe 1976).
+
+    Args:
+        points: P, three numbers each, shape (>= 3 count,) [m].
+        count: Number of points, four at most.
+        weights: Written, shape (>= count,).
+        squares: Workspace, shape (>= 16,).
+
+    Returns:
+        False where the points are affinely dependent.
     """
     scale = 1e-30
     for i in range(0, 3 * count, 3):
@@ -174,7 +183,8 @@ def _nearest_in_hull(scratch: Array, count: int) -> int:
     """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
 
     Args:
-        scratch: Corners, three numbers each, and weights of the present point, written; and workspace.
+        scratch: Corners, three numbers each [m], and weights of the present point, both changed; and
+            workspace; shape (GJK_WORKSPACE_SIZE,).
         count: How many corners there are; those kept are moved to the front.
 
     Returns:
@@ -228,7 +238,7 @@ def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
 
 @compiled(lean=True)
 def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: int, scratch: int) -> int:
-    """Tell whether two convex cores are nearer than a threshold.
+    """Return whether two convex cores are nearer than a threshold: FREE, CONTACT or TIE.
 
     Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
     difference of the cores, bounds their distance by |v| from above and, with w its furthest point towards
@@ -239,8 +249,8 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
         b: The other.
         threshold: Distance [m].
         tie: Distances within this of the threshold are ties [m].
-        axis: Address of the direction that parted the cores when they were last asked about, a unit vector
-            in the frame of the first, or zero; it is tried first.  Written where they are parted.
+        axis: Address of the direction that parted the cores at their last test, a unit vector in the frame
+            of the first, or zero; it is tried first.  Written where they are parted.
         scratch: Address of a workspace of GJK_WORKSPACE_SIZE doubles.
     """
     if separation(a, b, axis) > threshold + tie:

@@ -15,17 +15,25 @@ range that all rows leave."""
 CELLS = 128
 """Cells of equal width into which a table is cut."""
 CELL = 4
-"""Numbers for each cell: below the first or above the second the range is surely left; from the third to the
-fourth it is surely kept, at a margin of zero."""
+"""Numbers for each cell: below the first or above the second the range is certainly left; from the third to
+the fourth it is certainly kept, at a margin of zero."""
 
 SLACK = 1e-9
 """A curve may leave a range by this, for rounding [rad or m]."""
-_HALVINGS = 40  # of a piece of a curve
+_HALVINGS = 40  # of a segment of a curve
 
 
 @compiled
 def _violates(heads: Array, tables: Array, margin: float, q: Array, k: int) -> bool:
-    """Whether a configuration leaves the range of one table."""
+    """Whether a configuration leaves the range of one table.
+
+    Args:
+        heads: The section TABLE_HEADS, shape (HEAD t,).
+        tables: The section TABLES, shape (r,).
+        margin: Angle that the second joint keeps from a contact [rad].
+        q: Configuration, shape (n,) [rad or m].
+        k: The table.
+    """
     h = HEAD * k
     x, y = q[int(heads[h])], q[int(heads[h + 1])]
     count, below = int(heads[h + 3]), 0
@@ -51,13 +59,13 @@ def violations(
     """Write whether configurations leave a dependent range.
 
     Args:
-        heads: The section TABLE_HEADS.
-        tables: The section TABLES.
-        cells: The section TABLE_CELLS.
+        heads: The section TABLE_HEADS, shape (HEAD t,).
+        tables: The section TABLES, shape (r,).
+        cells: The section TABLE_CELLS, shape (CELL CELLS t,).
         margin: Angle that the second joint keeps from a contact [rad].
-        rows: Joint positions, one configuration after the other [rad or m].
+        rows: Joint positions, one configuration after the other, shape (>= count n,) [rad or m].
         n: Number of joints.
-        left: Written, one number per configuration.
+        left: Written, 1 for each configuration that leaves one, else 0, shape (count,).
     """
     left[:] = 0
     places, states, stride = left.ctypes.data, rows.ctypes.data, 8 * n
@@ -82,7 +90,7 @@ def violations(
 
 @compiled
 def _row_below(rows: Array, count: int, x: float) -> int:
-    """Return the last row that begins at x or before, or -1."""
+    """Return the last of the first `count` rows, of a rising array, shape (k,), at x or below, or -1."""
     low, high = -1, count
     while high - low > 1:
         middle = (low + high) // 2
@@ -100,7 +108,7 @@ def _line_keeps(
     """Whether a straight line keeps the range of one table at each of its points.
 
     Args:
-        rows: Positions of the first joint, and lower and upper ends for the second, shape (3 count,).
+        rows: Positions of the first joint, and lower and upper ends for the second, shape (3 count,) [rad].
         count: Number of rows.
         margin: Angle that the second joint keeps from a contact [rad].
         a: Where the first and the second joint are at one end; the first is not greater than at the other.
@@ -127,7 +135,14 @@ def _line_keeps(
 
 @compiled
 def _box_keeps(rows: Array, count: int, x: tuple[float, float], y: tuple[float, float]) -> bool:
-    """Whether all of a box keeps the range of one table; x and y are the least and the greatest values."""
+    """Whether all of a box keeps the range of one table.
+
+    Args:
+        rows: See `_line_keeps`, shape (3 count,).
+        count: Number of rows.
+        x: Least and greatest value of the first joint [rad].
+        y: Those of the second.
+    """
     row = max(_row_below(rows, count, x[0]), 0)
     while True:
         if y[0] < rows[count + row] - SLACK or y[1] > rows[2 * count + row] + SLACK:
@@ -139,7 +154,7 @@ def _box_keeps(rows: Array, count: int, x: tuple[float, float], y: tuple[float, 
 
 @compiled
 def _write_control(coefficients: Array, i: int, h: float, j: int, points: Array) -> None:
-    """Write the Bezier points of a joint on a piece of a curve, shape (4,)."""
+    """Write the Bezier points, shape (4,), of joint j on segment i, h wide, of a curve, shape (m, 4, n)."""
     constant, first = coefficients[i, 0, j], coefficients[i, 1, j] * h
     second, third = coefficients[i, 2, j] * h * h, coefficients[i, 3, j] * h * h * h
     points[0], points[1] = constant, constant + first / 3.0
@@ -148,7 +163,13 @@ def _write_control(coefficients: Array, i: int, h: float, j: int, points: Array)
 
 @compiled
 def _halve(stack: Array, top: int, k: int) -> None:
-    """Write the Bezier points of the second half of a part of a curve, and above them those of the first."""
+    """Write the Bezier points of the second half of a part of a curve, and above them those of the first.
+
+    Args:
+        stack: Changed, shape (_HALVINGS + 2, 8).
+        top: Row of the part, and of its second half.
+        k: Column of a joint's first point: 0 or 4.
+    """
     p, q, r, s = stack[top, k], stack[top, k + 1], stack[top, k + 2], stack[top, k + 3]
     pq, qr, rs = 0.5 * (p + q), 0.5 * (q + r), 0.5 * (r + s)
     left, right = 0.5 * (pq + qr), 0.5 * (qr + rs)
@@ -160,10 +181,10 @@ def _halve(stack: Array, top: int, k: int) -> None:
 
 @compiled
 def _piece_keeps(rows: Array, count: int, stack: Array) -> bool:
-    """Whether a piece of a curve keeps the range of one table: each part whose box does not is halved.
+    """Whether a segment of a curve keeps the range of one table: each part whose box does not is halved.
 
     Args:
-        rows: See `_line_keeps`.
+        rows: See `_line_keeps`, shape (3 count,).
         count: Number of rows.
         stack: Workspace, shape (_HALVINGS + 2, 8); the first row holds the Bezier points of both joints.
     """
@@ -188,10 +209,10 @@ def edge_keeps_ranges(heads: Array, tables: Array, margin: float, a: Array, b: A
     """Whether each configuration on the straight line between two keeps all dependent ranges.
 
     Args:
-        heads: The section TABLE_HEADS.
-        tables: The section TABLES.
+        heads: The section TABLE_HEADS, shape (HEAD t,).
+        tables: The section TABLES, shape (r,).
         margin: Angle that the second joint keeps from a contact [rad].
-        a: One end, shape (n,).
+        a: One end, shape (n,) [rad or m].
         b: The other end, shape (n,).
     """
     for h in range(0, heads.size, HEAD):
@@ -211,12 +232,12 @@ def edge_keeps_ranges(heads: Array, tables: Array, margin: float, a: Array, b: A
 def curve_keeps_ranges(heads: Array, tables: Array, breaks: Array, coefficients: Array) -> bool:
     """Whether each configuration on a piecewise cubic curve keeps all dependent ranges, without margin.
 
-    Between states that are looked at a curve could pass a corner of the staircase that a table is.
+    Between examined states a curve could pass a corner of the range, which is piecewise constant.
 
     Args:
-        heads: The section TABLE_HEADS.
-        tables: The section TABLES.
-        breaks: Ends of the pieces, shape (m + 1,).
+        heads: The section TABLE_HEADS, shape (HEAD t,).
+        tables: The section TABLES, shape (r,).
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n) [rad or m].
     """
     if heads.size == 0:

@@ -89,8 +89,7 @@ ALIGNMENT = 8
     LOADS,
     EDGES,
 ) = range(63)
-"""Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` say what is in
-each.
+"""Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` describe them.
 
 PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
 parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were."""
@@ -128,37 +127,37 @@ NUMBERS_SIZE = 13
 
 @compiled
 def section(memory: Array, which: int) -> Array:
-    """Return a section of the block as doubles."""
+    """Return a section of a block, shape (s,), as doubles, shape (k,): a view."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])]
 
 
 @compiled
 def section_single(memory: Array, which: int) -> NDArray[np.float32]:
-    """Return a section of the block as floats."""
+    """Return a section of a block, shape (s,), as floats, shape (2 k,): a view."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
 
 
 @compiled
 def scene_of(memory: Array) -> Array:
-    """Return the block of the scene that a robot's block names."""
+    """Return the block of the scene, shape (t,), that a robot's block, shape (s,), names."""
     numbers = section(memory, NUMBERS)
     return floats_at(int(numbers[SCENE]), int(numbers[SCENE_SIZE]))
 
 
 @compiled(inline=True)
 def address_of(memory: Array, which: int) -> int:
-    """Return the address of a section."""
+    """Return the address of a section of a block, shape (s,)."""
     return int(memory.ctypes.data) + 8 * int(memory[2 * which])
 
 
 @compiled
 def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
-    """Return a section of the block as integers."""
+    """Return a section of a block, shape (s,), as integers, shape (k,): a view."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.int64)
 
 
 def blank(sizes: dict[int, int]) -> Array:
-    """Return a block of zeros whose sections have these sizes; the rest is empty.
+    """Return a block of zeros, shape (s,), whose sections have these sizes; the rest is empty.
 
     Its first numbers are the beginning and end of each section, then its size; it is at a multiple of 64
     bytes.
@@ -176,7 +175,7 @@ def blank(sizes: dict[int, int]) -> Array:
 
 
 def pack(sections: dict[int, Array]) -> Array:
-    """Return a block with these sections; see `blank`."""
+    """Return a block, shape (s,), with these sections, arrays of any shape; see `blank`."""
     block = blank({which: values.size for which, values in sections.items()})
     for which, values in sections.items():
         section(block, which)[:] = values.ravel()
@@ -184,14 +183,14 @@ def pack(sections: dict[int, Array]) -> Array:
 
 
 def shorten(memory: Array, which: int, size: int) -> int:
-    """Change the size of a section to no more than it was made with; returns the size that it had."""
+    """Reduce the size of a section of a block, shape (s,); return the size that it had."""
     begin, end = int(memory[2 * which]), int(memory[2 * which + 1])
     memory[2 * which + 1] = begin + size
     return end - begin
 
 
 def extended(block: Array, sections: dict[int, Array]) -> Array:
-    """Return a copy of a block with other sections in place of some, which are added to its end."""
+    """Return a copy of a block, shape (s,), with some sections replaced, by arrays of any shape."""
     place, added = block.size, []
     spans = block[: 2 * SECTIONS].copy()
     for which, values in sections.items():
@@ -204,14 +203,14 @@ def extended(block: Array, sections: dict[int, Array]) -> Array:
 
 
 def aligned(size: int) -> Array:
-    """Return an array of doubles, the first of them at a multiple of 64 bytes."""
+    """Return an array of doubles, shape (size,), the first of them at a multiple of 64 bytes."""
     memory = np.empty(size + ALIGNMENT)
     first = (-memory.ctypes.data // 8) % ALIGNMENT
     return memory[first : first + size]
 
 
 def aligned_copy(block: Array) -> Array:
-    """Return a copy whose first number is at a multiple of 64 bytes."""
+    """Return a copy of a block, shape (s,), whose first number is at a multiple of 64 bytes."""
     copy = aligned(block.size)
     copy[:] = block
     return copy

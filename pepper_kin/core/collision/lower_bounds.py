@@ -61,7 +61,7 @@ FAR = 1e30
 
 @compiled(inline=True, lean=True)
 def _less_reach(squared: Any, reach: float) -> Any:
-    """Return d - R in lanes; -FAR where d is zero, since a core entered says nothing of how deep."""
+    """Return d - R in lanes; -FAR where d is zero, since the depth is not measured."""
     distance = lane_sqrt(squared)
     inside = lane_minimum(distance * 1e30 - 1.0, spread(0.0))  # -1 where the distance is zero
     return distance - reach + inside * FAR
@@ -163,7 +163,16 @@ def _group_bound(t: Tables, g: int) -> Any:
 
 @compiled
 def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, part: int) -> None:
-    """Write the bounds of a part of the robot in all lanes."""
+    """Write the bounds of a part of the robot in all lanes.
+
+    Args:
+        memory: The robot's block, shape (s,).
+        least: The bounds in lanes [m].
+        bounds: Written from row `first` on, shape (m, parts) [m]: -inf where the bound is not above zero.
+        first: Row of the configuration in the first lane.
+        count: Number of configurations, LANES at most.
+        part: Column of the part.
+    """
     scratch = section_single(memory, at.QUEUE)
     store_lanes(scratch.ctypes.data, least)
     for i in range(count):
@@ -173,7 +182,13 @@ def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, par
 
 @compiled
 def _group_distance(memory: Array, scene: Array, g: int) -> float:
-    """Return a lower bound of the distance of a group's solids, which are placed, to the scene [m]."""
+    """Return a lower bound of the distance of a group's solids, which are placed, to the scene [m].
+
+    Args:
+        memory: The robot's block, shape (s,).
+        scene: The scene's, shape (t,).
+        g: The group.
+    """
     members, lists, roots = (
         section(memory, at.GROUP_SOLIDS),
         section_bits(scene, at.ROOT_LISTS),
@@ -201,7 +216,14 @@ def _group_distance(memory: Array, scene: Array, g: int) -> float:
 
 @compiled
 def _sharpen(memory: Array, scene: Array, bounds: Array, q: Array) -> None:
-    """Raise those bounds of a configuration that are small, by exact distances."""
+    """Raise those bounds of a configuration that are small, by exact distances.
+
+    Args:
+        memory: The robot's block, shape (s,).
+        scene: The scene's, shape (t,).
+        bounds: Changed, shape (classes + groups,) [m].
+        q: Configuration, shape (n,) [rad or m].
+    """
     numbers, first, pairs = (
         section(memory, at.NUMBERS),
         section(memory, at.PAIR_FIRST),
@@ -228,9 +250,9 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
     """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
 
     Args:
-        memory: A block in which all joints are free; its margins do not count.
-        q: Configurations, shape (m, n).
-        bounds: Written, shape (m, classes + groups).
+        memory: A block in which all joints are free, shape (s,); its margins do not count.
+        q: Configurations, shape (m, n) [rad or m].
+        bounds: Written, shape (m, classes + groups) [m].
     """
     coordinates, n, scene = section_single(memory, at.COORDINATES), q.shape[1], at.scene_of(memory)
     for start in range(0, q.shape[0], STATES_AT_ONCE):

@@ -81,7 +81,7 @@ offset."""
 
 @compiled(inline=True, lean=True)
 def _core(memory: Array, a: int) -> ConvexCore:
-    """Return the core of a solid."""
+    """Return the core of a solid of a block, shape (s,)."""
     row, first = address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a, address_of(memory, VERTEX_FIRST) + 8 * a
     begin = int(double_at(first))
     return ConvexCore(
@@ -120,13 +120,13 @@ def _off_box(core: ConvexCore, place: int) -> float:
 
 @compiled(inline=True, lean=True)
 def _axis_of(memory: Array, slot: int) -> int:
-    """Return the address of the direction that parted a pair last."""
+    """Return the address, in a block, shape (s,), of the direction that parted a pair last."""
     return address_of(memory, AXES) + 24 * (slot % (section(memory, AXES).size // 3))
 
 
 @compiled
 def ball_meets(node: NDArray[np.float32], center: Array, reach: float) -> bool:
-    """Whether a ball meets the box of a node of a tree."""
+    """Whether a ball at a center, shape (3,), meets the box of a node, shape (NODE_SINGLES,) [m]."""
     squared = 0.0
     for i in range(3):
         off = max(max(node[i] - center[i], center[i] - node[3 + i]), 0.0)
@@ -136,7 +136,16 @@ def ball_meets(node: NDArray[np.float32], center: Array, reach: float) -> bool:
 
 @compiled(lean=True)
 def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int) -> int:
-    """Return the verdict on a solid of a block and one of another; `slot` is their place in AXES."""
+    """Return the verdict on a solid of a block and one of another: FREE, CONTACT or TIE.
+
+    Args:
+        memory: The robot's block, shape (s,).
+        other: The same, or the scene's, shape (t,).
+        a: A solid of the first.
+        b: A solid of the second.
+        margin: Distance to keep [m].
+        slot: Place of the pair in AXES.
+    """
     one, two = _core(memory, a), _core(other, b)
     row_a, row_b = (
         address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a,
@@ -187,11 +196,11 @@ def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> 
     """Return a lower bound of the distance of two solids [m]: exact where one core is a segment, or -inf.
 
     Args:
-        memory: A block.
-        other: Another, or the same.
+        memory: A block, shape (s,).
+        other: Another, shape (t,), or the same.
         a: A solid of the first.
         b: A solid of the second.
-        least: Distances above this need not be known.
+        least: Distances above this need not be exact [m].
     """
     one, two = _core(memory, a), _core(other, b)
     x = double_at(one.pose) - double_at(two.pose)
@@ -209,7 +218,7 @@ def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> 
 
 @compiled(lean=True)
 def _gap_of(memory: Array, k: int, least: float) -> float:
-    """Return a lower bound of the distance of a pair of the robot's solids, number k, or -inf [m]."""
+    """Return a lower bound of the distance of pair k of solids of a block, shape (s,), or -inf [m]."""
     pair = address_of(memory, PAIRS) + 16 * k
     a, b = int(double_at(pair)), int(double_at(pair + 8))
     bound = pair_distance(memory, memory, a, b, least)
@@ -222,7 +231,7 @@ def _gap_of(memory: Array, k: int, least: float) -> float:
 
 @compiled
 def place_solids(memory: Array, q: Array) -> None:
-    """Write the poses of the robot's solids at a configuration into SOLID_POSES."""
+    """Write the world poses of a block's solids at a configuration q, shape (n,), into SOLID_POSES."""
     full, q_full = section(memory, FULL), section(memory, Q_FULL)
     places, poses = section(memory, SOLID_PLACES), section(memory, SOLID_POSES)
     joints = section(memory, JOINTS).reshape((-1, JOINT))
@@ -240,7 +249,15 @@ def place_solids(memory: Array, q: Array) -> None:
 
 @compiled
 def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -> int:
-    """Return the verdict on a solid of a group and the scene, whose pairs are in AXES from `slot` on."""
+    """Return the verdict on a solid of a group and the scene, whose pairs are in AXES from `slot` on.
+
+    Args:
+        memory: The robot's block, shape (s,), with poses in SOLID_POSES.
+        scene: The scene's, shape (t,).
+        group: The group.
+        a: The solid.
+        slot: Place in AXES of its pair with the scene's first object.
+    """
     lists, roots = section_bits(scene, ROOT_LISTS), section_bits(scene, ROOTS)
     nodes, margin, worst = section_single(scene, NODES), section(memory, NUMBERS)[MARGIN], FREE
     center = section(memory, SOLID_POSES)[12 * a : 12 * a + 3]
@@ -263,7 +280,14 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
 
 @compiled
 def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
-    """Whether the pairs of a class were so far apart lately that they are still farther than a distance."""
+    """Whether the pairs of a class were so far apart lately that they are still farther than a distance.
+
+    Args:
+        memory: The block, shape (s,).
+        c: The class.
+        q: Configuration, shape (n,) [rad or m].
+        least: The distance [m].
+    """
     motion_bounds, states = section(memory, LEVERS), section(memory, GAP_STATES)
     gap = section(memory, GAPS)[c]
     for j in range(q.size):
@@ -274,7 +298,7 @@ def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
 
 @compiled
 def _keep_gap(memory: Array, c: int, q: Array) -> float:
-    """Keep, and return, a distance that the pairs of a class surely have at a configuration [m]."""
+    """Keep and return a lower bound of the distance [m] of a class's pairs at a configuration, shape (n,)."""
     first, states = section(memory, PAIR_FIRST), section(memory, GAP_STATES)
     gap = math.inf
     for k in range(int(first[c]), int(first[c + 1])):
@@ -288,13 +312,13 @@ def _keep_gap(memory: Array, c: int, q: Array) -> float:
 
 @compiled
 def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
-    """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to tell and none is nearer.
+    """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to decide, none nearer.
 
     Args:
-        memory: The block, with poses in SOLID_POSES.
+        memory: The block, shape (s,), with poses in SOLID_POSES.
         classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
         groups: Bits of the groups of solids in doubt about the scene; the same.
-        q: The configuration.
+        q: The configuration, shape (n,) [rad or m].
     """
     numbers, scene, worst = section(memory, NUMBERS), scene_of(memory), FREE
     first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
@@ -320,17 +344,17 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
 
 @compiled
 def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
-    """Settle those of some configurations that balls leave in doubt.
+    """Decide those of some configurations that balls leave in doubt.
 
     How far the pairs of a class are apart is kept, and with it the configuration: at others nearby, the
-    proven bounds of how far joints move solids tell that they do not touch.
+    proven bounds of how far joints move solids show that they do not touch.
 
     Their verdicts are written into STATUS: FREE, CONTACT, or TIE where some pair is too near to the threshold
-    to tell and none is nearer.  Returns how many were in doubt.
+    to decide and none is nearer.  Returns how many were in doubt.
 
     Args:
-        memory: The block.
-        rows: Configurations, one after the other, shape (count n,).
+        memory: The block, shape (s,).
+        rows: Configurations, one after the other, shape (count n,) [rad or m].
         count: How many.
         all_free: Whether the first that is not free ends it.
     """
@@ -358,7 +382,7 @@ def pair_verdict(memory: Array, a: int, o: int) -> int:
     """Return the verdict on a solid of the robot that no joint moves and an object of the scene.
 
     Args:
-        memory: A block.
+        memory: The robot's block, shape (s,).
         a: The solid.
         o: The object's place in the scene's block.
     """
@@ -368,14 +392,14 @@ def pair_verdict(memory: Array, a: int, o: int) -> int:
 
 @compiled("int64(float64[::1], float64[::1], float64[:, ::1], float64, uint8[::1])")
 def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDArray[np.uint8]) -> int:
-    """Mark points that are nearer to a robot's solids than a distance, or too near to it to tell.
+    """Mark points that are nearer to a robot's solids than a distance, or too near to it to decide.
 
     Args:
-        memory: A block.
-        q: Configuration, shape (n,).
+        memory: The robot's block, shape (s,).
+        q: Configuration, shape (n,) [rad or m].
         points: Points in the world, shape (k, 3) [m].
         margin: The distance [m].
-        near: Written, one for each point.
+        near: Written, 1 for each point that is marked, else 0, shape (k,).
 
     Returns:
         How many are marked.

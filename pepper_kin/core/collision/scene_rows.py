@@ -44,9 +44,9 @@ def write_simple_rows(shapes: Floats2, poses: Floats3, rows: Floats2) -> None:
 
 
 NO_INNER = -1e3
-"""Inner radius of what no ball is known to lie in [m]."""
+"""Inner radius of shapes for which no inner ball is computed [m]."""
 VAST = 1e6
-"""Half length that stands for one without bounds [m]."""
+"""Half length in place of an infinite one [m]."""
 
 
 @compiled(
@@ -71,7 +71,7 @@ def write_objects(
         farthest: How far the robot reaches [m].
         items: Receives the objects in single precision, shape (k, OBJECT_SINGLES).
         lows: Receives the least corners of the boxes, shape (k, 3) [m].
-        highs: Receives the greatest.
+        highs: Receives the greatest corners, shape (k, 3) [m].
     """
     for k in range(rows.shape[0]):
         kind, radius, corner = rows[k, 0], rows[k, 1], rows[k, 4]

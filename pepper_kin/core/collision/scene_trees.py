@@ -35,7 +35,7 @@ class ObjectSets(NamedTuple):
         rows: Numbers of the objects, see `scene_rows`, shape (k, ROW).
         items: The same as balls are compared with them, see `write_objects`, shape (k, OBJECT_SINGLES).
         lows: Least corners of boxes around them, shape (k, 3) [m].
-        highs: Greatest corners.
+        highs: Greatest corners, shape (k, 3) [m].
         members: Places of the objects, set after set, shape (k,).
         ends: Where each set ends there, shape (s,).
         met: 1 where a set is compared with a group, shape (s, g).
@@ -56,7 +56,7 @@ class ObjectSets(NamedTuple):
 
 @compiled
 def _sort(keys: NDArray[np.int64], order: NDArray[np.int64]) -> None:
-    """Sort places by their keys; equal ones stay in order."""
+    """Sort places, shape (m,), by their keys, shape (k,); equal ones stay in order."""
     count, width = order.size, 1
     scratch = np.empty(count, np.int64)
     while width < count:
@@ -169,14 +169,14 @@ def sort_objects(sets: ObjectSets) -> tuple[int, int, int]:
 
 @compiled
 def _round_outward(target: NDArray[np.float32], place: int, low: float, high: float) -> None:
-    """Write the ends of a range, three places apart, in single precision and no nearer than they are."""
+    """Write the ends of a range to an array, shape (s,), three places apart, rounded outward [m]."""
     target[place] = low - abs(low) * OUTWARD - TINY
     target[place + 3] = high + abs(high) * OUTWARD + TINY
 
 
 @compiled
 def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDArray[np.float32]) -> int:
-    """Write the nodes of a tree from place `begin` on; return the place behind them.
+    """Write the nodes of a tree to a section, shape (s,), from `begin` on; return the node behind them.
 
     The branches of a node follow it, those of the first half of its objects first.
     """
@@ -210,7 +210,7 @@ def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDAr
 
 @compiled
 def _write_boxes(sets: ObjectSets, boxes: NDArray[np.float32]) -> None:
-    """Write the corners of boxes, eight boxes after eight, coordinate by coordinate."""
+    """Write the corners of boxes to a section, shape (s,), eight after eight, by coordinates [m]."""
     count = sets.order.size
     for k in range(boxes.size // 6):
         place = 6 * LANES * (k // LANES) + k % LANES
@@ -229,7 +229,7 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
     Args:
         sets: The objects, sorted.
         tree_count: What `sort_objects` has returned.
-        block: A block whose sections have their sizes, all zeros.
+        block: A block whose sections have their sizes, all zeros, shape (s,).
     """
     nodes, roots, listed = section_single(block, at.NODES), section_bits(block, at.ROOTS), 0
     lists, items = section_bits(block, at.ROOT_LISTS), section_single(block, at.OBJECTS)
@@ -267,7 +267,7 @@ def write_gaps(ours: Floats2, rows: Floats2, pairs: Ints2, gaps: Floats1) -> flo
     """Write a lower bound of the distance of pairs: of a ball around the one from the other [m].
 
     Args:
-        ours: Numbers of the robot's solids, see `scene_rows`, shape (a, ROW).
+        ours: Numbers of the robot's solids, see `scene_rows`, shape (a, ROW) [m].
         rows: Those of the objects, shape (k, ROW).
         pairs: Places in both, shape (m, 2).
         gaps: Receives the bounds, shape (m,).

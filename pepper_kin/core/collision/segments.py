@@ -26,9 +26,9 @@ def nearest_on_segments(a: Array, ha: float, b: Array, hb: float) -> tuple[float
     the segments one after the other (Ericson, Real-Time Collision Detection, 5.1.9).
 
     Args:
-        a: Pose: center, x, y and z axis, shape (12,); the segment lies along z.
+        a: Pose: center [m], x, y and z axis, shape (12,); the segment lies along z.
         ha: Its half length [m].
-        b: Pose of the other.
+        b: Pose of the other, in the same frame, shape (12,).
         hb: Its half length [m].
     """
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -47,7 +47,7 @@ def nearest_on_segments(a: Array, ha: float, b: Array, hb: float) -> tuple[float
 
 @compiled
 def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
-    """Return the distance of two segments [m]; see `nearest_on_segments`."""
+    """Return the distance of two segments [m], by poses of shape (12,); see `nearest_on_segments`."""
     s, t = nearest_on_segments(a, ha, b, hb)
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     x, y, z = x + s * a[9] - t * b[9], y + s * a[10] - t * b[10], z + s * a[11] - t * b[11]
@@ -66,12 +66,12 @@ def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, f
 
     The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear
     and rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
-    piece, whose zero is the answer.
+    part, whose zero is the answer.
 
     Args:
-        a: Pose of the segment: center, x, y and z axis, shape (12,); it lies along z.
+        a: Pose of the segment: center [m], x, y and z axis, shape (12,); it lies along z.
         ha: Its half length [m].
-        b: Pose of the box.
+        b: Pose of the box, in the same frame, shape (12,).
         half: Half lengths of the box, shape (3,) [m].
     """
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -128,5 +128,5 @@ def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, f
 
 @compiled
 def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
-    """Return the distance of a segment to a solid box [m]; 0 where they meet."""
+    """Return the distance of a segment to a solid box [m], or 0; shapes as in `nearest_to_box`."""
     return nearest_to_box(a, ha, b, half)[1]

@@ -37,7 +37,7 @@ def solve_box(
         gradient: g, shape (k,).
         low: Lower bounds, shape (k,).
         high: Upper bounds, shape (k,).
-        step: x, written, shape (k,).
+        step: x, written, shape (k,) [rad or m].
         state: FREE, LOW or HIGH for each joint, read and written, shape (k,).
         factor: Workspace, shape (k, k + 1).
 
@@ -59,7 +59,7 @@ def solve_box(
             fewest, chances = wrong, CHANCES
         else:
             chances -= 1
-        # All at once is quick but may go in circles; the last one only cannot.  The verdicts depend on the
+        # All at once is quick but may cycle; the last one only cannot.  The verdicts depend on the
         # step, not on the state of other joints, so they may change one after the other.
         for i in range(k if chances >= 0 else 0):
             state[i] = _change(matrix, gradient, low, high, step, state, i)
@@ -74,7 +74,7 @@ def solve_box(
 def _change(
     matrix: Floats2, gradient: Floats1, low: Floats1, high: Floats1, step: Floats1, state: Ints1, i: int
 ) -> int:
-    """Return the state that joint i should have after the step; arguments as of `solve_box`."""
+    """Return the state that joint i should have after the step; arguments and shapes as of `solve_box`."""
     if state[i] == FREE:
         return LOW if step[i] < low[i] - 1e-12 else HIGH if step[i] > high[i] + 1e-12 else FREE
     if high[i] - low[i] <= 1e-14:
@@ -100,9 +100,9 @@ def solve_free(
 ) -> bool:
     """Solve for the free joints by Cholesky's factorization, with the others at their bounds.
 
-    The free joints' rows stand one after the other in `factor`, the right side in its last column.  The
-    factor grows column by column: the numbers of one column do not wait for one another.  Arguments and
-    result as of `solve_box`.
+    The free joints' rows are one after the other in `factor`, the right side in its last column.  The
+    factor grows column by column: the numbers of one column are independent.  Arguments, shapes and result
+    as of `solve_box`.
     """
     k, count = gradient.size, 0
     for i in range(k):

@@ -57,8 +57,8 @@ CLOSEST_STARTS = 24
 """Starts for the closest configuration that touches nothing, if the search has so many."""
 
 SHIFTS, VAIN_SHIFTS = 96, 32
-"""Shifts of the closest configuration so far, from each of which a descent looks for a closer one: at most so
-many, and at most so many in vain (iterated local search: Lourenco, Martin and Stutzle, 2003)."""
+"""Shifts of the closest configuration so far, from each of which a descent searches for a closer one: at most
+so many, and at most so many without a gain (iterated local search: Lourenco, Martin and Stutzle, 2003)."""
 
 GAINED = 1e-3
 """A smaller gain, as a part of the cost, is none: half of it as a part of the weighted distance."""
@@ -103,7 +103,7 @@ def _take_better(search: Search, workspace: Workspace, best: Floats1, answer: Fl
 
 @compiled
 def _descend_clear(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Descend from `inputs` to where the tasks are met and nothing touches."""
+    """Descend from `inputs` to where the tasks are met and nothing touches; shapes as in `_search_round`."""
     problem, options = search.problem, search.options
     answer[problem.reference.size + problem.tolerance.size + ITERATIONS] += descend(
         problem, search.tests, workspace, options.max_iterations, SEARCH_GAIN, 0, CLEARING
@@ -123,7 +123,7 @@ def _search_round(
 ) -> None:
     """Descend from so many starts ever farther from q0, until one ends well.
 
-    Where that one asks too much of the motors, a few starts more look for another.
+    Where that one exceeds the motors' limits, a few more starts search for another.
 
     Args:
         search: The search.
@@ -153,10 +153,10 @@ def _search_round(
 def _search_closest(
     search: Search, workspace: Workspace, number: int, best: Floats1, answer: Floats1
 ) -> None:
-    """Look for the configuration clear of collisions that comes closest to the targets, q0 if nothing better.
+    """Search for the configuration clear of collisions that comes closest to the targets, q0 if none better.
 
     First from starts of many kinds, then from the best so far with its joints shifted, as long as that leads
-    closer.  Arguments as of `_search_round`.
+    closer.  Arguments and shapes as of `_search_round`.
     """
     problem, n, restarts = search.problem, search.problem.reference.size, search.options.restarts
     workspace.inputs[:n] = problem.reference
@@ -189,7 +189,7 @@ def _search_closest(
 def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
     """Descend from `inputs`, with more weight on the distances where that ends in contact.
 
-    Returns whether the search goes on.
+    Returns whether the search goes on.  Arguments and shapes as of `_search_round`.
     """
     problem, n, t = search.problem, search.problem.reference.size, search.problem.tolerance.size
     answer[n + t + RESTARTS] += 1
@@ -209,14 +209,14 @@ def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer:
 def search_among_obstacles(
     search: Search, workspace: Workspace, bounds: Floats2, met: bool, answer: Floats1
 ) -> int:
-    """Search on where the configuration that was found touches something; returns the status.
+    """Continue the search where the configuration that was found touches something; return the status.
 
     First with the joints on which the tasks depend, then with all that may move: they may be in the way.
 
     Args:
         search: The search; `start` is overwritten.
         workspace: Its workspace.
-        bounds: See `solve_rows`.
+        bounds: See `solve_rows`, shape (3, n).
         met: Whether the configuration that was found meets the tasks.
         answer: That configuration, see `solve_rows`, shape (n + t + EXTRA,); overwritten.
     """
@@ -254,7 +254,7 @@ def search_among_obstacles(
 def clear_solution(search: Search, workspace: Workspace, met: bool, answer: Floats1) -> int:
     """Descend once from a configuration that touches something; returns the status.
 
-    Arguments as of `search_among_obstacles`.
+    Arguments and shapes as of `search_among_obstacles`.
     """
     best = np.full(4, -math.inf)
     workspace.inputs[: search.start.size] = answer[: search.start.size]

@@ -22,7 +22,7 @@ RAISE = 4.0
 LOWER = 5.0
 
 STEP_BOUND = 0.6
-"""Largest change of one joint in one step [rad or m]: beyond it the linear model says little."""
+"""Largest change of one joint in one step [rad or m]: beyond it the linear model is inaccurate."""
 
 SMALL_STEP, SMALL_GAIN = 1e-6, 1e-7
 """A minimum is reached when a step, or what it gains relative to the cost, is smaller than this."""
@@ -43,7 +43,7 @@ of the distance to the middle.  Such minima lie on the bounds, and what they hid
 the range: nine in ten descents from there succeed."""
 
 MOST_NEAR = 32
-"""Pairs of bodies that a step takes notice of at most."""
+"""Pairs of bodies that a step considers at most."""
 
 TIMED_OUT = 2
 """Written to `Workspace.stop` when the deadline has passed."""
@@ -57,18 +57,18 @@ class SolverProblem(NamedTuple):
             squared errors of the t tasks, the cost, its gradient by the first k joints, and the upper
             triangle of the Gauss-Newton matrix, row by row; see
             `pepper_kin.ik.fast.expression.task_function`.
-        work: The kernel's workspace.
+        work: The kernel's workspace, shape (work_size,).
         task_joints: k.
-        joints: Places in q of the joints that move, shape (m,), m >= k; the kernel knows the first k.
+        joints: Places in q of the joints that move, shape (m,), m >= k; the kernel depends on the first k.
         low: Their lower bounds [rad or m], shape (m,).
         high: Their upper bounds [rad or m], shape (m,).
         scale: d_i^2, the weights of the damping lambda |diag(d) dq|^2, shape (m,).
-        reference: q_ref, shape (n,).
+        reference: q_ref, shape (n,) [rad or m].
         tolerance: Squared tolerances of the tasks, shape (t,).
-        stop_when_met: Whether nothing is left to gain once all tasks are well met.
+        stop_when_met: Whether a descent ends once all tasks are well met.
         clock: Address of `clock_gettime`.
         deadline: When to stop [s], infinite for never.
-        signals: See `pepper_kin.kernels.interrupts`; the kernel may set the word STOPPED too.
+        signals: See `pepper_kin.kernels.interrupts`, shape (8,); the kernel may set the word STOPPED too.
     """
 
     kernel: int
@@ -87,14 +87,14 @@ class SolverProblem(NamedTuple):
 
 
 class CollisionTests(NamedTuple):
-    """Addresses of functions that know the scene, each `int64 f(int64, int64, int64, int64)`; 0 for none.
+    """Addresses of collision tests, each `int64 f(int64, int64, int64, int64)`; 0 for none.
 
     Attributes:
         verdict: Of `pepper_kin.core.inverse_kinematics.verdict`.
         memory: Address of its block.
         size: Doubles in the block.
-        is_free: (q, 0, 0, 0) -> whether nothing touches; asked where `verdict` cannot tell; 0 where that
-            doubts nothing but ties, which then count as contacts.
+        is_free: (q, 0, 0, 0) -> whether nothing touches; called where `verdict` is 0 or returns TIE; where it
+            is 0 itself, ties count as contacts.
         near: Of `near_rows` of `pepper_kin.core.inverse_kinematics.proximity`; 0 where collisions are not
             considered.
         near_memory: Address of its block.
@@ -113,9 +113,9 @@ class Workspace(NamedTuple):
 
     Attributes:
         inputs: The kernel's input at q: q [rad or m], squared weights and targets, shape (n + t + ...,).
-        trial: The same at the configuration to try.
+        trial: The same at the configuration to try, shape (n + t + ...,).
         result: The kernel's output at q, see `SolverProblem`, shape (t + 1 + k + k (k + 1) / 2,).
-        other: The same at the configuration to try.
+        other: The same at the configuration to try, of the same shape.
         matrix: Matrix of the step's quadratic program, shape (m, m).
         factor: Its factor, see `solve_box`, shape (m, m + 1).
         gradient: Gradient of that program, shape (m,).
@@ -125,10 +125,10 @@ class Workspace(NamedTuple):
         state: Active bounds, shape (m,).
         near: What is near at q, see `near_rows`, shape (MOST_NEAR, n + 2); empty where collisions are not
             considered.
-        near_trial: The same at the configuration to try.
+        near_trial: The same at the configuration to try, of the same shape.
         near_count: Rows of both that are written, shape (2,).
         clock: For `seconds_now`, shape (2,).
-        watch: When signals are looked at next [s], shape (1,).
+        watch: When signals are checked next [s], shape (1,).
         stop: 1 or TIMED_OUT where the search has to end, shape (1,).
     """
 
@@ -153,7 +153,7 @@ class Workspace(NamedTuple):
 
 @compiled
 def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) -> Workspace:
-    """Return a workspace for a row of input."""
+    """Return a workspace for a row of input, see `Workspace.inputs`, shape (n + t + ...,)."""
     m, k, n = problem.joints.size, problem.task_joints, problem.reference.size
     outputs = problem.tolerance.size + 1 + k + k * (k + 1) // 2
     return Workspace(
@@ -179,7 +179,7 @@ def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) 
 
 @compiled(lean=True)
 def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
-    """Whether the search has to end: time has run out, a signal has come, or the kernel wants it."""
+    """Whether the search has to end: time has run out, a signal has come, or the kernel has set STOPPED."""
     if problem.signals[STOPPED] != 0:
         workspace.stop[0] = 1
         return True
@@ -199,7 +199,7 @@ def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
 
 @compiled(lean=True)
 def is_free(tests: CollisionTests, q: Floats1) -> bool:
-    """Whether nothing touches at q, the beginning of an array; true where collisions are not considered."""
+    """Whether nothing touches at q, shape (n,) or longer; true where collisions are not considered."""
     if tests.near == 0:
         return True
     place = q.ctypes.data
@@ -212,7 +212,7 @@ def is_free(tests: CollisionTests, q: Floats1) -> bool:
 
 @compiled(lean=True, inline=True)
 def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
-    """Return the largest of error^2 / tolerance^2."""
+    """Return the largest of error^2 / tolerance^2, from arrays of the shapes (>= t,) and (t,)."""
     worst = 0.0
     for i in range(tolerance.size):
         worst = max(worst, result[i] / tolerance[i])
@@ -221,7 +221,7 @@ def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
 
 @compiled(lean=True, inline=True)
 def evaluate(problem: SolverProblem, inputs: Floats1, result: Floats1) -> None:
-    """Call the kernel; inputs and result as of `Workspace`."""
+    """Call the kernel; inputs and result, and their shapes, as of `Workspace`."""
     call_kernel(problem.kernel, inputs.ctypes.data, result.ctypes.data, problem.work.ctypes.data)
 
 
@@ -243,7 +243,7 @@ def descend(
 
     Args:
         problem: The problem.
-        tests: Used where the descent has to clear what touches.
+        tests: Used where the descent has to clear contacts.
         workspace: `inputs` holds the start, and afterwards the result; `result` the kernel's output there.
         max_iterations: Number of steps proposed at most.
         small_gain: A step that gains less than this part of the cost is the last; where it is more than
@@ -301,14 +301,14 @@ def descend(
 
 @compiled(lean=True, inline=True)
 def _copy(source: Floats1, target: Floats1, count: int) -> None:
-    """Copy the first numbers of an array."""
+    """Copy the first numbers of an array, shape (>= count,), to another."""
     for i in range(count):
         target[i] = source[i]
 
 
 @compiled(lean=True, inline=True)
 def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
-    """Return the largest change of one joint [rad or m]; the joints are at `index` in a and b."""
+    """Return the largest change of one joint [rad or m]; they are at `index`, shape (m,), in a and b."""
     size = 0.0
     for i in range(index.size):
         size = max(size, abs(a[index[i]] - b[index[i]]))
@@ -319,7 +319,7 @@ def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
 def reflect(problem: SolverProblem, inputs: Floats1) -> None:
     """Put each joint from q to c - REFLECTION (q - c), c the middle of its range; see `REFLECTION`.
 
-    A joint without bounds stays where it is.
+    q begins `inputs`, see `Workspace`, shape (n + t + ...,).  A joint without bounds stays where it is.
     """
     for i in range(problem.joints.size):
         middle = 0.5 * (problem.low[i] + problem.high[i])
@@ -390,7 +390,7 @@ def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bo
 
 @compiled(lean=True, inline=True)
 def _posture_cost(problem: SolverProblem, inputs: Floats1) -> float:
-    """Return eps^2 |q - q_ref|^2 / 2, q the beginning of `inputs`."""
+    """Return eps^2 |q - q_ref|^2 / 2, where q begins `inputs`, shape (>= n,)."""
     total = 0.0
     for i in range(problem.joints.size):
         shift = inputs[problem.joints[i]] - problem.reference[problem.joints[i]]
@@ -412,7 +412,7 @@ def _look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, cleari
 
 @compiled(lean=True)
 def _keep_near(workspace: Workspace) -> None:
-    """Take over what is near at the configuration to try."""
+    """Copy what is near at the configuration to try to what is near at q."""
     workspace.near_count[0] = workspace.near_count[1]
     for r in range(workspace.near_count[0]):
         for i in range(workspace.near.shape[1]):

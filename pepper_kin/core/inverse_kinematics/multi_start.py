@@ -194,11 +194,11 @@ def solve_rows(
 
     Args:
         tables: The robot and tasks.
-        bounds: Lower and upper bounds of `tables.joints`, and whether they move (0 or 1), shape (3, n).
+        bounds: Lower and upper bounds of `tables.joints` [rad or m], and whether they move, shape (3, n).
         options: How much to search.
-        tests: What knows the scene; only zeros where collisions are not considered.
-        inputs: q0, weights and targets, shape (N, ...).
-        answers: q, squared errors, and EXTRA numbers, shape (N, n + t + EXTRA), written.
+        tests: Of collisions; only zeros where these are not considered.
+        inputs: q0 [rad or m], weights and targets, see `Workspace.inputs`, shape (N, n + t + ...).
+        answers: q [rad or m], squared errors, and EXTRA numbers, shape (N, n + t + EXTRA), written.
         begin: First row.
         end: One after the last row.
     """
@@ -251,11 +251,11 @@ def descend_row(
 
     Args:
         tables: The robot and tasks.
-        bounds: See `solve_rows`.
+        bounds: See `solve_rows`, shape (3, n).
         options: Its tolerances and number of steps count.
-        tests: What knows the scene.
-        inputs: A row of input.
-        reference: q_ref of the posture term and place of the joints that may not move, shape (n,).
+        tests: Of collisions.
+        inputs: A row of input, see `Workspace.inputs`, shape (n + t + ...,).
+        reference: q_ref of the posture term, and positions of the joints that may not move, shape (n,).
         clear: Whether to keep clear of collisions; then joints move that no task depends on, too.
     """
     n, work = tables.effort.size, np.empty(tables.work_size)

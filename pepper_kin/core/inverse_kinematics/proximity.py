@@ -1,8 +1,8 @@
 """Distances of near shapes at a configuration, and their gradients, for the local solver.
 
 Shapes are convex cores grown by a radius: boxes, of which segments and points are the flat ones, cylinders,
-and hulls of points.  Distances are signed: where two overlap, they tell how far these have to part.  They
-guide descents; whether something touches is for the exact check to tell.
+and hulls of points.  Distances are signed: where two overlap, minus how far these have to part.  They guide
+descents; the exact check decides whether something touches.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ FULL = 3
 HEAD = 9
 """Numbers at the beginning of a block: joints of the robot, joints of the tree with the universe, shapes,
 pairs, ranges, numbers in their tables, vertices, meters for a radian where joints leave a dependent range,
-and how far shapes shall stay apart where they only must not touch [m]."""
+and how far shapes shall stay apart beyond their margins [m]."""
 
 LEAST_ANGLE = 0.005
 """A joint shall keep this from the ends of a dependent range [rad]."""
 
 MEETING = 1e-6
-"""Cores nearer than this meet: axes of the separating axis theorem tell how to part them [m]."""
+"""Cores nearer than this meet: they are parted along axes of the separating axis theorem [m]."""
 
 ROUNDS, ENOUGH = 24, 0.02
 """Steps towards the nearest points of cores that are no segments or boxes, and which part of the distance may
@@ -51,7 +51,24 @@ be left."""
 
 
 class Surroundings(NamedTuple):
-    """The tables of a block; see the constants above for their rows."""
+    """The tables of a block; see the constants above for their rows.
+
+    Attributes:
+        joints: See `core.kinematic_tree`, shape (njoints, JOINT).
+        full: Shape (njoints - 1, FULL).
+        above: 1 where a joint is moved by a coordinate of the tree, shape (njoints, njoints - 1).
+        shapes: Shape (s, SHAPE).
+        pairs: Shape (p, PAIR).
+        ranges: Shape (r, RANGE).
+        tables: Of the ranges [rad], shape (t,).
+        vertices: Of the hulls, in the frames of their cores [m], shape (v, 3).
+        q_full: Written: coordinates of the tree [rad or m], shape (njoints - 1,).
+        poses: Written: of the joints in the world, shape (njoints, 12).
+        axes: Written: of the joints in the world, shape (njoints, 3).
+        placed: Written: poses of the cores in the world, shape (s, 12).
+        lever: Meters for a radian where joints leave a dependent range.
+        apart: How far shapes shall stay apart beyond their margins [m].
+    """
 
     joints: Floats2
     full: Floats2
@@ -121,7 +138,10 @@ def _surroundings(memory: int) -> Surroundings:
 
 @compiled(lean=True)
 def _farthest(s: Surroundings, k: int, u: float, v: float, w: float, point: Floats1) -> float:
-    """Write the point of a core that lies farthest along (u, v, w); return how far from its center."""
+    """Write the point, shape (3,), of a core that lies farthest along (u, v, w); return (u, v, w) . it.
+
+    The product counts from the core's center.
+    """
     shape, pose = s.shapes[k], s.placed[k]
     a = u * pose[3] + v * pose[4] + w * pose[5]
     b = u * pose[6] + v * pose[7] + w * pose[8]
@@ -154,6 +174,14 @@ def _part(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats1) -
 
     Of the axes of the separating axis theorem for the boxes around them (Gottschalk, Lin and Manocha,
     OBBTree, 1996), and the line of the centers across the axis of a cylinder.
+
+    Args:
+        s: The tables.
+        a: One shape.
+        b: The other.
+        p: Written: the point of the first, shape (3,) [m].
+        q: Written: that of the second, shape (3,).
+        n: Written: the axis, a unit vector, shape (3,).
 
     Returns:
         How far the cores are apart along that axis, below zero where they overlap [m].
@@ -196,6 +224,15 @@ def _approach(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats
 
     By steps towards the origin in the difference of the two (Gilbert, An iterative procedure for computing
     the minimum of a quadratic form on a convex set, 1966).
+
+    Args:
+        s: The tables.
+        a: One shape.
+        b: The other.
+        p: Written: the point of the first, shape (3,) [m].
+        q: Written: that of the second, shape (3,).
+        n: Written unless they meet: the direction from q to p, a unit vector, shape (3,).
+        scratch: Workspace, shape (2, 3).
     """
     for i in range(3):
         p[i], q[i] = s.placed[a, i], s.placed[b, i]
@@ -225,12 +262,24 @@ def _approach(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats
 
 @compiled(lean=True)
 def _is_segment(shape: Floats1) -> bool:
+    """Whether the core of a shape, a row of shape (SHAPE,), is a segment or a point."""
     return shape[0] == BOX and shape[14] == 0.0 and shape[15] == 0.0
 
 
 @compiled(lean=True)
 def _measure(s: Surroundings, i: int, j: int, p: Floats1, q: Floats1, n: Floats1, scratch: Floats2) -> float:
     """Write the nearest points of two shapes' cores and the direction from the second to the first.
+
+    Where they overlap, the points are those that are deepest.
+
+    Args:
+        s: The tables.
+        i: The first shape.
+        j: The second.
+        p: Written: the point of the first, in the world, shape (3,) [m].
+        q: Written: that of the second, shape (3,).
+        n: Written: the direction, a unit vector, shape (3,).
+        scratch: Workspace, shape (2, 3).
 
     Returns:
         The signed distance of the shapes [m].
@@ -267,7 +316,17 @@ def _measure(s: Surroundings, i: int, j: int, p: Floats1, q: Floats1, n: Floats1
 
 @compiled(lean=True)
 def _write_slopes(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Floats1, row: Floats1) -> None:
-    """Write how the joints change the distance of two shapes at nearest points p and q."""
+    """Add the derivatives of a distance of two bodies by the joints to a row.
+
+    Args:
+        s: The tables.
+        a: Joint that carries the first, 0 for none.
+        b: Joint that carries the second.
+        p: Nearest point of the first, shape (3,) [m].
+        q: Nearest point of the second, shape (3,).
+        n: Unit vector from the second to the first, shape (3,).
+        row: Changed, shape (>= n,) [m/rad or 1].
+    """
     for j in range(s.above.shape[1]):
         side = s.above[a, j] - s.above[b, j]
         if side == 0.0:
@@ -284,10 +343,16 @@ def _write_slopes(s: Surroundings, a: int, b: int, p: Floats1, q: Floats1, n: Fl
 
 @compiled(lean=True)
 def _range_fault(s: Surroundings, k: int, q: Floats1, row: Floats1) -> float:
-    """Return how far one of two joints has to go to keep a dependent range [rad], or 0; write its direction.
+    """Return how far one of two joints is off a dependent range, times `lever` [m], or 0; write its slope.
 
     Of the two ways, with the second joint into the range and with the first to where the range is wider, the
     shorter one counts.
+
+    Args:
+        s: The tables.
+        k: The range.
+        q: Configuration, shape (n,) [rad or m].
+        row: Zeros, shape (>= n,); receives the slope of the joint that has to move [m/rad].
     """
     count, place = int(s.ranges[k, 3]), int(s.ranges[k, 2])
     i, j = int(s.ranges[k, 0]), int(s.ranges[k, 1])
@@ -317,7 +382,7 @@ def _range_fault(s: Surroundings, k: int, q: Floats1, row: Floats1) -> float:
 
 @compiled(lean=True)
 def _turn(s: Surroundings, k: int, turned: Floats1) -> None:
-    """Write the axes of a shape, whose center is known, once."""
+    """Write the axes of a shape, whose center is written, once; `turned`, shape (shapes,), marks it."""
     if turned[k] == 0.0 and s.shapes[k, 1] > 0.0:
         compose(s.poses[int(s.shapes[k, 1])], s.shapes[k, 2:14], s.placed[k])
     turned[k] = 1.0
@@ -325,14 +390,14 @@ def _turn(s: Surroundings, k: int, turned: Floats1) -> None:
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def near_rows(configuration: int, result: int, count: int, memory: int) -> int:
-    """Write what is nearer at a configuration than it has to be; return the number of rows.
+    """Write what is nearer at a configuration than it shall be; return the number of rows.
 
-    A row has dd/dq, shape (n,), the shortage (how far two shapes, or two joints, shall part) [m], and how
-    much of it has to be made good before they cease to touch [m].
+    A row has dd/dq, shape (n,), the shortage (how far two shapes, or two joints, shall part) [m], and the
+    shortage less `apart` [m], above zero where they touch or are nearer than their margin.
 
     Args:
         configuration: Address of q, shape (n,) [rad or m].
-        result: Address of the rows, shape (count, n + 2).
+        result: Address of the rows, shape (count, n + 2) [m/rad or 1, then m].
         count: Rows at most.
         memory: Address of a block, see HEAD, whose last tables are written.
     """

@@ -61,7 +61,7 @@ class TaskTables(NamedTuple):
         task_joints: k, how many joints the tasks depend on.
         joints: Places of all joints in q, those of the tasks first, shape (n,).
         scale: d_i^2 of `joints`, shape (n,).
-        effort: 1 / effort limit in the order of q, 0 where there is none, shape (n,).
+        effort: 1 / effort limit in the order of q, 0 where there is none, shape (n,) [1/(N m) or 1/N].
     """
 
     kernel: int
@@ -83,12 +83,12 @@ class SearchOptions(NamedTuple):
         advance: alpha of these points x_j = frac(x_0 + j alpha), shape (n,).
         restarts: Further starts.
         max_iterations: Steps from each start.
-        thorough: Whether to search on where what was found touches something, and to ask whether joint limits
-            are in the way; else it is only moved clear.
-        stop_when_met: Whether nothing is left to gain once all tasks are well met.
+        thorough: Whether to continue the search where what was found touches something, and to test whether
+            joint limits are in the way; else it is only moved clear.
+        stop_when_met: Whether a descent ends once all tasks are well met.
         clock: Address of `clock_gettime`.
         deadline: When to stop [s], infinite for never.
-        signals: See `pepper_kin.kernels.interrupts`.
+        signals: See `pepper_kin.kernels.interrupts`, shape (8,).
     """
 
     tolerance: Floats1
@@ -109,7 +109,7 @@ class Search(NamedTuple):
     Attributes:
         tables: The robot and tasks.
         options: How much to search.
-        tests: What knows the scene.
+        tests: Of collisions with the scene and the robot itself.
         problem: The problem of one row.
         torque: Gravity torque, shape (n,) [N m or N].
         costs: Costs of the descents so far, shape (number of descents at most,).
@@ -184,7 +184,10 @@ def write_way_start(search: Search, workspace: Workspace, number: int, reach: fl
 
 @compiled(lean=True)
 def write_straightened(search: Search, workspace: Workspace, part: float, answer: Floats1) -> None:
-    """Write the best solution so far into `inputs`, the joints that carry much moved back by a part to q0."""
+    """Write the best solution so far into `inputs`, the joints that carry much moved back by a part to q0.
+
+    The solution begins `answer`, see `keep`, shape (n + t + EXTRA,).
+    """
     problem = search.problem
     for i in range(problem.joints.size):
         j = problem.joints[i]
@@ -195,7 +198,10 @@ def write_straightened(search: Search, workspace: Workspace, part: float, answer
 
 @compiled(lean=True)
 def write_shifted(search: Search, workspace: Workspace, number: int, answer: Floats1) -> None:
-    """Write the best configuration so far into `inputs`, each joint shifted a little."""
+    """Write the best configuration so far into `inputs`, each joint shifted a little.
+
+    The configuration begins `answer`, see `keep`, shape (n + t + EXTRA,).
+    """
     problem, spread = search.problem, SPREADS[number % 3] * math.sqrt(12.0)
     for i in range(problem.joints.size):
         j = problem.joints[i]
@@ -216,7 +222,7 @@ def is_held(search: Search, q: Floats1) -> bool:
 
 @compiled(lean=True)
 def agree(costs: Floats1, count: int, least_count: int) -> bool:
-    """Whether the least weighted distance was found often enough to be believed.
+    """Whether the least weighted distance was found often enough to be accepted.
 
     Args:
         costs: Costs of descents, half the squares of weighted distances, shape (>= count,).
@@ -237,7 +243,7 @@ def agree(costs: Floats1, count: int, least_count: int) -> bool:
 
 @compiled(lean=True, inline=True)
 def motion(problem: SolverProblem, q: Floats1) -> float:
-    """Return |diag(d) (q - q0)|^2, q the beginning of an array."""
+    """Return |diag(d) (q - q0)|^2, where q begins an array of shape (>= n,)."""
     total = 0.0
     for i in range(problem.joints.size):
         shift = q[problem.joints[i]] - problem.reference[problem.joints[i]]

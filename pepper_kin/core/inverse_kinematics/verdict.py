@@ -1,4 +1,4 @@
-"""The exact verdict on one configuration, for searches that know addresses only."""
+"""The exact verdict on one configuration, for searches that take functions by their addresses."""
 
 from __future__ import annotations
 

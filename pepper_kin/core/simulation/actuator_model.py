@@ -5,21 +5,21 @@ rotor, is
 
     F(w) = tau(w) - D w - friction(w) - stop(w)
 
-* tau = clip(u, lower, upper), with u as the mode says, e.g. Kp (q_ref - q+) + Kd (v_ref - w) + f.
+* tau = clip(u, lower, upper), with u by the mode, e.g. Kp (q_ref - q+) + Kd (v_ref - w) + f.
 * The motor gives at most upper(w) = clip(stall (1 - w / no_load), -limit, limit) and at least
   lower(w) = clip(stall (-1 - w / no_load), -limit, limit): current limit and voltage limit.  Above the
   no-load speed the supply brakes.
 * Everything up to here is multiplied by the strength (the stiffness of NAOqi).
-* friction = C clip(w / e, -1, 1), e = 1e-8 rad/s (m/s): Coulomb's law but for a creep of at most e where
-  the joint sticks.
+* friction = C clip(w / e, -1, 1), e = 1e-8 rad/s (m/s): Coulomb's law except for a creep of at most e
+  where the joint sticks.
 * stop = max(0, Ks (q+ - upper) + Ds w) + min(0, Ks (q+ - lower) + Ds w): springs that only push, with a
   damper Ds once the joint is beyond the limit.
 
 Each part never rises with w and consists of straight segments, F(w) = c - k w with k >= 0 on each.
 
 `servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `speed_torque_line` are written so
-that they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), by other meanings of `select`
-and of the names beside it.
+that they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), with other definitions of
+`select` and of the names beside it.
 """
 
 from __future__ import annotations
@@ -145,8 +145,8 @@ def segment_at(
         q: Position at the start of the step.
         w: Velocity at its end.
         servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f.
-        before: Another velocity, or w itself; a joint that has turned round between the two gets the
-            segment on which friction holds it.
+        before: Another velocity, or w itself; a joint that has reversed between the two gets the segment
+            on which friction holds it.
     """
     gain = servo_gain(h, law[KP, e], law[KD, e])
     wanted = servo - gain * w
@@ -170,7 +170,7 @@ def segment_at(
 
 @compiled(lean=True)
 def _stops_at(law: Floats2, e: int, h: float, q: float, w: float) -> tuple[float, float]:
-    """Return c and k of the stops."""
+    """Return c and k of the stops of element e, from parameters of shape (rows, m)."""
     stiffness, damping = law[STOP_STIFFNESS, e], law[STOP_DAMPING, e]
     push, slope = 0.0, 0.0
     for sign in (1.0, -1.0):

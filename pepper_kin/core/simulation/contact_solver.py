@@ -6,6 +6,11 @@ whose velocities are y(u), the convex problem is
     minimize (u - u_f)^T M (u - u_f) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
 Coulomb's law takes a few of them: friction iterations correct the normal velocities and turn the pyramids.
+
+Shapes of inner functions' arrays, for k points, N velocities, n of them the robot's, and b free bodies: J and
+its responses (3 k, N), M (N, N), velocities u, free and start (N,), rates J u [m/s] and impulses [N s]
+(3 k,), bias, share (mu |v_t|, added to the bias) [m/s], friction and compliance (k,), y of the edges [m/s]
+and its change (k, 4), columns of the bodies (b,), rows of points, normals and gaps (>= k, 7).
 """
 
 from __future__ import annotations
@@ -51,12 +56,12 @@ class ContactProblem(NamedTuple):
 
     Attributes:
         mass: M, shape (N, N).
-        free: Velocities without contact, shape (N,).
+        free: Velocities without contact [rad/s or m/s], shape (N,).
         start: Velocities before the step, shape (N,).
         jacobian: J, rows normal, first and second tangent of each point, shape (3 k, N).
         response: J M^-1, shape (3 k, N).
         compliance: R of each point's edges, shape (k,).
-        bias: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,).
+        bias: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,) [m/s].
         friction: mu, shape (k,).
         tangents: First tangent in the world, shape (k, 3).
         columns: First column of each free body, -1 where it touches nothing, shape (b,).
@@ -91,17 +96,18 @@ class RobotMotion(NamedTuple):
 
 
 class SolverState(NamedTuple):
-    """What the solver writes.
+    """Results of the solver.
 
     Attributes:
-        velocity: u, in the first N.
-        impulses: Normal, first and second tangent of each point [N s], in the first 3 k.
+        velocity: u, in the first N [rad/s or m/s], shape (n + 6 b,).
+        impulses: Normal, first and second tangent of each point [N s], in the first 3 k, shape
+            (3 MOST_POINTS,).
         forces: At the points, in the world's axes [N], shape (MOST_POINTS, 3).
         load: On the robot [N m or N], shape (n,).
         numbers: k, N, how many convex problems were solved, whether a call-back solved them, and the number
-            of steps that `wrench` holds.
+            of steps that `wrench` holds, shape (5,).
         coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s], shape (1,).
-        addresses: See `solve_contacts`.
+        addresses: See `solve_contacts`, shape (ADDRESSES,).
         wrench: Force [N] of the contacts on the robot and moment about the world's origin [N m], in each of
             the last steps, shape (s, 6).
     """
@@ -178,7 +184,7 @@ def assemble(
 
 @compiled(lean=True)
 def _number_columns(count: int, points: ContactPoints, shapes: ShapeTable, n: int, columns: Ints1) -> int:
-    """Assign columns to the free bodies that touch something; return the robot's column count: n or 0."""
+    """Number columns of free bodies that touch something, shape (b,); return the robot's count: n or 0."""
     robot = 0
     for b in range(len(columns)):
         columns[b] = -1
@@ -202,7 +208,10 @@ def _add_point_rows(
     place: tuple[int, int], point: Floats1, sign: float, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
     columns: Ints1, rows: Floats2,
 ) -> None:  # fmt: skip
-    """Add the velocity of a point, of what `place` (mover and owner) names, in the world's axes, to rows."""
+    """Add the Jacobian of a point's velocity, in the world's axes, times `sign`, to rows, shape (3, N).
+
+    `place` is mover and owner of the shape with the point, shape (3,) [m]; columns have the shape (b,).
+    """
     mover, owner = place
     if mover == ON_ROBOT:
         joint = owner
@@ -242,9 +251,10 @@ def _add_point_rows(
 
 @compiled(lean=True)
 def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1, scratch: Floats2) -> None:
-    """Turn rows in the world's axes to normal and tangents, the first along the free tangential velocity.
+    """Turn rows, shape (3, N), in the world's axes to normal and tangents.
 
-    `scratch` is working memory of shape (2, 3).
+    The first tangent is along the tangential part of the free velocities, shape (N,), and is written, in the
+    world, like the normal of shape (3,).  `scratch` is workspace of shape (2, 3).
     """
     size = rows.shape[1]
     rates, second = scratch[0], scratch[1]
@@ -281,7 +291,7 @@ def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Float
 def _add_bodies(
     bodies: BodyTable, h: float, columns: Ints1, mass: Floats2, free: Floats1, start: Floats1
 ) -> None:
-    """Write the part of the free bodies that touch something."""
+    """Write the free bodies' part of M, free and start over h [s]; shapes as at the top."""
     rotation, velocity, inertia = bodies.rotation, bodies.velocity, bodies.inertia
     for b in range(len(columns)):
         k = columns[b]
@@ -301,7 +311,10 @@ def _add_bodies(
 def _add_responses(
     jacobian: Floats2, lower: Floats2, columns: Ints1, bodies: BodyTable, solved: Floats2, response: Floats2
 ) -> None:
-    """Write J M^-1 into zeros, from the factor of the robot's part; `solved` is working memory."""
+    """Write J M^-1 into zeros, from the factor `lower`, shape (n, n), of the robot's part.
+
+    `solved` is workspace of shape (n, 3 k); other shapes are as at the top.
+    """
     n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
     rows = len(jacobian)
     if n:
@@ -332,7 +345,10 @@ def _add_responses(
 def _add_robot(
     robot: RobotMotion, h: float, lower: Floats2, mass: Floats2, free: Floats1, start: Floats1
 ) -> bool:
-    """Write the robot's part, and the factor of its mass matrix; return whether that is positive definite."""
+    """Write the robot's part of M, free and start, and its factor `lower`, shape (n, n).
+
+    Other shapes are as at the top.  Returns whether the mass matrix is positive definite.
+    """
     n, v = len(lower), robot.velocity
     if n == 0:
         return True
@@ -359,8 +375,8 @@ def solve_contacts(
 
     Args:
         problem: The problem; its tangents are turned in place.
-        rows: Points, normals and gaps, shape (k, 7) at least.
-        callback: Address of the call-back, or 0; it stands in where Newton's method fails.
+        rows: Points, normals and gaps, shape (>= k, 7).
+        callback: Address of the call-back, or 0; it is called where Newton's method fails.
         by_callback: Whether the call-back solves in any case.
         state: Written.
 
@@ -384,7 +400,10 @@ def solve_contacts(
 def _iterate_friction(
     problem: ContactProblem, rows: Floats2, callback: int, u: Floats1, impulses: Floats1, state: SolverState
 ) -> bool:
-    """Solve convex problems until Coulomb's law holds to a tolerance; return whether all were solved."""
+    """Solve convex problems until Coulomb's law holds to a tolerance; return whether all were solved.
+
+    By the call-back at an address, or where that is 0 by Newton's method; shapes as at the top.
+    """
     count = len(problem.bias)
     share, shifted, rates = np.empty(count), np.empty(count), np.empty(len(impulses))
     _first_share(problem, rates, share)
@@ -412,6 +431,10 @@ def _iterate_friction(
 def _solve_by_callback(
     problem: ContactProblem, bias: Floats1, callback: int, impulses: Floats1, addresses: Ints1
 ) -> bool:
+    """Call back for the impulses of one convex problem; return whether it succeeded.
+
+    Addresses are of shape (ADDRESSES,), see `solve_contacts`; other shapes as at the top.
+    """
     addresses[0], addresses[1] = len(bias), len(problem.free)
     addresses[2], addresses[3] = problem.jacobian.ctypes.data, problem.response.ctypes.data
     addresses[4], addresses[5] = problem.free.ctypes.data, problem.compliance.ctypes.data
@@ -422,7 +445,7 @@ def _solve_by_callback(
 
 @compiled
 def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> None:
-    """Write mu |v_t| of every point before the step."""
+    """Write mu |v_t| of every point before the step, and the rates; shapes as at the top."""
     multiply(problem.jacobian, problem.start, rates)
     for c in range(len(share)):
         share[c] = problem.friction[c] * math.hypot(rates[3 * c + 1], rates[3 * c + 2])
@@ -430,7 +453,7 @@ def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> Non
 
 @compiled(lean=True)
 def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) -> None:
-    """Write free + M^-1 J^T p."""
+    """Write u = free + M^-1 J^T p of impulses p; shapes as at the top."""
     for k in range(len(u)):
         u[k] = problem.free[k]
     for r in range(len(impulses)):
@@ -443,7 +466,7 @@ def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) ->
 def _deviation(
     problem: ContactProblem, u: Floats1, impulses: Floats1, share: Floats1, rates: Floats1
 ) -> float:
-    """Return the greatest deviation of a touching point's normal velocity from Coulomb's law [m/s]."""
+    """Return the touching points' greatest deviation from Coulomb's law [m/s]; shapes as at the top."""
     multiply(problem.jacobian, u, rates)
     worst = 0.0
     for c in range(len(share)):
@@ -463,7 +486,7 @@ def _align_tangents(
     """Update the velocity bias by the sliding speeds, and turn the tangents toward the sliding directions.
 
     A pyramid is symmetric under a quarter turn, so that no turn is longer than an eighth.  Full steps can
-    oscillate; steps that get shorter with every iteration do not.
+    oscillate; steps that get shorter with every iteration do not.  All shapes are as at the top.
     """
     friction, tangents = problem.friction, problem.tangents
     turning = 1.0 / (1 + iteration)
@@ -488,7 +511,7 @@ def _align_tangents(
 
 @compiled(lean=True)
 def _turn_rows(matrix: Floats2, row: int, a: float, b: float) -> None:
-    """Turn two rows by an angle of cosine a and sine b."""
+    """Turn two rows of a matrix, shape (3 k, N), by an angle of cosine a and sine b."""
     for k in range(matrix.shape[1]):
         x, y = matrix[row, k], matrix[row + 1, k]
         matrix[row, k], matrix[row + 1, k] = a * x + b * y, a * y - b * x
@@ -499,13 +522,13 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
     """Minimize (u - free)^T M (u - free) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
     The cost is convex, once differentiable and piecewise quadratic.  Newton's step with the exact line search
-    ends on the exact minimum (but for rounding) once it is taken in full and no edge changes sides.
+    ends on the exact minimum (except for rounding) once it is taken in full and no edge changes sides.
 
     Args:
         problem: M, free, J, R and mu.
-        bias: With the share of the sliding speeds; see `ContactProblem`, shape (k,).
+        bias: With the share of the sliding speeds; see `ContactProblem`, shape (k,) [m/s].
         u: The first guess; overwritten by the solution, shape (N,).
-        impulses: Overwritten by the impulses, shape (3 k,).
+        impulses: Written, shape (3 k,) [N s].
 
     Returns:
         Number of iterations; -1 where they did not suffice or the matrix is not positive definite.
@@ -558,7 +581,7 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
 
 @compiled(lean=True)
 def _edge_velocities(rates: Floats1, bias: Floats1, friction: Floats1, result: Floats2) -> None:
-    """Write y = v_n +- mu v_t + bias of every point's four edges, from rows (v_n, v_1, v_2)."""
+    """Write y = v_n +- mu v_t + bias of every point's four edges from rates; shapes as at the top."""
     for c in range(len(bias)):
         normal = rates[3 * c] + bias[c]
         first, second = friction[c] * rates[3 * c + 1], friction[c] * rates[3 * c + 2]
@@ -568,7 +591,7 @@ def _edge_velocities(rates: Floats1, bias: Floats1, friction: Floats1, result: F
 
 @compiled(lean=True)
 def _edge_impulses(y: Floats2, compliance: Floats1, friction: Floats1, result: Floats1) -> None:
-    """Write impulses (normal, first, second tangent) of all points: those of the edges are max(0, -y) / R."""
+    """Write the impulses of all points: those of the edges are max(0, -y) / R; shapes as at the top."""
     for c in range(len(compliance)):
         a, b = max(0.0, -y[c, 0]) / compliance[c], max(0.0, -y[c, 1]) / compliance[c]
         d, e = max(0.0, -y[c, 2]) / compliance[c], max(0.0, -y[c, 3]) / compliance[c]
@@ -579,7 +602,10 @@ def _edge_impulses(y: Floats2, compliance: Floats1, friction: Floats1, result: F
 
 @compiled(lean=True)
 def _length(y: Floats2, change: Floats2, compliance: Floats1, slope: float, curve: float) -> float:
-    """Return the step along a direction at which the cost is least: the root of a piecewise linear slope."""
+    """Return the step at which the cost is least: the root of a piecewise linear slope.
+
+    `slope` and `curve` are the derivatives of the cost without edges; shapes are as at the top.
+    """
     low, high, step = 0.0, math.inf, 1.0
     for _ in range(LINE_STEPS):
         value, rise = slope + step * curve, curve
@@ -606,7 +632,7 @@ def _length(y: Floats2, change: Floats2, compliance: Floats1, slope: float, curv
 def _add_active(
     hessian: Floats2, jacobian: Floats2, y: Floats2, compliance: Floats1, friction: Floats1
 ) -> None:
-    """Add J_a^T R^-1 J_a of the edges that push to the lower triangle of a matrix."""
+    """Add J_a^T R^-1 J_a of pushing edges to a lower triangle, shape (N, N); other shapes as at the top."""
     size = len(hessian)
     for c in range(len(compliance)):
         mu, stiff = friction[c], 1.0 / compliance[c]
@@ -630,7 +656,7 @@ def _add_active(
 
 @compiled(lean=True)
 def _subtract_impulses(jacobian: Floats2, impulses: Floats1, gradient: Floats1) -> None:
-    """Take J^T p from a gradient."""
+    """Subtract J^T p from a gradient, shape (N,), with J of shape (3 k, N)."""
     for r in range(len(impulses)):
         if impulses[r] != 0.0:
             for k in range(len(gradient)):
@@ -639,13 +665,14 @@ def _subtract_impulses(jacobian: Floats2, impulses: Floats1, gradient: Floats1) 
 
 @compiled(lean=True)
 def _move(u: Floats1, step: float, direction: Floats1) -> None:
+    """Add a step along a direction to u, shape (N,) each."""
     for k in range(len(u)):
         u[k] += step * direction[k]
 
 
 @compiled(lean=True)
 def _same_sides(y: Floats2, change: Floats2) -> bool:
-    """Whether the same edges push after a change."""
+    """Whether the same edges push after a change of y, shape (k, 4) each."""
     for c in range(len(y)):
         for e in range(4):
             if (y[c, e] + change[c, e] < 0) != (y[c, e] < 0):
@@ -655,7 +682,7 @@ def _same_sides(y: Floats2, change: Floats2) -> bool:
 
 @compiled(lean=True)
 def multiply(matrix: Floats2, vector: Floats1, result: Floats1) -> None:
-    """Write the product of a matrix and a vector."""
+    """Write the product, shape (m,), of a matrix, shape (m, n), and a vector, shape (n,)."""
     for i in range(matrix.shape[0]):
         total = 0.0
         for k in range(matrix.shape[1]):

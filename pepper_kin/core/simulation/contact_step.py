@@ -34,7 +34,7 @@ SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NO
 )
 """Outcomes of a step; in all but the first the bodies stay as they are."""
 NO_WORLD, TABLES, CALLBACK = 0, 1, 2
-"""What a robot meets: nothing, a world of tables, or a call-back that does the whole step."""
+"""What a robot may touch: nothing, a world of tables, or what a call-back handles in the whole step."""
 DECIDE_PAIRS, ADVANCE = 0, 2
 """First arguments of call-backs besides `SOLVE_PROBLEM`: points of pairs that are not decided here; a whole
 step."""
@@ -93,7 +93,7 @@ def world_tables(
 
 
 def no_world(n: int) -> WorldTables:
-    """Return tables for a robot of n joints that meets nothing."""
+    """Return tables for a robot of n joints that touches nothing."""
 
     def empty(kind: type) -> Any:
         fields = [field for _, field in record_of(kind).fields if isinstance(field, Array)]
@@ -117,7 +117,7 @@ def no_world(n: int) -> WorldTables:
 
 @compiled("int64(WorldTables, float64[::1], RobotMotion, float64)")
 def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
-    """Advance the free bodies by h, and write to `world.state` what contacts do to the robot.
+    """Advance the free bodies by h, and write the load of contacts on the robot to `world.state`.
 
     Without contact the robot would go to v + h mass_hat^-1 force; with it, it goes to
     v + h mass_hat^-1 (force + load).
@@ -129,7 +129,7 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
         h: Length of the step [s].
 
     Returns:
-        SOLVED, or what went wrong.
+        SOLVED, or another outcome.
     """
     state, bodies, points = world.state, world.bodies, world.points
     state.numbers[0] = 0
@@ -175,7 +175,15 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
 
 @compiled(lean=True)
 def _add_wrench(count: int, of_robot: Ints1, points: ContactPoints, forces: Floats2, wrench: Floats1) -> None:
-    """Add the forces on the robot, and their moments about the world's origin."""
+    """Add the forces on the robot, and their moments about the world's origin.
+
+    Args:
+        count: Number of points.
+        of_robot: See `ShapeTable`, shape (k,).
+        points: The points.
+        forces: At the points, in the world, shape (>= count, 3) [N].
+        wrench: Changed: force and moment, shape (6,) [N, N m].
+    """
     for c in range(count):
         sign = float(of_robot[points.shapes[c, 0]] - of_robot[points.shapes[c, 1]])
         for i in range(3):
@@ -189,6 +197,13 @@ def _apply_solution(
     problem: ContactProblem, rows: Floats2, bodies: BodyTable, h: float, state: SolverState
 ) -> bool:
     """Write velocities of all bodies and forces of all points, and add the load on the robot.
+
+    Args:
+        problem: The solved problem.
+        rows: Points, normals and gaps, shape (>= k, 7).
+        bodies: The free bodies; their velocities are written.
+        h: Length of the step [s].
+        state: The solution; forces and load are written.
 
     Returns:
         Whether all velocities are below `FASTEST` and all loads finite.
@@ -227,6 +242,7 @@ def _apply_solution(
 
 @compiled
 def _step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+    """Call back for a whole step of the robot at q, shape (n,) [rad or m]."""
     addresses = world.state.addresses
     addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data
     addresses[3], addresses[4] = robot.mass_hat.ctypes.data, robot.force.ctypes.data
@@ -237,6 +253,7 @@ def _step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: flo
 
 @compiled
 def _is_finite(values: Floats1) -> bool:
+    """Whether all numbers, shape (k,), are finite."""
     total = 0.0
     for value in values:
         total += 0.0 * value

@@ -51,7 +51,14 @@ def apply_gravity(bodies: BodyTable, h: float) -> bool:
 
 @compiled
 def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float) -> None:
-    """Turn a body freely; see `integrate_bodies`."""
+    """Turn a body freely; see `integrate_bodies`.
+
+    Args:
+        rotation: In the world, overwritten, shape (3, 3).
+        angular: Angular velocity in the world, overwritten, shape (3,) [rad/s].
+        inertia: Principal moments, shape (3,) [kg m^2].
+        h: Time [s].
+    """
     start, now, middle = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
         for k in range(3):
@@ -88,7 +95,7 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float) -> No
 
 @compiled
 def _orthonormalize(turned: Floats2, rotation: Floats2) -> None:
-    """Write a rotation from one that has collected rounding errors."""
+    """Write a rotation from one that has collected rounding errors, shape (3, 3) each."""
     for row in range(2):
         for i in range(3):
             rotation[row, i] = turned[row, i]

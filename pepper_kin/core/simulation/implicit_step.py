@@ -8,11 +8,11 @@ friction and stop on each joint at the end of the step (see `actuator_model`):
 
 As no F_j rises, the step minimizes the strictly convex, piecewise quadratic function
 (w - v)^T (M + J) (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.
-It is found by Newton's method: solve on guessed segments, look up the segments at the solution, and again
+It is found by Newton's method: solve on guessed segments, take the segments at the solution, and repeat
 until they agree; mostly at once.  From the fifth round on the way to the new guess is searched exactly for
 the least value, after which the method ends in finitely many rounds.
 
-Robots stand side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
+Robots are side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
 j of the robot in lane l of a block is element e = j W + l; m = n W.  The first guess is a kernel's,
 `RobotTables.step_kernel`.
 
@@ -42,7 +42,7 @@ from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.signatures import Flags2, Floats1, Floats2, Floats3, Ints2
 
 RUNAWAY = 1e4
-"""No joint gets this fast but by a divergence [rad/s or m/s]."""
+"""Only by divergence does a joint get this fast [rad/s or m/s]."""
 NEWTON_ROUNDS = 4
 """After these the way to the next guess is searched for the least value."""
 MOST_ROUNDS = 60
@@ -61,7 +61,7 @@ class RobotTables(NamedTuple):
         step_kernel: Address of the kernel of a step on the first guess.
         solve_kernel: Address of the kernel that solves (M + diag(extra)) a = right.
         law: Parameters of the joints, one row for each of `ActuatorTable`, shape (B, rows, m).
-        constant: What does not change in the step kernel's input, shape (B, .).
+        constant: What does not change in the step kernel's input, shape (B, c).
         places: Row and column of each entry of the mass matrix, shape (2, p).
     """
 
@@ -79,11 +79,11 @@ class StepWorkspace(NamedTuple):
 
     Attributes:
         step_input: Input of the step kernel, beginning with position, velocity, references, feed-forward,
-            load.
+            load (m each), then constants, shape (6 m + ...,).
         step_output: Its output: next position, velocity and torque, servo, bias (m each), mass (p W),
-            violation (W).
-        work: Work of the kernels.
-        solve_input: Input of the kernel that solves: mass (p W), extra and right (m each).
+            violation (W), shape (5 m + p W + W,).
+        work: Workspace of the kernels, shape (>= work_size,).
+        solve_input: Input of the kernel that solves: mass, extra and right, shape (p W + 2 m,).
         solve_output: Its output, shape (m,).
         rows: Intercept and slope of each joint's segment, velocities of the round before, and M times the way
             to the next guess and M times what was gone, shape (5, m).
@@ -114,7 +114,7 @@ def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool
     Args:
         block: Number of the block.
         robots: The robots.
-        space: `step_output` is where the step goes.
+        space: `step_output` receives the new state.
     """
     step_input, step_output, lanes = space.step_input, space.step_output, robots.lanes
     call_kernel(robots.step_kernel, step_input.ctypes.data, step_output.ctypes.data, space.work.ctypes.data)
@@ -128,7 +128,7 @@ def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool
 
 @compiled(lean=True)
 def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
-    """Return whether the new state of a lane is neither absurd nor NaN."""
+    """Return whether the new state of a lane is slower than `RUNAWAY` and not NaN."""
     m, step_output = space.solve_output.size, space.step_output
     for e in range(lane, m, lanes):
         if not (abs(step_output[NEXT_V * m + e]) < RUNAWAY and abs(step_output[TORQUE * m + e]) < np.inf):
@@ -148,8 +148,8 @@ def write_equation(
         calm: Whether the first guess was right.
         robots: The robot.
         space: Of the step.
-        mass_hat: Written, shape (n, n).
-        force: Written, shape (n,).
+        mass_hat: Written, shape (n, n) [kg m^2 or kg].
+        force: Written, shape (n,) [N m or N].
     """
     n, h, law, step_input, step_output = (
         space.solve_output.size,
@@ -180,7 +180,7 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
     Args:
         robots: The robots.
         law: Parameters of the block, shape (rows, m).
-        space: `step_output` holds the first guess, and is where the result goes.
+        space: `step_output` holds the first guess, and receives the result.
     """
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     _first_segments(h, law, space)
@@ -201,7 +201,7 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
 
 @compiled(lean=True)
 def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
-    """Write the segments of the first guess."""
+    """Write the segments of the first guess, from parameters of shape (rows, m)."""
     m = space.solve_output.size
     for lane in range(space.flags.shape[1]):
         space.flags[CONVERGED, lane] = False
@@ -215,7 +215,7 @@ def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
 
 @compiled(lean=True)
 def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool:
-    """Write the torques, and mark the lanes whose forces agree with the law; return whether all do."""
+    """Write the torques, and mark lanes that agree with the law, shape (rows, m); return whether all do."""
     m = space.solve_output.size
     all_agree = True
     for lane in range(lanes):
@@ -236,7 +236,16 @@ def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool
 
 @compiled(lean=True)
 def _look_up(h: float, lane: int, lanes: int, turns: bool, law: Floats2, space: StepWorkspace) -> None:
-    """Look up the torques and segments at the present velocities of a lane."""
+    """Write the torques and segments at the present velocities of a lane.
+
+    Args:
+        h: Timestep [s].
+        lane: The lane.
+        lanes: W.
+        turns: Whether joints that have reversed since the round before get the segment of sticking.
+        law: Parameters of the block, shape (rows, m).
+        space: Changed.
+    """
     m = space.solve_output.size
     for e in range(lane, m, lanes):
         w = space.step_output[NEXT_V * m + e]
@@ -247,7 +256,7 @@ def _look_up(h: float, lane: int, lanes: int, turns: bool, law: Floats2, space: 
 
 @compiled(lean=True)
 def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Solve the step on the present segments for the lanes that have not converged."""
+    """Solve the step on the present segments for lanes that have not converged; `law` has shape (rows, m)."""
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     start = robots.places.shape[1] * lanes
     for e in range(m):
@@ -271,7 +280,7 @@ def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None
 
 @compiled(lean=True)
 def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Go back on the way of a lane to where the step's convex function is least."""
+    """Go back on the way of a lane to the least of the step's convex function; `law` has shape (rows, m)."""
     m, step_input, step_output, rows = (
         space.solve_output.size,
         space.step_input,
@@ -306,7 +315,7 @@ def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorksp
 
 @compiled(lean=True)
 def _weigh(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Write (M + J) (w+ - w) and (M + J) (w - v), where w+ is the new guess and w the one before."""
+    """Write (M + J) (w+ - w) and (M + J) (w - v): w+ is the new guess, w the last; law: shape (rows, m)."""
     m, step_input, step_output, rows = (
         space.solve_output.size,
         space.step_input,

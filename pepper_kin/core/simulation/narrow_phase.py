@@ -1,8 +1,8 @@
 """Contact points of shapes: bounds for all pairs, then points for the few that are near.
 
 A contact of two shapes follows from faces and round ends where those decide: a face of one, cut by a face
-of the other (a manifold), or the nearest points of two segments.  Pairs of edges and corners, and shapes
-that are not known here, are listed for the caller.
+of the other (a manifold), or the nearest points of two segments.  Pairs of edges and corners, and of
+other shapes, are listed for the caller.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 BALL, CAPSULE, BOX, CYLINDER, HALF_SPACE, OTHER = 0, 1, 2, 3, 4, 5
-"""Kinds of shapes; OTHER is known to the caller alone."""
+"""Kinds of shapes; contacts of OTHER are left to the caller."""
 STANDS, ON_ROBOT, FREE = 0, 1, 2
-"""Who moves a shape: nobody, a joint of the robot, or itself."""
+"""What moves a shape: nothing, a joint of the robot, or its own velocity."""
 OPEN = -1
 """Returned where neither faces nor round ends decide."""
 FACE_TOLERANCE = 1e-4
-"""A manifold counts if its lowest point is as low as the other shape reaches, but for this [m]."""
+"""A manifold counts if its lowest point is as low as the other shape reaches, within this [m]."""
 MARGIN = 2e-3
 """Points this near count as contacts whatever their speed [m]."""
 MOST_POINTS = 256
@@ -43,10 +43,10 @@ class ShapeTable(NamedTuple):
         owner: Joint or free body that moves it, shape (k,).
         of_robot: 1 where it is a part of the robot or hangs on it, else 0, shape (k,).
         own_rotation: In the frame of that joint or body, shape (k, 3, 3).
-        own_position: [m], shape (k, 3).
+        own_position: In that frame [m], shape (k, 3).
         ball: Center, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
         rotation: In the world, overwritten by `place_shapes`, shape (k, 3, 3).
-        position: [m], overwritten, shape (k, 3).
+        position: In the world [m], overwritten, shape (k, 3).
         middle: Center of the bounding ball in the world [m], overwritten, shape (k, 3).
         speed: Bound on the speed of any point of it [m/s], overwritten, shape (k,).
         pairs: Rows of shapes that may meet, that which moves first, shape (p, 2).
@@ -74,11 +74,11 @@ class BodyTable(NamedTuple):
 
     Attributes:
         position: Of the centers in the world [m], shape (b, 3).
-        rotation: Shape (b, 3, 3).
+        rotation: In the world, shape (b, 3, 3).
         velocity: Of the center [m/s] and of the turning [rad/s], in the world, shape (b, 6).
         mass: [kg], shape (b,).
         inertia: Principal moments about the axes of the body [kg m^2], shape (b, 3).
-        gravity: [m/s^2], shape (3,).
+        gravity: In the world [m/s^2], shape (3,).
     """
 
     position: Floats2
@@ -93,7 +93,7 @@ class ContactPoints(NamedTuple):
     """Points where shapes touch, or could during the step.
 
     Attributes:
-        rows: Point, normal (from the second shape to the first) and gap, shape (MOST_POINTS, 7); the point
+        rows: Point, normal (from the second shape to the first) and gap [m], shape (MOST_POINTS, 7); point
             halfway between the surfaces, or on the first where there is a gap and the second is not free.
         shapes: The two shapes of each point, shape (MOST_POINTS, 2).
         undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
@@ -108,7 +108,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 class Solid(NamedTuple):
-    """A shape in the world; see `ShapeTable`."""
+    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,)."""
 
     kind: int
     size: Floats1
@@ -222,12 +222,13 @@ def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[
 
 @compiled(lean=True, inline=True)
 def _solid(shapes: ShapeTable, row: int) -> Solid:
+    """Return a shape where it is."""
     return Solid(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row])
 
 
 @compiled(lean=True)
 def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
-    """Return a lower bound of the distance of a ball from a half-space or a box [m]."""
+    """Return a lower bound of the distance of a ball, center shape (3,), from a half-space or a box [m]."""
     if solid.kind == HALF_SPACE:
         height = -solid.size[0] - radius
         for i in range(3):
@@ -263,14 +264,22 @@ def _reach(solid: Solid, x: float, y: float, z: float) -> float:
 def _write_corner(
     points: Floats2, row: int, center: Floats1, along: float, axis: Floats1, out: float, outward: Floats1
 ) -> None:
-    """Write center + along axis + out outward."""
+    """Write center + along axis + out outward, vectors of shape (3,), to a row of points, shape (p, 3)."""
     for i in range(3):
         points[row, i] = center[i] + along * axis[i] + out * outward[i]
 
 
 @compiled
 def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
-    """Write the end or the side of a cylinder that faces along d."""
+    """Write the end or the side of a cylinder that faces along d; return how many points.
+
+    Args:
+        solid: The cylinder.
+        axis: Its axis in the world, shape (3,).
+        along: d . axis.
+        d: Unit vector, shape (3,).
+        points: Written, shape (4, 3) [m].
+    """
     size, center = solid.size, solid.position
     outward, side = np.empty(3), np.empty(3)
     least = 0
@@ -305,6 +314,11 @@ def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2)
 @compiled
 def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
     """Write the point, the ends of the line or the corners of the face of a shape that is farthest along d.
+
+    Args:
+        solid: The shape.
+        d: Unit vector in the world, shape (3,).
+        points: Written, shape (4, 3) [m].
 
     Returns:
         How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
@@ -347,11 +361,11 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
     One row is a point, two are a line, more a convex polygon (Sutherland and Hodgman 1974).
 
     Args:
-        outline: (OUTLINE_ROWS, 3), its first `count` rows.
+        outline: In its first `count` rows, shape (OUTLINE_ROWS, 3) [m].
         count: Number of rows.
         half_u: Half length of the rectangle along u [m].
         half_v: Half length along v [m].
-        work: Work space like `outline`.
+        work: Workspace, shape (OUTLINE_ROWS, 3).
 
     Returns:
         Number of rows left.
@@ -389,6 +403,11 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
 def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
     """Keep at most four rows (u, v, height), in place: the lowest and those that span the largest area.
 
+    Args:
+        outline: In its first `count` rows, shape (OUTLINE_ROWS, 3) [m].
+        count: Number of rows.
+        work: Workspace, shape (OUTLINE_ROWS, 3).
+
     Returns:
         Number of rows kept.
     """
@@ -425,7 +444,7 @@ def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
 
 @compiled(lean=True)
 def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> None:
-    """Write a point, halfway between the surfaces, from that on the second shape's."""
+    """Write a row of shape (7,), its point halfway between the surfaces, from that on the second shape."""
     half = 0.5 * gap
     (x, y, z), (nx, ny, nz) = point, normal
     row[0], row[1], row[2] = x + half * nx, y + half * ny, z + half * nz
@@ -434,7 +453,7 @@ def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> N
 
 @compiled
 def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
-    """Write contacts of a shape with a half-space, rows (point, normal, gap); the normal leaves the plane."""
+    """Write contacts of a shape with a half-space to rows of shape (>= 4, 7); the normal leaves the plane."""
     x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
     height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
     if -_reach(solid, -x, -y, -z) - height > margin:
@@ -454,7 +473,7 @@ def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
 
 @compiled
 def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
-    """Write the contact of two balls or capsules, where their segments are nearest."""
+    """Write the contact, shape (>= 1, 7), of two balls or capsules, where their segments are nearest."""
     size, other_size = solid.size, other.size
     u, w, apart, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     half = size[1] if solid.kind == CAPSULE else 0.0
@@ -506,7 +525,7 @@ def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
 
 @compiled
 def _ball_on_corner(ball: Solid, box: Solid, margin: float, rows: Floats2) -> int:
-    """Write the contact of a ball, center outside, with the nearest point of a box."""
+    """Write the contact, shape (>= 1, 7), of a ball, center outside, with the nearest point of a box."""
     center, box_size, box_rotation, box_center = ball.position, box.size, box.rotation, box.position
     nearest, normal = np.empty(3), np.empty(3)
     for i in range(3):
@@ -541,7 +560,10 @@ class _Face(NamedTuple):
 
 @compiled
 def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float, rows: Floats2) -> int:
-    """Write contacts of a shape with a face of a box; `sense` is -1 where the box is the first of the two."""
+    """Write contacts of a shape with a face of a box to rows of shape (>= 4, 7).
+
+    `sense` is -1 where the box is the first of the two.
+    """
     box_size, box_rotation, box_center, k = box.size, box.rotation, box.position, face.axis
     first, second = (k + 1) % 3, (k + 2) % 3
     normal, down, points = np.empty(3), np.empty(3), np.empty((4, 3))
@@ -588,7 +610,7 @@ def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float,
 
 @compiled
 def _on_box(solid: Solid, box: Solid, margin: float, rows: Floats2) -> int:
-    """Write contacts of a shape with a box.
+    """Write contacts of a shape with a box to rows of shape (>= 4, 7).
 
     The shape is at least as far from the box as above any face of either.  Where its lowest point above the
     best face lies over that face, it is no farther, and the face's normal is that of the contact.

@@ -33,7 +33,7 @@ DONE = -1
 
 
 class Span(NamedTuple):
-    """What part of the work to do.
+    """Part of the work to do.
 
     Attributes:
         steps: Number of steps T.
@@ -52,10 +52,10 @@ class Inputs(NamedTuple):
     """Inputs of the robots, shape (N, T, n) each, or in the order of elements and for all, (1, T, m).
 
     Attributes:
-        position: Reference for the end of each step.
-        velocity: Reference.
-        feedforward: Feed-forward or effort; T may be 1, for all steps.
-        load: From outside; T may be 1, for all steps.
+        position: Reference for the end of each step [rad or m].
+        velocity: Reference [rad/s or m/s].
+        feedforward: Feed-forward or effort [N m or N]; T may be 1, for all steps.
+        load: From outside [N m or N]; T may be 1, for all steps.
     """
 
     position: Floats3
@@ -65,13 +65,13 @@ class Inputs(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What robots did.
+    """Recorded motion of robots.
 
     Attributes:
         position: At the start and after every `every`-th step, and in the row after the last good one the
-            state that diverged, shape (N, 1 + ceil(T / every), n); the first row is the caller's.
-        velocity: The same.
-        torque: The same.
+            state that diverged, shape (N, 1 + ceil(T / every), n); the first row is the caller's [rad or m].
+        velocity: The same [rad/s or m/s], of the same shape.
+        torque: The same [N m or N], of the same shape.
         good: Number of good steps of each robot, shape (N,).
     """
 
@@ -93,17 +93,17 @@ def rollout(
 ) -> int:
     """Advance some blocks of robots by a number of steps.
 
-    With a world, there is one robot.  In each step the world is shown the step without contacts as one linear
-    equation.  Where it adds no load, that step is taken as it is; otherwise it is taken again with the load.
+    With a world, there is one robot.  Each step without contacts is an input of the world's step, as one
+    linear equation.  Where that adds no load, the step is taken as it is; otherwise again with the load.
 
     Args:
         span: Which steps and blocks.
         robots: The robots.
         space: Arrays to write to.
         inputs: Inputs of the robots.
-        state: Position, velocity and torque, shape (3, B, m); the result too.
-        log: What to write.
-        world: What the robot meets.
+        state: Position, velocity and torque, shape (3, B, m); overwritten by the result.
+        log: Written.
+        world: What the robot may touch.
 
     Returns:
         DONE, or the outcome of the world's step that failed.
@@ -119,7 +119,7 @@ def _advance_blocks(
     span: Span, robots: RobotTables, space: StepWorkspace, inputs: Inputs, state: Floats3, log: Log,
     world: WorldTables, equation: RobotMotion,
 ) -> int:  # fmt: skip
-    """Do what `rollout` does, with arrays for a step's linear equation."""
+    """Do what `rollout` does, with arrays for a step's linear equation; arguments and shapes are the same."""
     m, lanes, status = state.shape[2], robots.lanes, DONE
     step_input, step_output = space.step_input, space.step_output
     coupled = world.kind != NO_WORLD
@@ -163,8 +163,8 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
     Args:
         robots: The robot.
         space: Its arrays.
-        mass_hat: Written, see `write_equation`.
-        force: Written.
+        mass_hat: Written, see `write_equation`, shape (n, n).
+        force: Written, shape (n,).
 
     Returns:
         Whether the new state is sound.
@@ -178,7 +178,7 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
 def _couple(
     calm: bool, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion
 ) -> tuple[int, bool]:
-    """Let the world take its step, and take the robot's again with its load.
+    """Take the world's step, and the robot's again with its load.
 
     Returns:
         The outcome of the world's step, and whether the robot's was taken on the first guess.
@@ -186,7 +186,7 @@ def _couple(
     n, step_input, load = space.solve_output.size, space.step_input, world.state.load
     write_equation(calm, robots, space, equation.mass_hat, equation.force)
     if not calm and not is_sound(0, 1, space) and not _is_finite(equation.force):
-        return SOLVED, calm  # the robot is to blame, not what it touches
+        return SOLVED, calm  # the robot's own motion diverged, not its contacts
     outcome = contact_step(world, step_input[:n], equation, robots.timestep)
     if outcome != SOLVED:
         return outcome, calm
@@ -202,6 +202,7 @@ def _couple(
 
 @compiled(lean=True)
 def _is_finite(values: Floats1) -> bool:
+    """Whether all numbers, shape (k,), are finite."""
     total = 0.0
     for e in range(values.size):
         total += 0.0 * values[e]
@@ -210,7 +211,7 @@ def _is_finite(values: Floats1) -> bool:
 
 @compiled(lean=True)
 def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, step_input: Floats1) -> None:
-    """Write a step's inputs into the kernel's.
+    """Write the inputs of step k of block b into the kernel's, shape (> 6 m,), see `StepWorkspace`.
 
     Feed-forward that is constant in time is written in the first step only.
     """
@@ -228,14 +229,14 @@ def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, step_input
 
 @compiled(lean=True)
 def _copy(source: Floats1, target: Floats1) -> None:
-    """Copy an array; known lengths and no offset let the compiler use vectors."""
+    """Copy an array, shape (k,): with its length and no offset, the compiler uses vectors."""
     for e in range(source.size):
         target[e] = source[e]
 
 
 @compiled(lean=True)
 def _spread(b: int, k: int, lanes: int, values: Floats3, step_input: Floats1) -> None:
-    """Write one step's values of a block's robots in the order of elements."""
+    """Write one step's values, of shape (N or 1, T or 1, n or m), in the order of elements, shape (m,)."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
@@ -249,7 +250,7 @@ def _spread(b: int, k: int, lanes: int, values: Floats3, step_input: Floats1) ->
 
 @compiled(lean=True)
 def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWorkspace, log: Log) -> int:
-    """Stop robots whose new state is absurd, and return how many of the block's are left."""
+    """Stop robots whose new state is not sound, and return how many of the block's are left."""
     m, lanes, step_output, flags = space.solve_output.size, robots.lanes, space.step_output, space.flags
     left = 0
     for lane in range(lanes):
@@ -269,6 +270,7 @@ def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWork
 
 @compiled(lean=True)
 def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
+    """Write the new states of a block's robots that go on to a row of the log."""
     if lanes == 1:
         n = space.solve_output.size
         _copy(space.step_output[:n], log.position[b, row])
@@ -283,6 +285,7 @@ def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> 
 
 @compiled(lean=True)
 def _write_lane(robot: int, lane: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
+    """Write the new state of one robot to a row of the log."""
     m, n = space.solve_output.size, log.position.shape[2]
     for j in range(n):
         e = j * lanes + lane

@@ -50,7 +50,14 @@ def fill_rows(grid: PathGrid, effects: PathEffects, limits: PathLimits, rows: Pa
 
 @compiled(lean=True)
 def _fill_speed_bound(grid: PathGrid, frame_speed: Array, limits: PathLimits, x_most: Array) -> None:
-    """Write the greatest squared path speed that velocities of joints and frames allow at the grid points."""
+    """Write the greatest squared path speed that velocities of joints and frames allow at the grid points.
+
+    Args:
+        grid: The path.
+        frame_speed: See `PathEffects`, shape (M, f).
+        limits: The limits.
+        x_most: Written, shape (N + 1,).
+    """
     size, n = grid.step.size, grid.at.shape[2]
     for i in range(size + 1):
         x_most[i] = limits.x
@@ -69,7 +76,7 @@ def _fill_speed_bound(grid: PathGrid, frame_speed: Array, limits: PathLimits, x_
 def fill_middle(grid: PathGrid, rows: PathRows) -> None:
     """Write coefficients of the rows but those of acceleration in the middle of every interval.
 
-    By the cubic through four nodes, at the ends of the path's pieces by a parabola through three.
+    By the cubic through four nodes, at the ends of the path's segments by a parabola through three.
 
     Args:
         grid: The path.
@@ -105,14 +112,14 @@ def tighten_joints(
     On an interval, with d = s - s_i and x = x_i + 2 u d, a joint's acceleration
         q'' x + q' u = A + B d + C d^2,   A = 2 c_2 x_i + c_1 u,  B = 6 c_3 x_i + 6 c_2 u,  C = 15 c_3 u,
     is extreme at the ends or at d = -B / 2 C, and its velocity at the ends or where the acceleration is zero:
-    both are compared with their limits at every instant.
+    both are compared with their limits at every time.
 
     Args:
         grid: The path.
         limits: The limits.
         rows: The constraints, tightened by what they are exceeded by.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of a limit up to which an excess tightens nothing.
+        least: Share of a limit up to which a violation tightens nothing.
         changed: Is set where constraints are changed, shape (N,).
     """
     square = 1.0
@@ -152,7 +159,7 @@ def tighten_joints(
 
 @compiled(lean=True)
 def _lower_speed(i: int, factor: float, x_most: Array, changed: np.ndarray) -> None:
-    """Divide the bounds on x at both ends of an interval."""
+    """Divide the bounds on x, shape (N + 1,), at both ends of an interval; mark `changed`, shape (N,)."""
     x_most[i], x_most[i + 1] = x_most[i] / factor, x_most[i + 1] / factor
     changed[i], changed[min(i + 1, changed.size - 1)] = True, True
 
@@ -161,14 +168,14 @@ def _lower_speed(i: int, factor: float, x_most: Array, changed: np.ndarray) -> N
 def tighten_middle(
     grid: PathGrid, limits: PathLimits, rows: PathRows, x: Array, least: float, changed: np.ndarray
 ) -> float:
-    """Return how many times as slow torques and edge moments in the middle of intervals ask to be.
+    """Return how many times as slow the motion has to be for torques and edge moments mid-interval.
 
     Args:
         grid: The path.
         limits: The limits.
         rows: The constraints with `middle`; those that are exceeded are tightened.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of what a limit leaves beyond rest, up to which an excess tightens nothing.
+        least: Share of what a limit leaves beyond rest, up to which a violation tightens nothing.
         changed: Is set where constraints are changed, shape (N,).
     """
     n, n_tau, middle = grid.at.shape[2], limits.torque.size, rows.middle
@@ -194,18 +201,18 @@ def tighten_middle(
 def tighten_frames(
     grid: PathGrid, effects: PathEffects, rows: PathRows, x: Array, least: float, changed: np.ndarray
 ) -> float:
-    """Return how many times as slow speeds of frames ask to be; tighten bounds on x.
+    """Return how many times as slow the motion has to be for speeds of frames; tighten bounds on x.
 
-    On an interval a frame's squared speed g = |dp/ds|^2 x is known at both ends and in the middle.  The
-    parabola through these is wrong by at most 0.0642 of the greatest third difference over half an interval,
-    of which those with the neighbors are examples; four times their greatest stands for it.
+    On an interval a frame's squared speed g = |dp/ds|^2 x is computed at both ends and in the middle.
+    The parabola through these is wrong by at most 0.0642 of the greatest third difference over half an
+    interval, of which those with the neighbors are samples; four times the greatest of these is taken.
 
     Args:
         grid: The path.
         effects: Speeds of frames along it.
         rows: The constraints.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of a limit up to which an excess tightens nothing.
+        least: Share of a limit up to which a violation tightens nothing.
         changed: Is set where constraints are changed, shape (N,).
     """
     size, first, square = grid.step.size, grid.first, 1.0
@@ -244,11 +251,11 @@ def tighten_states(
 
     Args:
         grid: The path.
-        torque_limit: Limits of the torques of `effects`, shape (n or 0,).
+        torque_limit: Limits of the torques of `effects`, shape (n or 0,) [N m or N].
         rows: The constraints.
         first_row: Row of the first torque or, without torques, edge moment.
         interval: Interval of each state, shape (T,).
-        effects: What the states ask for.
+        effects: Torques, edge moments and frame speeds of the states.
         tighten: Whether to tighten constraints by what they are exceeded by.
 
     Returns:

@@ -16,7 +16,7 @@ def interval_count(breaks: Array, intervals: int) -> int:
     """Return into how many intervals `fill_grid` cuts a path.
 
     Args:
-        breaks: Ends of the path's pieces, shape (m + 1,).
+        breaks: Ends of the path's segments, shape (m + 1,).
         intervals: Least number of intervals.
     """
     total = 0
@@ -27,16 +27,17 @@ def interval_count(breaks: Array, intervals: int) -> int:
 
 @compiled(lean=True)
 def _count(breaks: Array, i: int, intervals: int) -> int:
+    """Return into how many intervals segment i is cut; breaks have the shape (m + 1,)."""
     share = (breaks[i + 1] - breaks[i]) / (breaks[breaks.size - 1] - breaks[0])
     return max(1, int(np.ceil(intervals * share - 1e-9)))
 
 
 @compiled("void(float64[::1], float64[:, :, ::1], int64, PathGrid)", lean=True)
 def fill_grid(breaks: Array, coefficients: Array, intervals: int, grid: PathGrid) -> None:
-    """Cut every piece of a path into equal intervals and evaluate the path at their ends.
+    """Cut every segment of a path into equal intervals and evaluate the path at their ends.
 
     Args:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
         intervals: Least number of intervals in all.
         grid: Receives the result; N = `interval_count`, M = N + m.
@@ -70,8 +71,8 @@ def coefficient_states(at: Array, states: Array) -> None:
     """Write q, v and a of rest, of unit path acceleration and of unit path speed.
 
     Args:
-        at: q, q' and q'' at the nodes, shape (3, M, n).
-        states: Receives them, shape (3, 3 M, n).
+        at: q [rad or m], q' and q'' at the nodes, shape (3, M, n).
+        states: Receives them, q, v and a, shape (3, 3 M, n).
     """
     count, n = at.shape[1], at.shape[2]
     for k in range(count):

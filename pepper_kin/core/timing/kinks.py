@@ -11,10 +11,10 @@ def find_kinks(breaks: Floats1, curve: Floats3, least: float, kinks: Ints1) -> i
     """Find the breaks at which the derivative of a piecewise cubic path jumps.
 
     Args:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         curve: Coefficients, constant term first, shape (m, 4, n).
         least: Jumps up to this part of the derivatives are rounding.
-        kinks: Receives the places among the breaks, at least m long.
+        kinks: Receives the places among the breaks, shape (>= m,).
 
     Returns:
         Their number.

@@ -25,10 +25,10 @@ Array = NDArray[np.float64]
 FOUND, NO_PROFILE, NO_REST = 0, 1, 2
 """Status of `optimal_profile`: a profile; none; a node where the robot could not rest: slower is no help."""
 
-_ROUNDS = 3  # solutions with tightened limits before settling for a slower one
+_ROUNDS = 3  # solutions with tightened limits before a slower one is taken
 _SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
 _LEAST = 1e-4  # of a limit: smaller violations are left to stretching
-_NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, instants are looked at one by one
+_NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, sample times are examined one by one
 
 
 @compiled(
@@ -37,18 +37,18 @@ _NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, instants ar
 def optimal_profile(
     grid: PathGrid, effects: PathEffects, limits: PathLimits, rows: PathRows, space: ProfileSpace
 ) -> tuple[int, int, float]:
-    """Find the fastest squared speed, and how much slower the motion has to be than it says.
+    """Find the fastest squared speed, and how much slower than that the motion has to be.
 
-    After each solution, extremes of velocity and acceleration are looked for in every interval, torques and
+    After each solution, extremes of velocity and acceleration are computed in every interval, torques and
     edge moments in its middle, where their coefficients are interpolated by cubics, and a bound on the speed
-    of frames anywhere; limits that are exceeded are tightened by the excess before the passes are run again.
+    of frames everywhere; limits that are exceeded are tightened by the violation before the next passes.
 
     Args:
         grid: The path.
         effects: Torques, edge moments and frame speeds along it.
         limits: The limits.
         rows: Receives the constraints, tightened in the end.
-        space: Work space; receives the profile as `best`.
+        space: Workspace; receives the profile as `best`.
 
     Returns:
         FOUND, NO_PROFILE or NO_REST; the grid point at which a search for a profile ended, or -1; and the
@@ -99,6 +99,7 @@ def profile_duration(grid: PathGrid, x: Array) -> float:
 
 @compiled(lean=True)
 def _interval_time(grid: PathGrid, x: Array, i: int) -> float:
+    """Return the time on interval i [s], from the squared speed at the grid points, shape (N + 1,)."""
     return 2 * grid.step[i] / (np.sqrt(x[i]) + np.sqrt(x[i + 1]))
 
 
@@ -117,7 +118,7 @@ def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, sample_tim
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        sample_times: Receives the result, at least `instant_count` long.
+        sample_times: Receives the result, `instant_count` times at least.
 
     Returns:
         Their number.
@@ -143,18 +144,18 @@ def instants_near_limits(
 ) -> int:  # fmt: skip
     """Find those multiples of dt where some torques or edge moments may leave their limits.
 
-    Those are the instants on intervals where the parabola through a quantity's values at both ends and in the
+    Those are the times on intervals where the parabola through a quantity's values at both ends and in the
     middle comes nearer to its limit than 1 %, with four times its bulge on top.
 
     Args:
         grid: The path.
         rows: The constraints.
-        limit: Of the size of the rows to look at; or 0 for those that must not be negative, shape (k,).
-        begin: Number of rows in `rows.middle` before those to look at.
+        limit: On the size of the rows to examine, 0 for those that must not be negative, shape (k,).
+        begin: Number of rows in `rows.middle` before those to examine.
         x: Squared speed at the grid points, shape (N + 1,).
         stretch: How much slower the motion is.
         dt: [s].
-        sample_times: Receives the result, at least `instant_count` long.
+        sample_times: Receives the result, `instant_count` times at least.
 
     Returns:
         Their number.
@@ -186,7 +187,18 @@ def instants_near_limits(
 def _is_near(
     i: int, grid: PathGrid, rows: PathRows, limit: Array, begin: int, x: Array, square: float, scale: float
 ) -> bool:
-    """Whether a row to look at comes near its limit on an interval."""
+    """Whether a row to examine comes near its limit on interval i.
+
+    Args:
+        i: The interval.
+        grid: The path.
+        rows: The constraints.
+        limit: See `instants_near_limits`, shape (k,).
+        begin: Number of rows in `rows.middle` before those to examine.
+        x: Squared speed at the grid points, shape (N + 1,).
+        square: Squared stretch.
+        scale: Greatest value at rest of the rows, against which those without a limit are compared.
+    """
     a, b, c, middle, node = rows.a, rows.b, rows.c, rows.middle, grid.first[i]
     u, x0, x1 = (x[i + 1] - x[i]) / (2 * grid.step[i] * square), x[i] / square, x[i + 1] / square
     half, n = (x0 + x1) / 2, grid.at.shape[2]
@@ -211,9 +223,9 @@ def evaluate_motion(grid: PathGrid, x: Array, sample_times: Instants, stretch: f
     Args:
         grid: The path.
         x: Squared speed at the grid points, shape (N + 1,).
-        sample_times: When; the first T are used.
+        sample_times: The times; the first T are used.
         stretch: How much slower the motion is.
-        state: Receives q, v and a, shape (3, T, n).
+        state: Receives q [rad or m], v and a, shape (3, T, n).
     """
     taylor, n = grid.taylor, grid.taylor.shape[2]
     for k in range(state.shape[1]):
@@ -245,8 +257,8 @@ def motion_polynomials(grid: PathGrid, x: Array, stretch: float, breaks: Array, 
         grid: The path.
         x: Squared speed at the grid points, no two successive ones zero, shape (N + 1,).
         stretch: How much slower the motion is.
-        breaks: Receives the times at the grid points, shape (N + 1,).
-        coefficients: Receives the pieces, constant term first, shape (N, 7, n).
+        breaks: Receives the times at the grid points, shape (N + 1,) [s].
+        coefficients: Receives the segments, constant term first, shape (N, 7, n).
     """
     size, _, n = grid.taylor.shape
     time = breaks[0] = 0.0

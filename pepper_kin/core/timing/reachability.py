@@ -33,7 +33,7 @@ def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
     Args:
         grid: The path.
         rows: The constraints.
-        space: Work space of any content; receives x.
+        space: Workspace of any content; receives x.
 
     Returns:
         -1; or, where there is no profile, the grid point at which the search ended.
@@ -58,8 +58,8 @@ def repeat_passes(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
     Args:
         grid: The path.
         rows: The constraints.
-        space: Kept between calls; `changed` says on which intervals constraints, or bounds on x at their
-            start, are new.
+        space: Kept between calls; `changed` marks the intervals on which constraints, or bounds on x at
+            their start, are new.
 
     Returns:
         As `fastest_profile`.
@@ -102,7 +102,16 @@ def repeat_passes(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
 
 @compiled(lean=True)
 def _write_lines(i: int, step: float, node: int, rows: PathRows, lines: Array, span: Array) -> None:
-    """Write every row as bottom - slope x <= u <= top - slope x; and what `ProfileSpace` calls a span."""
+    """Write every row of an interval as bottom - slope x <= u <= top - slope x; and its span.
+
+    Args:
+        i: The interval.
+        step: Its length.
+        node: Its first node.
+        rows: The constraints.
+        lines: Row i is written, except for the last line, see `ProfileSpace`, shape (N, 3, 2 r + 1).
+        span: Row i is written, see `ProfileSpace`, shape (N, 3).
+    """
     count, flat, moves = rows.low.shape[1], 0, 0
     for end in range(2):
         at, twice, k = node + end, 2 * step * end, end * count
@@ -123,7 +132,7 @@ def _write_lines(i: int, step: float, node: int, rows: PathRows, lines: Array, s
 
 @compiled(lean=True)
 def _remove_rows_without_u(i: int, step: float, node: int, rows: PathRows, lines: Array, span: Array) -> None:
-    """Take rows that do not bound u out of the lines; they bound x."""
+    """Move rows that do not bound u from the lines to the bounds on x; shapes as in `_write_lines`."""
     count = rows.low.shape[1]
     from_x, to_x = 0.0, np.inf
     for end in range(2):
@@ -146,7 +155,7 @@ def _remove_rows_without_u(i: int, step: float, node: int, rows: PathRows, lines
 
 @compiled(lean=True)
 def _extreme(lines: Array, i: int, x: float, greatest: bool) -> float:
-    """Return the greatest x below a given one (or the least above it) that leaves some u; NaN for none."""
+    """Return the greatest x up to this one (or the least from it) with a u in lines, shape (N, 3, k)."""
     last = lines.shape[2] - 1
     for _ in range(200):
         upper, lower = _greatest_u(lines, i, x), _least_u(lines, i, x)
@@ -170,7 +179,10 @@ def _extreme(lines: Array, i: int, x: float, greatest: bool) -> float:
 
 @compiled(lean=True)
 def _greatest_u(lines: Array, i: int, x: float) -> float:
-    """Return the least of all upper bounds; four at a time, so that they share vector instructions."""
+    """Return the least of all upper bounds on u at x on interval i, from lines, shape (N, 3, k).
+
+    Four are compared at a time, so that they share vector instructions.
+    """
     p = q = r = s = np.inf
     count = lines.shape[2]
     whole = count // 4 * 4
@@ -192,7 +204,7 @@ def _greatest_u(lines: Array, i: int, x: float) -> float:
 
 @compiled(lean=True)
 def _least_u(lines: Array, i: int, x: float) -> float:
-    """Return the greatest of all lower bounds; see `_greatest_u`."""
+    """Return the greatest of all lower bounds, from lines, shape (N, 3, k); see `_greatest_u`."""
     p = q = r = s = -np.inf
     count = lines.shape[2]
     whole = count // 4 * 4

@@ -1,4 +1,4 @@
-"""Tables of a path on its grid, its limits and the work space of its timing; u = d2s/dt2, x = (ds/dt)^2."""
+"""Tables of a path on its grid, its limits and the workspace of its timing; u = d2s/dt2, x = (ds/dt)^2."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Int
 class PathGrid(NamedTuple):
     """A piecewise cubic path of n joints on a grid that keeps its breaks.
 
-    Where two pieces of the path meet there are two nodes, one for each side.
+    Where two segments of the path meet there are two nodes, one for each side.
 
     Attributes:
         step: Length of each interval, shape (N,).
         first: Node at the start of each interval; its end is the next node, shape (N,).
         s: Path parameter at the grid points, shape (N + 1,).
-        at: q, q' and q'' at the nodes, shape (3, M, n).
+        at: q [rad or m], q' and q'' at the nodes, shape (3, M, n).
         taylor: Taylor coefficients of the path at the start of each interval, shape (N, 4, n).
     """
 
@@ -31,8 +31,8 @@ class PathEffects(NamedTuple):
     """Limited quantities along a path besides the motion of joints.
 
     Attributes:
-        torque: At `grid.coefficient_states`, shape (3, M, n or 0).
-        moments: Edge moments of the support polygon alike, shape (3, M, k).
+        torque: At `grid.coefficient_states`, shape (3, M, n or 0) [N m or N].
+        moments: Edge moments of the support polygon alike, shape (3, M, k) [N m].
         frame_speed: |dp/ds| of each limited frame over its limit at the nodes, shape (M, f).
         frame_middle: The same in the middle of the intervals, shape (N, f).
     """
@@ -47,9 +47,9 @@ class PathLimits(NamedTuple):
     """Limits of a path's timing.
 
     Attributes:
-        velocity: Of the joints, shape (n,).
-        acceleration: Of the joints, shape (n,).
-        torque: Of the joints, shape (n or 0,).
+        velocity: Of the joints, shape (n,) [rad/s or m/s].
+        acceleration: Of the joints, shape (n,) [rad/s^2 or m/s^2].
+        torque: Of the joints, shape (n or 0,) [N m or N].
         x: Bound on x where there is no other.
     """
 
@@ -84,7 +84,7 @@ class PathRows(NamedTuple):
 
 
 class ProfileSpace(NamedTuple):
-    """Work space of the passes, which keep results between calls, and the profiles found.
+    """Workspace of the passes, which keep results between calls, and the profiles found.
 
     Attributes:
         lines: Rows as bounds on u, shape (N, 3, 2 r + 1).
@@ -104,7 +104,7 @@ class ProfileSpace(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """Instants of a motion along a path.
+    """Sample times of a motion along a path.
 
     Attributes:
         interval: Interval of the grid, shape (T,).
@@ -119,8 +119,8 @@ class StateEffects(NamedTuple):
     """Limited quantities of some states.
 
     Attributes:
-        torque: Shape (T, n or 0).
-        moments: Edge moments, at least 0 where the robot stands, shape (T, k).
+        torque: Shape (T, n or 0) [N m or N].
+        moments: Edge moments, at least 0 where the robot stands, shape (T, k) [N m].
         frame_speed: Speed over its limit, shape (T, f).
     """
 

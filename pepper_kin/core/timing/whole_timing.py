@@ -34,25 +34,25 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 Array = NDArray[np.float64]
 
 CHECK_STEP = 0.001
-"""Torques and edge moments are looked at at multiples of this [s]."""
+"""Torques and edge moments are examined at multiples of this [s]."""
 
 LONGEST_MOTION = 3600.0
-"""A motion that takes longer than this [s] is not looked at every millisecond, and so refused."""
+"""A motion that takes longer than this [s] is not examined every millisecond, and is refused."""
 
 MORE, LEAST = 1.1, 2e-6
-"""A motion is stretched a little further than needed: by so many times the excess, and by so much."""
+"""A motion is stretched a little more than needed: by so many times the violation, and by so much."""
 
 TOLERANCE = 1e-9
 """Of a limit, for rounding."""
 
 
 class TorqueKernel(NamedTuple):
-    """What gives the torques of many states.
+    """The kernel of the torques of many states.
 
     Attributes:
         address: Of the `batch` of a kernel from q, v and a to torques.
-        work: As large as the kernel asks.
-        words: Workspace, 8 numbers.
+        work: Workspace of the kernel, shape (>= work_size,).
+        words: Workspace, shape (8,).
     """
 
     address: int
@@ -64,17 +64,17 @@ class TimedPath(NamedTuple):
     """A path whose timing is sought, with the workspace for it.
 
     Attributes:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         curve: Coefficients, constant term first, shape (m, 4, n).
         grid: Receives the path on its grid.
         effects: Receives its torques; no moments and no speeds of frames.
-        torques: The same memory with a row for each state, shape (3 M, n or 0).
+        torques: The same memory with a row for each state, shape (3 M, n or 0) [N m or N].
         limits: Its limits, those of torque included.
         rows: Receives the constraints.
-        space: Work space of the search, of which `states` may share memory with `lines`.
+        space: Workspace of the search, of which `states` may share memory with `lines`.
         states: Workspace, shape (3, 3 M, n).
-        times: Receives the times at the grid points, shape (N + 1,).
-        motion: Receives the pieces of the motion, constant term first, shape (N, 7, n).
+        times: Receives the times at the grid points, shape (N + 1,) [s].
+        motion: Receives the segments of the motion, constant term first, shape (N, 7, n).
     """
 
     breaks: Floats1
@@ -92,13 +92,13 @@ class TimedPath(NamedTuple):
 
 @compiled
 def _write_torques(kernel: TorqueKernel, states: Array, torque: Array) -> None:
-    """Write the torques of states, shape (3, T, n)."""
+    """Write the torques [N m or N], shape (T, n), of states, shape (3, T, n)."""
     evaluate_batch(kernel.address, states[0], states[1], states[2], torque, kernel.work, kernel.words)
 
 
 @compiled
 def _kept(path: TimedPath, kernel: TorqueKernel, stretch: float) -> float:
-    """Look at torques at every multiple of 1 ms where they are near their limits; return the stretch.
+    """Examine torques at every multiple of 1 ms where they are near their limits; return the stretch.
 
     Of a motion that would take longer than `LONGEST_MOTION`, inf.
     """

@@ -110,7 +110,11 @@ class CompiledTasks:
             self.python.check()
 
     def bounds_of(self, movable: np.ndarray | None) -> Array:
-        """Return the bounds where only some joints may move, shape (n,); None for all."""
+        """Return the bounds, shape (3, n), where only some joints may move.
+
+        Args:
+            movable: Which joints may move, shape (n,); None for all.
+        """
         if movable is None:
             return self.bounds
         bounds = self.bounds.copy()
@@ -118,9 +122,15 @@ class CompiledTasks:
         return bounds
 
     def read(self, tasks: Sequence[Task], row: Array, tolerance: Array) -> bool:
-        """Write weights and targets into a row of input and the squared tolerances.
+        """Write weights and targets into a row of input, and the squared tolerances.
 
-        Returns whether nothing is left to gain once all tasks are well met.
+        Args:
+            tasks: Tasks of this structure, one target each.
+            row: Row of input to write to, shape (width,): q, w_i^2 and the targets, one after the other.
+            tolerance: Squared tolerances to write to, shape (t,) [m^2 or rad^2].
+
+        Returns:
+            Whether all tolerances are finite, so that the search may end once all tasks are well met.
         """
         n, finite = self.tables.effort.size, True
         for k, (task, targets) in enumerate(zip(tasks, self.target_places, strict=True)):
@@ -188,6 +198,19 @@ class PythonTasks:
                 continue
 
     def _values(self, q: Array) -> Array:
+        """Return errors, cost, gradient and the matrix's upper triangle as one vector.
+
+        They are those of `pepper_kin.ik.fast.expression.task_function`, for t tasks that k joints move.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+
+        Returns:
+            Shape (t + 1 + k + k (k + 1) / 2,).
+
+        Raises:
+            InvalidValueError: where a residual, Jacobian or error of a task is not finite.
+        """
         pepper, residuals, slopes, errors = self._pepper, [], [], []
         for task in self._tasks:
             residual = np.asarray(task.residual(pepper, q), dtype=float)
@@ -228,7 +251,7 @@ _lock = threading.Lock()
 def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
     """Return tasks of a robot ready for the search; the first time, compile them or read them from disk.
 
-    Tasks of classes that there is no machine code for are evaluated in Python, and made ready anew each time.
+    Tasks of classes without machine code are evaluated in Python, and prepared again each time.
     """
     structures = known_structures(tasks)
     if structures is None:
@@ -265,6 +288,16 @@ def _compiled(
     made: Kernel | None = None,
     python: PythonTasks | None = None,
 ) -> CompiledTasks:
+    """Return the tables of tasks from their kernel, or from Python.
+
+    Args:
+        pepper: The robot.
+        index: Indices of the joints that move a task, ascending, shape (k,).
+        target_sizes: Length of each task's target in a row of input; None for a task in Python.
+        address: Address of the kernel of tasks in Python; not used with `made`.
+        made: The kernel of tasks with machine code.
+        python: The tasks in Python, where there is no machine code for them.
+    """
     gravity = kernel(pepper, "gravity_torque")
     places: list[slice | None] = []
     place = pepper.n + len(target_sizes)
@@ -303,7 +336,7 @@ def _compiled(
 def squared_tolerance(allowed: float) -> float:
     """Return the square of a tolerance as machine code compares with it.
 
-    It is smaller by more than rounding: errors that are computed anew, by another code, are within the
+    It is smaller by more than rounding: errors that are computed again, by another code, are within the
     tolerance too.
     """
     if allowed == np.inf:

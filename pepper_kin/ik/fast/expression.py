@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.ndarray) -> casadi.Function:
-    """Return the function (q, weights, targets) -> what one step of a descent needs.
+    """Return the function (q, weights, targets) -> what one step of a local search needs.
 
     With r_i the residual of task i, J_i its derivative by the joints of `index`, and s_i^2 its weight w_i^2,
     times HARD_WEIGHT^2 where it is hard,
@@ -41,7 +41,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
     Args:
         pepper: The robot.
         tasks: Structures of the tasks.
-        index: Places of the joints to differentiate by.
+        index: Indices of the joints to differentiate by, shape (k,).
 
     Returns:
         Function of q (n), w^2 (number of tasks) and all targets one after the other; one output `step`.

@@ -99,7 +99,10 @@ def _shapes(solids: tuple[Solid, ...]) -> tuple[Array, Array]:
 
 
 def _outermost(vertices: Array) -> Array:
-    """Return the vertices that lie farthest in directions all around."""
+    """Return the vertices, shape (m, 3), of all, shape (v, 3) [m], that lie farthest in some direction.
+
+    The directions are spread evenly; up to MOST_VERTICES vertices, all are kept.
+    """
     if len(vertices) <= MOST_VERTICES:
         return vertices
     # Points of a spiral that are even on the sphere.

@@ -49,7 +49,16 @@ def angle_over_sine(cosine: Any) -> Any:
 
 
 def direction_residual(axis: Array, basis: Array, direction: Any) -> tuple[Any, Any]:
-    """Return r and dr/dd as `pepper_kin.ik.tasks.direction.direction_residual`, for an SX direction."""
+    """Return r and dr/dd as `pepper_kin.ik.tasks.direction.direction_residual`, for an SX direction.
+
+    Args:
+        axis: a, unit vector in the frame, shape (3,).
+        basis: B, two unit rows across it, shape (2, 3).
+        direction: d, a unit SX vector of 3 rows.
+
+    Returns:
+        SX expressions r, 2 rows [rad], and dr/dd, 2 rows and 3 columns.
+    """
     import casadi
 
     row, sideways = casadi.DM(axis[None]), casadi.DM(basis)

@@ -88,7 +88,14 @@ class FastSolver(TaskSolver):
         return search_compiled(problem.pepper, problem.tasks, problem.q0, problem.movable, budget, collisions)
 
     def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
-        """Return where a descent from a start ends."""
+        """Return the joint positions where a local search ends, shape (n,) [rad or m].
+
+        Args:
+            start: Where it starts [rad or m], shape (n,); it is first moved into the bounds.
+            collisions: What may not touch.
+            budget: Its steps and deadline count.
+            clear: Whether to keep clear of collisions; the start has to be free.
+        """
         problem, n = self._problem, start.size
         ready = compiled_tasks(problem.pepper, problem.tasks)
         buffers = ready.buffers()
@@ -189,6 +196,20 @@ def alternatives(
 
     The starts lie ever farther from q0 on the way to points that fill the joint box evenly.  With a scene,
     solutions that touch something are moved clear, or left out.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks, one target each.
+        q0: Joint positions that solutions are to be near to [rad or m], shape (n,).
+        movable: Joints that may move, shape (n,); None for all.
+        seed: Draws the starts.
+        count: Number of starts.
+        max_iterations: Steps from each start.
+        scene: What to keep clear of; None for nothing.
+        margin: Distance to the scene that is kept [m].
+
+    Returns:
+        Joint positions [rad or m], shape (n,) each.
     """
     ready = compiled_tasks(pepper, tasks)
     index, k = ready.index, ready.index.size
@@ -215,10 +236,23 @@ def solutions_from(
     scene: Scene | None = None,
     margin: float = 0.0,
 ) -> list[Array]:
-    """Return solutions that given starts, shape (m, n), lead to, those nearest to q0 first.
+    """Return solutions that given starts lead to, those nearest to q0 first.
 
     Joints that no task depends on stay where a start has them; how far they move counts unweighted.  With a
     scene, solutions that touch something are moved clear, or left out.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks, one target each.
+        q0: Joint positions that solutions are to be near to [rad or m], shape (n,).
+        movable: Joints that may move, shape (n,); None for all.
+        starts: Where the searches start [rad or m], shape (m, n).
+        max_iterations: Steps from each start.
+        scene: What to keep clear of; None for nothing.
+        margin: Distance to the scene that is kept [m].
+
+    Returns:
+        Joint positions [rad or m], shape (n,) each.
     """
     budget = SearchBudget(0, 0, max_iterations, math.inf, thorough=False)
     ready = compiled_tasks(pepper, tasks)

@@ -112,7 +112,7 @@ def structures_of(tasks: Sequence[Task]) -> tuple[Structure, ...]:
 def _of_frame(
     kind: str, frame: str, hard: bool, target_size: int, axis: bytes = b"", reference: str = ""
 ) -> Structure:
-    """Return the structure of a task on a frame; to make it anew costs as much as some steps."""
+    """Return the structure of a task on a frame; to make it again takes as long as some steps."""
     return Structure(kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard)
 
 
@@ -155,7 +155,7 @@ _READERS: dict[type, Callable[[Any], Structure]] = {
 
 @lru_cache(maxsize=256)
 def _reader(kind: type) -> Callable[[Any], Structure] | None:
-    """Return what reads the structure of a class of tasks; to ask an abstract class is slow.
+    """Return what reads the structure of a class of tasks; `isinstance` of an abstract class is slow.
 
     A class derived from one of the library's may have another residual than the compiled one.
     """

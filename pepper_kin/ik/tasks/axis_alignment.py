@@ -89,23 +89,28 @@ class AxisAlignment(Task):
         return slope @ rotation.T @ cross_matrix(self.direction) @ angular
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the axis is off the direction."""
+        """Return the angle between axis and direction in words, at q, shape (n,) [rad or m]."""
         angle = words_for_angle(self.error(pepper, q))
         return f"{self.label} points {angle} away from direction {words_for_vector(self.direction)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the direction of the axis."""
+        """Return the axis's direction in the world in words, at joint positions q, shape (n,) [rad or m]."""
         axis = frame_pose(pepper, q, self.frame)[:3, :3] @ self.axis
         return f"direction {words_for_vector(axis)}"
 
     def _turn(self, pepper: PepperModel, q: Array) -> tuple[Array, Array, Array]:
+        """Return r, shape (2,) [rad], dr/dd, shape (2, 3), and R, shape (3, 3), at q, shape (n,)."""
         rotation = frame_pose(pepper, q, self.frame)[:3, :3]
         residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
         return residual, slope, rotation
 
 
 def _units(vectors: ArrayLike, quantity: str) -> Array:
-    """Return a unit vector, or N of them."""
+    """Return a vector, shape (3,), or N of them, shape (N, 3), at unit length, read-only.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.
+    """
     array = as_targets(vectors, quantity, (3,))
     if array.ndim == 1:
         return _unit(array, quantity)
@@ -116,6 +121,11 @@ def _units(vectors: ArrayLike, quantity: str) -> Array:
 
 
 def _unit(vector: ArrayLike, quantity: str) -> Array:
+    """Return a vector, shape (3,), at unit length, read-only.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.
+    """
     array = as_finite(vector, quantity, (3,))
     length = float(np.linalg.norm(array))
     if length < 1e-9:

@@ -50,11 +50,11 @@ class BaseTask(Task):
             )
 
     def indices(self, pepper: PepperModel) -> list[int]:
-        """Return the places of the joints in the robot's joint vector."""
+        """Return the indices of the joints in the robot's joint vector."""
         return [pepper.joint_index(name) for name in self.joints]
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the rows of the identity that select the joints."""
+        """Return the rows of the identity that select the joints, shape (m, n); q, shape (n,), is unused."""
         return np.eye(pepper.n)[self.indices(pepper)]
 
 
@@ -100,12 +100,12 @@ class BasePosition(BaseTask):
         return np.asarray(q[self.indices(pepper)] - self.target)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the base stops."""
+        """Return how far from the point the base stops, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point where the base is."""
+        """Return the base's position on the floor in words, at joint positions q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(q[self.indices(pepper)])} of the floor"
 
 
@@ -153,12 +153,12 @@ class BaseYaw(BaseTask):
         return np.asarray(turn - 2 * math.pi * np.floor(turn / (2 * math.pi) + 0.5))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the base is turned away."""
+        """Return how far the base is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
         angle, wanted = words_for_angle(self.error(pepper, q)), math.degrees(float(self.target))
         return f"{self.label} is turned {angle} away from a yaw of {wanted:.1f} deg"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the base's yaw."""
+        """Return the base's yaw in words, at joint positions q, shape (n,) [rad or m]."""
         return f"a yaw of {math.degrees(q[self.indices(pepper)[0]]):.1f} deg"
 
 

@@ -69,10 +69,10 @@ class CenterOfMass(Task):
         return center_of_mass_jacobian(pepper, q)[:2]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the center of mass stops."""
+        """Return how far from the point the center of mass stops, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point of the floor below the center of mass."""
+        """Return the point of the floor below the center of mass, in words, at q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(center_of_mass(pepper, q)[:2])} of the floor"

@@ -112,22 +112,22 @@ class CenterOfMassOverWheels(Task):
         return -self.normals @ change[:2]
 
     def distances(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the distance to the line of each side, negative outside [m], shape (k,)."""
+        """Return distances to the sides' lines [m], negative outside, shape (k,), at q, shape (n,)."""
         pose = frame_pose(pepper, q, self.base_frame)
         place = pose[:3, :3].T @ (center_of_mass(pepper, q) - pose[:3, 3])
         return np.asarray(np.einsum("ki,ki->k", self.normals, place[:2] - self.contacts))
 
     def size(self, residual: Array) -> float:
-        """Return the largest lack of margin [m]."""
+        """Return the largest lack of margin [m] of a residual, shape (k,)."""
         return float(residual.max())
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how much of the margin is lacking."""
+        """Return in words how much of the margin is lacking, at joint positions q, shape (n,) [rad or m]."""
         lack, margin = self.error(pepper, q), float(self.target)
         return f"{self.label} lacks {words_for_length(lack)} of a margin of {_words_for_margin(margin)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the distance to the nearest side."""
+        """Return the distance to the nearest side in words, at joint positions q, shape (n,) [rad or m]."""
         distance = float(self.distances(pepper, q).min())
         if distance < 0:
             return f"{words_for_length(-distance)} outside the wheels"
@@ -140,6 +140,12 @@ def _words_for_margin(margin: float) -> str:
 
 def _inward_normals(corners: Array) -> tuple[Array, float]:
     """Return the inward unit normals of a convex polygon and a bound on the margin inside: 2 area / girth.
+
+    Args:
+        corners: Corners in the base's frame [m], shape (k, 2), counter-clockwise.
+
+    Returns:
+        The normals, shape (k, 2), of the side that starts at each corner; the bound [m].
 
     Raises:
         InvalidValueError: unless the corners are those of a convex polygon in counter-clockwise order.

@@ -32,7 +32,7 @@ def _sideways_basis(x: float, y: float, z: float) -> Array:
 
 
 def cross_matrix(vector: Array) -> Array:
-    """Return [a]x, shape (3, 3): [a]x b = a x b."""
+    """Return [a]x, shape (3, 3), of a, shape (3,): [a]x b = a x b."""
     x, y, z = vector.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 

@@ -146,11 +146,11 @@ class Expression(Task):
         return self.quantity
 
     def size(self, residual: Array) -> float:
-        """Return the largest component [unit]."""
+        """Return the largest component [unit] of a residual, shape (m,)."""
         return float(np.abs(residual).max())
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return which value leaves its bounds most, and by how much."""
+        """Return in words which value leaves its bounds most, and by how much, at q, shape (n,)."""
         residual = self.residual(pepper, q)
         k = int(np.argmax(np.abs(residual)))
         bound = self.target[1, k] if residual[k] > 0 else self.target[0, k]
@@ -159,7 +159,7 @@ class Expression(Task):
         return f"{which} is {words_for(abs(residual[k]), self.quantity)} {side} {bound:.4g}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the values."""
+        """Return the values in words, at joint positions q, shape (n,) [rad or m]."""
         return f"value {', '.join(f'{value:.4g}' for value in self.values(q))} {self.quantity}".rstrip()
 
 
@@ -215,7 +215,17 @@ def values_and_slopes(source: str) -> Callable[[Array], tuple[Array, Array]]:
 
 
 def _bounds(limits_like: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
-    """Return bounds, shape (m,), where infinity or nothing means none."""
+    """Return bounds, shape (m,), of one number or m, shape (m,), where infinity or None means no bound.
+
+    Args:
+        limits_like: The bounds.
+        quantity: What messages call them.
+        count: m.
+        missing: What stands for None.
+
+    Raises:
+        InvalidValueError: for another shape, NaN, or anything but numbers.
+    """
     try:
         bounds = np.broadcast_to(
             np.asarray(missing if limits_like is None else limits_like, dtype=float), (count,)

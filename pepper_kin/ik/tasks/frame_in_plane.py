@@ -81,14 +81,14 @@ class FrameInPlane(Task):
         return self.normal[None] @ frame_jacobian(pepper, q, self.frame)[:3]
 
     def size(self, residual: Array) -> float:
-        """Return the distance from the plane [m]."""
+        """Return the distance from the plane [m] of a residual, shape (1,)."""
         return float(abs(residual[0]))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is from the plane."""
+        """Return how far the frame is from the plane, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} is {distance} off the plane through {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point where the frame is."""
+        """Return the position of the frame in the world in words, at q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(frame_pose(pepper, q, self.frame)[:3, 3])}"

@@ -39,7 +39,7 @@ class FrameOrientation(Task):
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
         hard: Whether it is met even where soft tasks suffer from it.
-        yields: Whether it gives way to the task before it, where not both can be met.
+        yields: Whether the task before it in a list is preferred where not both can be met.
         label: What is turned, in words; the frame's name if left empty.
     """
 
@@ -88,14 +88,15 @@ class FrameOrientation(Task):
         return inverse @ frame_jacobian(pepper, q, self.frame)[3:]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is turned away."""
+        """Return how far the frame is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the remaining rotation to the target, in words."""
+        """Return the remaining rotation to the target in words, at q, shape (n,) [rad or m]."""
         return f"an orientation {words_for_turn(-self.residual(pepper, q))} from its target"
 
     def _turn(self, pepper: PepperModel, q: Array) -> Array:
+        """Return R R_t^T, shape (3, 3), at joint positions q, shape (n,) [rad or m]."""
         return frame_pose(pepper, q, self.frame)[:3, :3] @ self.target.T
 
 

@@ -31,7 +31,7 @@ class FramePose(TaskGroup):
         label: What is moved, in words; the frame's name if left empty.
         hard: Whether the position is met even where soft tasks suffer from it.
         orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the orientation gives way where not both can be met; otherwise the weights say
+        position_first: Whether the position is preferred where not both can be met; otherwise the weights say
             how the error is shared.
 
     Attributes:

@@ -68,10 +68,10 @@ class FramePosition(Task):
         return frame_jacobian(pepper, q, self.frame)[:3]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame stops from the point."""
+        """Return how far from the point the frame stops, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point where the frame is."""
+        """Return the position of the frame in the world in words, at q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(frame_pose(pepper, q, self.frame)[:3, 3])}"

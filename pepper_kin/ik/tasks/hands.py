@@ -72,7 +72,7 @@ class HandPose(FramePose):
         orientation_tolerance: Largest angle of an orientation that is met [rad].
         hard: Whether the position is met even where soft tasks suffer from it.
         orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the orientation gives way where not both can be met.
+        position_first: Whether the position is preferred where not both can be met.
 
     Raises:
         UnknownNameError: for another hand.

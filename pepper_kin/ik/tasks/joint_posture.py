@@ -71,7 +71,7 @@ class JointPosture(Task):
         )  # fmt: skip
 
     def indices(self, pepper: PepperModel) -> list[int]:
-        """Return the places of the joints in the robot's joint vector."""
+        """Return the indices of the joints in the robot's joint vector."""
         return [pepper.joint_index(name) for name in pepper.resolve_joints(self.joints)]
 
     def on(self, pepper: PepperModel) -> JointPosture:
@@ -102,26 +102,26 @@ class JointPosture(Task):
             )
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return S q - target [rad or m]."""
+        """Return S q - target [rad or m], shape (m,) for m joints, at q, shape (n,) [rad or m]."""
         return q[self.indices(pepper)] - self.target
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return S."""
+        """Return S, shape (m, n) for m joints; q, shape (n,), is not used."""
         return np.eye(pepper.n)[self.indices(pepper)]
 
     def size(self, residual: Array) -> float:
-        """Return the largest deviation [rad or m]."""
+        """Return the largest deviation [rad or m] of a residual, shape (m,)."""
         return float(np.abs(residual).max())
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return the joint that is farthest from its place."""
+        """Return in words the joint that is farthest from its target, at q, shape (n,) [rad or m]."""
         worst = int(np.argmax(np.abs(self.residual(pepper, q))))
         index = self.indices(pepper)[worst]
         name, unit = pepper.joint_names[index], pepper.joint_units[index]
         return f"{name} stops at {q[index]:.4f} {unit}, short of {self.target[worst]:.4f} {unit}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the size of the largest deviation."""
+        """Return the largest deviation in words, at joint positions q, shape (n,) [rad or m]."""
         unit = self.unit_on(pepper) if self._one_unit(pepper) else "rad (or m)"
         return f"posture {self.error(pepper, q):.4f} {unit} away"
 

@@ -23,7 +23,7 @@ class JointValue(JointPosture):
 
     Args:
         joint: A name of `pepper.joint_names`.
-        value: Where it should be [rad or m], a number.
+        value: Where it should be [rad or m], a number, or N of them, shape (N,), for `solve_batch`.
         weight: Weight in the sum of squares.
         tolerance: Largest deviation of a task that is met [rad or m].
         hard: Whether it is met even where soft tasks suffer from it.
@@ -62,11 +62,11 @@ class JointValue(JointPosture):
         pepper.joint_index(self.label)
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the joint's position."""
+        """Return the joint's position in words, at joint positions q, shape (n,) [rad or m]."""
         index = self.indices(pepper)[0]
         return f"{q[index]:.4f} {pepper.joint_units[index]}"
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return where the joint stops."""
+        """Return how far from the value the joint stops, in words, at q, shape (n,) [rad or m]."""
         unit, target = self.unit_on(pepper), float(np.ravel(self.target)[0])
         return f"{self.label} stops {self.error(pepper, q):.4f} {unit} short of {target:.4f} {unit}"

@@ -107,29 +107,29 @@ class LineThroughPoint(Task):
         return np.asarray(by_along @ swing - by_sight @ _across(sight, moving) / distance)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the line passes beside the point."""
+        """Return by which angle the line misses the point, in words, at q, shape (n,) [rad or m]."""
         angle = words_for_angle(self.error(pepper, q))
         return f"the line of {self.label} passes {angle} beside {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the direction of the line."""
+        """Return the direction of the line in the world in words, at q, shape (n,) [rad or m]."""
         return f"direction {words_for_vector(self._lines(pepper, q)[0][0])}"
 
     def _lines(self, pepper: PepperModel, q: Array) -> tuple[tuple[Array, float], tuple[Array, float]]:
-        """Return w and |b - a| [m], u and |p - b| [m]."""
+        """Return w, shape (3,), and |b - a| [m], u, shape (3,), and |p - b| [m], at q, shape (n,)."""
         first = frame_pose(pepper, q, self.start)[:3, 3]
         second = frame_pose(pepper, q, self.frame)[:3, 3]
         return _direction(second - first), _direction(self.target - second)
 
 
 def _direction(line: Array) -> tuple[Array, float]:
-    """Return the unit vector of a line and its length [m]; of one that is nothing, x."""
+    """Return the unit vector of a line, shape (3,) [m], and its length [m]; x and NEAREST if shorter."""
     length = float(np.linalg.norm(line))
     return (line / length, length) if length >= NEAREST else (np.array([1.0, 0.0, 0.0]), NEAREST)
 
 
 def _across(direction: Array, jacobian: Array) -> Array:
-    """Return (I - d d^T) J."""
+    """Return (I - d d^T) J, shape (3, n), of a unit vector d, shape (3,), and a Jacobian J, shape (3, n)."""
     return np.asarray(jacobian - np.outer(direction, direction @ jacobian))
 
 

@@ -21,7 +21,7 @@ from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 
-# A point nearer to the camera's origin than this has no direction to speak of [m].
+# A point nearer to the camera's origin than this has no defined direction [m].
 NEAREST = 1e-6
 
 _AHEAD, _AHEAD_OPTICAL = read_only((1.0, 0.0, 0.0)), read_only((0.0, 0.0, 1.0))
@@ -94,17 +94,24 @@ class LookAt(Task):
         return slope @ rotation.T @ (turning - moving)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the camera looks past the point."""
+        """Return by which angle the view axis misses the point, in words, at q, shape (n,) [rad or m]."""
         angle = words_for_angle(self.error(pepper, q))
         return f"{self.label} passes {angle} beside {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the direction in which the camera looks."""
+        """Return the direction of the view axis in the world in words, at q, shape (n,) [rad or m]."""
         axis = frame_pose(pepper, q, self.frame)[:3, :3] @ self.axis
         return f"direction {words_for_vector(axis)}"
 
     def sight(self, origin: Array) -> tuple[Array, float]:
-        """Return the direction u from the camera's origin to the point and its distance rho [m]."""
+        """Return the direction u from the camera's origin to the point, and its distance rho.
+
+        Args:
+            origin: Origin o of the camera in the world [m], shape (3,).
+
+        Returns:
+            u, a unit vector in the world, shape (3,), and rho [m]; x and NEAREST for a nearer point.
+        """
         line = self.target - origin
         distance = float(np.linalg.norm(line))
         if distance < NEAREST:

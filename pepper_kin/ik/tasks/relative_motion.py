@@ -11,7 +11,14 @@ from pepper_kin.model import PepperModel
 
 
 def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> tuple[Array, Array]:
-    """Return R_b^T R_a and R_b^T (o_a - o_b), frame a as seen from reference b, shapes (3, 3) and (3,)."""
+    """Return the pose of frame a in b: R_b^T R_a, shape (3, 3), and R_b^T (o_a - o_b), shape (3,) [m].
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        frame: a, a name of `pepper.frame_names`.
+        reference: b, another one.
+    """
     moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
     turn = relative_to[:3, :3].T
     return turn @ moved[:3, :3], turn @ (moved[:3, 3] - relative_to[:3, 3])
@@ -23,6 +30,12 @@ def relative_jacobian(pepper: PepperModel, q: Array, frame: str, reference: str)
     With d = o_a - o_b and R_b' = [w_b]x R_b,
 
         d/dt R_b^T d = R_b^T (v_a - v_b + [d]x w_b),   the turn of a as b sees it: R_b^T (w_a - w_b).
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (n,).
+        frame: a, a name of `pepper.frame_names`.
+        reference: b, another one.
     """
     moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
     jacobian, other = frame_jacobian(pepper, q, frame), frame_jacobian(pepper, q, reference)

@@ -35,7 +35,7 @@ class RelativeOrientation(Task):
         weight: Weight in the sum of squares.
         tolerance: Largest angle of a task that is met [rad].
         hard: Whether it is met even where soft tasks suffer from it.
-        yields: Whether it gives way to the task before it, where not both can be met.
+        yields: Whether the task before it in a list is preferred where not both can be met.
         label: What is turned, in words; both frames' names if left empty.
     """
 
@@ -92,13 +92,17 @@ class RelativeOrientation(Task):
         return inverse @ relative_jacobian(pepper, q, self.frame, self.reference)[3:]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is turned away."""
+        """Return how far the frame is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the remaining rotation to the target, in the axes of the reference, in words."""
+        """Return the remaining rotation to the target, in the axes of the reference, in words.
+
+        The joint positions are q, shape (n,) [rad or m].
+        """
         turn = words_for_turn(-self.residual(pepper, q), f"the axes of {self.reference}")
         return f"an orientation {turn} from its target"
 
     def _turn(self, pepper: PepperModel, q: Array) -> Array:
+        """Return R_b^T R_a R_t^T, shape (3, 3), at joint positions q, shape (n,) [rad or m]."""
         return relative_pose(pepper, q, self.frame, self.reference)[0] @ self.target.T

@@ -37,7 +37,7 @@ class RelativePose(TaskGroup):
         without: "position" or "orientation" to leave that part out; None for both parts.
         hard: Whether the position is met even where soft tasks suffer from it.
         orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the orientation gives way where not both can be met.
+        position_first: Whether the position is preferred where not both can be met.
 
     Attributes:
         frame: A name of `pepper.frame_names`.

@@ -80,12 +80,12 @@ class RelativePosition(Task):
         return relative_jacobian(pepper, q, self.frame, self.reference)[:3]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame stops from the point."""
+        """Return how far from the point the frame stops, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point where the frame is."""
+        """Return the frame's position in the reference in words, at q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(relative_pose(pepper, q, self.frame, self.reference)[1])}"
 
 

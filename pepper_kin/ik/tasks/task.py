@@ -40,8 +40,9 @@ class Task(ABC):
         weight: w_i, above zero.
         tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
         hard: Whether it is met to its tolerance even where soft tasks suffer from it.
-        yields: Whether it gives way to the task before it in a list, as an orientation does to its position.
-        unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` knows the robot as well.
+        yields: Whether the task before it in a list is preferred where not both can be met, as a position to
+            its orientation.
+        unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` takes the robot into account.
         aspect: What of `label` the task is about, such as "position"; empty where the label says all.
         target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
         target_axes: Number of axes of one target.
@@ -135,7 +136,7 @@ class Task(ABC):
         return self.unit
 
     def size(self, residual: Array) -> float:
-        """Return the error that a residual amounts to [unit]: |r|, where a task says nothing else."""
+        """Return the error of a residual, shape (m,) [unit]: |r|, unless a task defines another."""
         return float(np.linalg.norm(residual))
 
     def error(self, pepper: PepperModel, q: Array) -> float:
@@ -144,11 +145,11 @@ class Task(ABC):
 
     @abstractmethod
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words how far q is from meeting the task, with the target."""
+        """Return in words how far q, shape (n,) [rad or m], is from meeting the task, with the target."""
 
     @abstractmethod
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words what q reaches in the target's place."""
+        """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
 
 
 class TaskGroup(ABC):
@@ -209,7 +210,7 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
     Raises:
         InvalidValueError: for another shape, NaN or infinity.
     """
-    # Most targets are a few floats: asking each of them is quicker than NumPy's way to ask all.
+    # Most targets are a few floats: testing each of them is quicker than NumPy's test of all.
     if (
         isinstance(value, np.ndarray)
         and value.dtype == np.float64
@@ -243,7 +244,7 @@ def words_for(value: float, unit: str) -> str:
 
 
 def words_for_vector(vector: Array) -> str:
-    """Return "(x, y, z)" with three decimals."""
+    """Return "(x, y, z)" with three decimals of a vector of any length, shape (k,)."""
     return "(" + ", ".join(f"{value + 0.0:.3f}" for value in np.round(vector, 3)) + ")"
 
 

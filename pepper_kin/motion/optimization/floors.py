@@ -18,7 +18,7 @@ class FlooredTerm(CompiledTerm):
 
     Args:
         address: Address of the function.
-        memory: Its memory.
+        memory: Its memory, shape (MEMORY_SIZE,), see `memory_of`.
         place: Where address and size of the floors are in it.
         rows_count: Number of rows of a sample.
         per_interval: Samples in each interval of the spline.
@@ -26,7 +26,7 @@ class FlooredTerm(CompiledTerm):
         keep_alive: What the memory points to.
 
     Attributes:
-        floor: The floors, flat; empty for none.
+        floor: The floors, flat, shape (K * per_sample,) for K samples; empty for none.
     """
 
     def __init__(

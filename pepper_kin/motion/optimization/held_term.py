@@ -53,20 +53,36 @@ class HeldTerm:
         return self._count
 
     def start_from(self, q: Array) -> None:
-        """Lower the floors under a motion, given at the samples, shape (K, k)."""
+        """Lower the floors under a motion of the moving joints [rad or m], at the samples, shape (K, k)."""
         self._floor = self._floor_under(q)
 
     def tighten(self, q: Array) -> None:
-        """Raise the floors where a motion keeps the tasks better now; it stays above them."""
+        """Raise the floors where a motion keeps the tasks better now; it stays above them.
+
+        Args:
+            q: Positions of the moving joints at the samples [rad or m], shape (K, k).
+        """
         if np.min(self._floor) < 0.0:
             self._floor = np.maximum(self._floor, self._floor_under(q))
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the slacks, shape (K, number of tasks), at states of the moving joints."""
+        """Return the slacks above their floors, as shares, shape (K, number of tasks).
+
+        Args:
+            q: Positions of the moving joints at the samples [rad or m], shape (K, k).
+            v: Their velocities, of the same shape; not used.
+            a: Their accelerations, of the same shape; not used.
+        """
         return (self._slacks(self._residuals(q)[0]) - self._floor) / (1.0 - self._floor)
 
     def rows(self, q: Array, v: Array, a: Array) -> Rows:
-        """Return the slacks and their derivatives."""
+        """Return what `values` returns, and its derivatives by q, shape (K, number of tasks, k).
+
+        Args:
+            q: Positions of the moving joints at the samples [rad or m], shape (K, k).
+            v: Their velocities, of the same shape; not used.
+            a: Their accelerations, of the same shape; not used.
+        """
         residual, slope = self._residuals(q)
         by_position = -2.0 * np.einsum("gr,kr,krj->kgj", self._sums, residual, slope)
         slack = 1.0 - self._floor
@@ -74,8 +90,10 @@ class HeldTerm:
         return Rows((self._slacks(residual) - self._floor) / slack, scaled)
 
     def _slacks(self, residual: Array) -> Array:
+        """Return the slacks of g tasks, shape (K, g), from all residuals [m or rad], shape (K, r)."""
         return 1.0 - residual**2 @ self._sums.T
 
     def _floor_under(self, q: Array) -> Array:
+        """Return floors of g tasks, shape (K, g), under a motion of the moving joints, shape (K, k)."""
         slacks = self._slacks(self._residuals(q)[0])
         return np.where(slacks > _SPARE, 0.0, slacks - 2 * _SPARE * (1.0 + np.abs(slacks)))

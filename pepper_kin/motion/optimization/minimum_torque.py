@@ -134,6 +134,17 @@ def _limits(pepper: PepperModel) -> Limits:
 
 
 def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
+    """Return start or goal of a motion, checked, shape (n,) [rad or m].
+
+    Args:
+        pepper: The robot.
+        value: The joint positions, shape (n,).
+        name: What messages call them.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN or infinity.
+        LimitError: for a position beyond its joint's limits.
+    """
     q = as_joint_vectors(pepper, value, name)
     if q.ndim != 1:
         raise InvalidValueError(name, f"shape {q.shape}", f"shape ({pepper.n},)")
@@ -150,6 +161,17 @@ def _by_newton(
     max_iterations: int,
     solver: str,
 ) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    """Search by the Newton method on a spline; return status, motion and number of iterations.
+
+    Args:
+        pepper: The robot.
+        first: Joint positions at the start [rad or m], shape (n,).
+        last: Joint positions at the end, of the same shape.
+        duration: Duration [s].
+        intervals: Intervals of the spline.
+        max_iterations: Newton steps at most.
+        solver: "newton"; not used.
+    """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem  # loads Numba: only here
 
     still = np.zeros((2, pepper.n))
@@ -176,6 +198,17 @@ def _by_casadi(
     max_iterations: int,
     solver: str,
 ) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    """Search by a general solver on a transcription of CasADi; return status, motion and iterations.
+
+    Args:
+        pepper: The robot.
+        first: Joint positions at the start [rad or m], shape (n,).
+        last: Joint positions at the end, of the same shape.
+        duration: Duration [s].
+        intervals: Intervals of the transcription.
+        max_iterations: Iterations at most.
+        solver: A name of `SOLVERS` that CasADi knows as well: "ipopt" or "fatrop".
+    """
     from pepper_kin import symbolic
 
     still = np.zeros(pepper.n)

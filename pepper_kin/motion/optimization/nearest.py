@@ -52,7 +52,7 @@ def _by_turns(a: Floats1, b: Floats1, guess: Floats1) -> tuple[Point, Point]:
 
     W. Cheney and A. Goldstein, Proximity maps for convex sets (1959); projecting on one and then the other is
     a gradient step on half the squared distance, which is accelerated as by Y. Nesterov (1983) and started
-    anew where a step turns back (B. O'Donoghue and E. Candes, 2015).
+    again where a step turns back (B. O'Donoghue and E. Candes, 2015).
     """
     x, y, z = a[0], a[1], a[2]
     if guess[0] != 0.0:

@@ -214,8 +214,15 @@ def _within_limits(
 ) -> Trajectory:
     """Return the motion to start from, made slower if it is a user's and breaks limits.
 
+    Args:
+        pepper: The robot.
+        path: What the user gave.
+        motion: The motion made of it; the same object where the user gave a motion.
+        limits: Limits of velocity, acceleration, torque and balance.
+        jerk: Limits of jerk [rad/s^3 or m/s^3], shape (n,); None for none.
+
     Raises:
-        InfeasibleError: where slower is no help.
+        InfeasibleError: where no slower motion is within the limits.
     """
     if motion is not path:
         return motion
@@ -230,7 +237,7 @@ def _within_limits(
         motion = motion.scaled(stretch * _MORE)
     raise InfeasibleError(
         "trajectory",
-        "the motion given passes where the robot cannot hold itself still within the limits asked for",
+        "the given motion passes a posture that the robot cannot hold at rest within these limits",
         "raise torque_scale, lower the payload, or give another motion",
     )
 

@@ -156,7 +156,14 @@ def _edges_of(pepper: PepperModel, margin: float) -> tuple[_Edge, ...]:
 
 
 def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> list[_Edge]:
-    """Return a table's lower and upper edge, each only where it lies within the joint's own limits."""
+    """Return a table's lower and upper edge, each only where it lies within the joint's own limits.
+
+    Args:
+        table: The table.
+        lower: Lower limits of all joints [rad or m], shape (n,).
+        upper: Upper limits of all joints, of the same shape.
+        margin: Angle that the edges are moved inward by [rad].
+    """
     found = []
     for sign, column, limit in ((1.0, table.lower, lower), (-1.0, table.upper, upper)):
         own = sign * limit[table.second]
@@ -173,6 +180,13 @@ def _ramps(x: Array, values: Array) -> tuple[Array, Array]:
 
     Between two rows the greater value holds.  Where that steps up, the ramp ends at the step, where it steps
     down, it begins there.
+
+    Args:
+        x: Positions of the rows, rising [rad], shape (m,).
+        values: Values of the rows [rad], shape (m,).
+
+    Returns:
+        Positions and values of the corners [rad], shape (2 m,) each.
     """
     steps = np.concatenate([values[:1], np.maximum(values[:-1], values[1:]), values[-1:]])
     width = min(_RAMP, float(np.diff(x).min()) / 3)

@@ -215,7 +215,11 @@ class SplineProblem:
         return Trajectory(pepper.joint_names, breaks, coefficients, pepper.joint_units)
 
     def _feasible_duration(self, control: Array) -> float:
-        """Return a duration in which a motion keeps all limits with room to spare, if there is one."""
+        """Return a duration [s] in which a motion keeps all limits with some slack, if there is one.
+
+        Args:
+            control: All control points of the moving joints [rad or m], shape (M + p, k), see `RestSpline`.
+        """
         duration = _FIRST_STRETCH * self._before.duration
         for _ in range(_MOST_STRETCHES):
             if self._objective.measure(control, duration)[1] < np.inf:

@@ -22,7 +22,10 @@ def memory_of(numbers: list[float], arrays: list[np.ndarray]) -> tuple[Array, li
 
     Args:
         numbers: Whatever the term needs.
-        arrays: Of float64 or int64.
+        arrays: Of float64 or int64, of any shape.
+
+    Returns:
+        The memory, shape (MEMORY_SIZE,), and the arrays, contiguous, which have to live as long as it.
     """
     memory, kept = np.zeros(MEMORY_SIZE), [np.ascontiguousarray(array) for array in arrays]
     memory[: len(numbers)] = numbers
@@ -32,7 +35,13 @@ def memory_of(numbers: list[float], arrays: list[np.ndarray]) -> tuple[Array, li
 
 
 def set_array(memory: Array, place: int, array: np.ndarray) -> None:
-    """Write address and size of an array to a memory."""
+    """Write address and size of an array to a memory.
+
+    Args:
+        memory: The memory, shape (MEMORY_SIZE,).
+        place: Where the address goes; the size goes behind it.
+        array: Of float64 or int64, contiguous, of any shape.
+    """
     memory[place : place + 2] = array.ctypes.data, array.size
 
 

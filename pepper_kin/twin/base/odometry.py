@@ -74,7 +74,7 @@ def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
 
 
 class Odometry:
-    """Pose estimated from the wheels' turns, exact along arcs but for the wheel slip that is modeled.
+    """Pose estimated from the wheels' turns, exact along arcs except for the wheel slip that is modeled.
 
     Args:
         base: The wheels.

@@ -139,8 +139,8 @@ def simulate_tipping(
 
     Assumed: joints follow their motion whatever happens (stiff servos); wheels are points that neither slide
     nor leave the edge; the moment of external forces, and of the acceleration of a moving base, is that of
-    the level robot; coming back to level ends the tilt at once, but for the restitution.  Only one edge at a
-    time.
+    the level robot; coming back to level ends the tilt at once, except for the restitution.  Only one edge at
+    a time.
 
     Args:
         monitor: The robot and its wheels.

@@ -114,7 +114,7 @@ def camera_intrinsics(name: str, resolution: str = "QVGA") -> Intrinsics:
 class Camera:
     """A camera on the robot's head, traced ray by ray: no display, one ray per pixel, no blur.
 
-    It renders the scene, a floor, and the robot's own body but for the link that carries it.  Any camera
+    It renders the scene, a floor, and the robot's own body except the link that carries it.  Any camera
     gives both depth and color.
 
     Args:

@@ -48,7 +48,7 @@ class SensorNoise:
     def generator(self, sample: int) -> np.random.Generator:
         """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
 
-        There is one generator, set anew for each sample.
+        There is one generator, whose counter is set for each sample.
         """
         self._counter[2] = sample
         self._source.state = self._start

@@ -76,7 +76,7 @@ class SampledTogether:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the next state is read, and what was recorded is forgotten."""
+        """Start again: the next state is read, and what was recorded is forgotten."""
         self._sample = -1
         self._times: list[float] = []
         self._samples: list[Sample] = []

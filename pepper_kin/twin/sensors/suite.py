@@ -133,7 +133,7 @@ class SensorSuite:
         return self._next
 
     def reset(self) -> None:
-        """Begin anew: every sensor is due at the next reading, and what was recorded is forgotten."""
+        """Start again: every sensor is due at the next reading, and what was recorded is forgotten."""
         self._time, self._next, self._waiting = -math.inf, -math.inf, []
         for group in self._groups:
             group.reset()
@@ -177,7 +177,7 @@ class SensorSuite:
         return {name: found[name] for name in self.sensors if name in found}
 
     def observe(self, state: State) -> None:
-        """Read what is due in a twin's state, and record it; a state not later than the last begins anew.
+        """Read what is due in a twin's state, and record it; a state not later than the last starts again.
 
         A twin calls it for its sensors: `Twin(pepper, sensors=suite)`.  The state,
         and what is around the robot now, are kept until somebody asks what was recorded.

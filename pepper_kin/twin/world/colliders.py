@@ -142,7 +142,7 @@ def _geometry_of(body: Body, shapes: Iterator[Any], scene: Scene) -> Any:
 
 
 def _pairs(rows: list[_Row], scene: Scene) -> Iterator[tuple[int, int]]:
-    """Yield pairs of which one moves, but for the robot's own and those that the scene allows to touch."""
+    """Yield pairs of which one moves, except the robot's own and those that the scene allows to touch."""
     for i, first in enumerate(rows):
         for j in range(i + 1, len(rows)):
             second = rows[j]

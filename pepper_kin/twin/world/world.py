@@ -427,7 +427,7 @@ class World:
         return {repr(body.name): body.mass for body in self._initial.values()} | robot
 
     def _rebuild(self, present: dict[str, FreeBody]) -> None:
-        """Make the tables anew, with bodies in their present state where there is one."""
+        """Make the tables again, with bodies in their present state where there is one."""
         held = list(self._initial.values())
         now = [present.get(body.name, body) for body in held]
         poses = np.array([body.pose for body in now]).reshape(-1, 4, 4)

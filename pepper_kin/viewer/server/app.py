@@ -66,7 +66,7 @@ class GuardedHandler(tornado.web.RequestHandler):
             self.finish(fault)
 
     def set_default_headers(self) -> None:
-        """Let browsers guess no types, keep nothing and tell nobody the address."""
+        """Forbid browsers to guess types, to store pages and to send the address to other servers."""
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")

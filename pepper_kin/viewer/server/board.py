@@ -40,7 +40,7 @@ class Board:
             self._send(_packed({"type": "delete", "path": _lowered(root)}))
 
     def show(self, root: Root, visible: bool) -> None:
-        """Show or hide a group; it stays so when it is drawn anew."""
+        """Show or hide a group; it stays so when it is drawn again."""
         self._shown[root] = _packed(
             {"type": "set_property", "path": _lowered(root), "property": "visible", "value": visible}
         )

@@ -9,7 +9,7 @@ from pepper_kin.viewer.server.board import Board, Root
 
 
 class World:
-    """A scene that is drawn: of a new one only what changed is drawn anew.
+    """A scene that is drawn: of a new one only what changed is drawn again.
 
     Args:
         pepper: The robot.
