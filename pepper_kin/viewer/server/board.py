@@ -47,7 +47,7 @@ class Board:
         self._send(self._shown[root])
 
     def paint(self, root: Root, color: Color) -> None:
-        """Give all of a group one color: red, green, blue, opacity; it stays so when it is drawn anew."""
+        """Give all of a group one color: red, green, blue, opacity; it stays so when it is drawn again."""
         self._painted[root] = _packed(
             {"type": "set_property", "path": _lowered(root), "property": "color", "value": list(color)}
         )
