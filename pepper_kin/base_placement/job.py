@@ -13,9 +13,11 @@ from pepper_kin.base_placement.score import PlacementWeights, Scorer
 from pepper_kin.base_placement.task_sets import Given, task_sets
 from pepper_kin.base_placement.trial import CandidateEvaluator
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import movable_joints
 from pepper_kin.ik.solve import whole_number
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
@@ -78,6 +80,8 @@ def make_job(
     if not mask.any():
         raise InvalidValueError("joints", repr(joints), "at least one joint besides the base's")
     world = checked_world(scene, collisions)
+    loads = loads_of(moving.robot, world)
+    sets = tuple(tuple(with_loads(group, loads)) for group in sets)
     scorer = Scorer(moving, sets, mask, home, place, weights or PlacementWeights())
     evaluator = CandidateEvaluator(
         moving, sets, home, moving.names(mask), scorer, world, whole_number("seed", seed, 0),

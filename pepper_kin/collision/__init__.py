@@ -8,6 +8,7 @@
     least_clearance, LeastClearance           the least distance along many states
     approach_speed                            a bound on the speed at which bodies come nearer
     without_robot                             the points of a cloud that are not on the robot
+    loads_of, load_torque, load_wrench        what attached objects and payloads add to torques and wrenches
     CollisionChecker, checker_for             one robot in one scene, kept for many calls
 
 `scene=None` means the same in every package: nothing stands around the robot, but the robot is still checked
@@ -17,6 +18,7 @@ against itself.  Functions that can ignore collisions take `collisions=False`, a
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.least_clearance import LeastClearance, approach_speed, least_clearance
+from pepper_kin.collision.loads import load_torque, load_wrench, loads_of
 from pepper_kin.collision.near_pairs import NearPairs, near_pairs
 from pepper_kin.collision.queries import clearance, closest_pair, contacts, in_collision, without_robot
 from pepper_kin.collision.scene import Scene
@@ -43,6 +45,9 @@ __all__ = [
     "contacts",
     "in_collision",
     "least_clearance",
+    "load_torque",
+    "load_wrench",
+    "loads_of",
     "near_pairs",
     "without_robot",
 ]

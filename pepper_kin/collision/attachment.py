@@ -21,6 +21,8 @@ def attached(
     pepper: PepperModel | None,
     q: ArrayLike | None,
     touch_links: Iterable[str],
+    mass: float,
+    center_of_mass: ArrayLike | None,
 ) -> AttachedObject:
     """Return an obstacle as an object that hangs on a frame; see `Scene.attach`.
 
@@ -31,10 +33,13 @@ def attached(
         pepper: Without a pose, the robot that takes it where it stands.
         q: The robot's joint positions then [rad or m], shape (n,).
         touch_links: Links that it may touch.
+        mass: [kg]; 0 where it does not count.
+        center_of_mass: In the object's frame [m], shape (3,); None: its centroid.
 
     Raises:
         UnknownNameError: for a frame or link that a given robot lacks.
-        InvalidValueError: for neither or both of transform and robot, or a bad one.
+        InvalidValueError: for neither or both of transform and robot, or a bad one; for a mass or center of
+            mass that is none.
     """
     links = (touch_links,) if isinstance(touch_links, str) else tuple(touch_links)
     has_pose = transform_object_to_frame is not None
@@ -51,7 +56,8 @@ def attached(
         pose = np.linalg.inv(_frame_pose(pepper, q, frame)) @ item.transform_object_to_world
         for link in links:
             pepper.frame_id(link)
-    return AttachedObject(item.name, item.geometry, frame, pose, links, item.color)
+    center = None if center_of_mass is None else np.asarray(center_of_mass)
+    return AttachedObject(item.name, item.geometry, frame, pose, links, item.color, mass, center)
 
 
 def released(item: AttachedObject, pepper: PepperModel, q: ArrayLike) -> SceneObject:

@@ -90,7 +90,7 @@ class Scene:
         return (Scene, (dict(self.objects), dict(self.attached), sorted(self.allowed)))
 
     def __repr__(self) -> str:
-        hanging = [f"{name} on {item.frame}" for name, item in self.attached.items()]
+        hanging = [str(item) for item in self.attached.values()]
         return f"Scene({', '.join([*self.objects, *hanging]) or 'empty'})"
 
     @property
@@ -349,11 +349,15 @@ class Scene:
         pepper: PepperModel | None = None,
         q: ArrayLike | None = None,
         touch_links: Iterable[str] = (),
+        mass: float = 0.0,
+        center_of_mass: ArrayLike | None = None,
     ) -> Scene:
         """Return a scene in which an obstacle hangs on the robot and moves with it.
 
-            scene.attach("cup", "l_gripper", pepper=pepper, q=q)      # where it stands, seen from the hand
-            scene.attach("cup", "l_gripper", transform)               # at a given place in the hand
+            scene.attach("cup", "l_gripper", pepper=pepper, q=q, mass=0.3)   # where it stands
+            scene.attach("cup", "l_gripper", transform)                      # at a place in the hand
+
+        Its mass counts in all that takes the scene, and adds to a payload; see `collision.loads_of`.
 
         Args:
             name: An obstacle of the scene.
@@ -363,15 +367,19 @@ class Scene:
             q: at these joint positions, shape (n,) [rad or m].
             touch_links: Links that it may touch, besides those that move with the frame and, on a hand, its
                 fingers.
+            mass: Of the object, a solid of uniform density [kg]; 0: it does not count.
+            center_of_mass: In the object's own frame [m], shape (3,); its centroid if omitted.
 
         Raises:
             UnknownNameError: for an unknown obstacle, frame or link (the last two where a robot is given;
                 else by the checker).
             InvalidValueError: for a half-space, neither or both of transform and robot, a transform that is
-                not rigid, or a bad q.
+                not rigid, a bad q, a mass below 0 or NaN, or a shape that has no volume for it.
         """
         self._check_standing(name)
-        hanging = attached(self.objects[name], frame, transform_object_to_frame, pepper, q, touch_links)
+        hanging = attached(
+            self.objects[name], frame, transform_object_to_frame, pepper, q, touch_links, mass, center_of_mass
+        )
         return self._with(
             objects={k: v for k, v in self.objects.items() if k != name},
             attached={**self.attached, name: hanging},
@@ -413,15 +421,10 @@ class Scene:
 
         `==` asks whether they are one and the same value, by which checkers are kept.
         """
-        mine, theirs = self._items(), other._items()
-        return (
-            len(mine) == len(theirs)
-            and self.allowed == other.allowed
-            and all(same_item(a, b) for a, b in zip(mine, theirs, strict=True))
-        )
-
-    def _items(self) -> list[SceneObject | AttachedObject]:
-        return [*self.objects.values(), *self.attached.values()]
+        mine: list[SceneObject | AttachedObject] = [*self.objects.values(), *self.attached.values()]
+        theirs: list[SceneObject | AttachedObject] = [*other.objects.values(), *other.attached.values()]
+        same = len(mine) == len(theirs) and self.allowed == other.allowed
+        return same and all(same_item(a, b) for a, b in zip(mine, theirs, strict=True))
 
     def _with(self, **changed: Any) -> Scene:
         parts = {"objects": self.objects, "attached": self.attached, "allowed": self.allowed}
@@ -445,10 +448,8 @@ class Scene:
     def _check_standing(self, name: str) -> None:
         self._check_known(name)
         if name in self.attached:
-            frame = self.attached[name].frame
-            raise InvalidValueError(
-                "object", repr(name), f"one that stands in the world; this one hangs on {frame}: release it"
-            )
+            said = f"one that stands in the world; this one hangs on {self.attached[name].frame}: release it"
+            raise InvalidValueError("object", repr(name), said)
 
 
 def _sorted_pair(a: str, b: str) -> tuple[str, str]:

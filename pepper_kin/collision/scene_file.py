@@ -11,7 +11,8 @@
       "allowed": [["floor", "Tibia"]]
     }
 
-An object's orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by hand; neither is none.
+Attached objects may have a `mass` [kg] and a `center_of_mass` in their own frame [m].  An object's
+orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by hand; neither is none.
 Meshes and clouds are lists of numbers in the same file: a scene in two files could be half replaced.
 """
 
@@ -87,7 +88,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
             _described(
                 item,
                 item.transform_object_to_frame,
-                {"frame": item.frame, "touch_links": list(item.touch_links)},
+                {"frame": item.frame, "touch_links": list(item.touch_links), **_weight(item)},
             )
             for item in scene.attached.values()
         ],
@@ -128,6 +129,13 @@ def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, A
     if not np.array_equal(pose[:3, :3], np.eye(3)):
         result["rotation"] = pose[:3, :3].tolist()
     return {**result, "color": list(item.color)}
+
+
+def _weight(item: AttachedObject) -> dict[str, Any]:
+    """Return mass and center of mass of an attached object, as far as it has them."""
+    mass = {"mass": item.mass} if item.mass else {}
+    center = {} if item.center_of_mass is None else {"center_of_mass": item.center_of_mass.tolist()}
+    return {**mass, **center}
 
 
 def _written(value: Any, indent: str = "") -> str:
@@ -192,13 +200,14 @@ def _standing(part: dict[str, Any], place: str) -> SceneObject:
 
 
 def _hanging(part: dict[str, Any], place: str) -> AttachedObject:
-    geometry = _geometry(part, ("frame",), ("touch_links",), place)
+    geometry = _geometry(part, ("frame",), ("touch_links", "mass", "center_of_mass"), place)
     links = part.get("touch_links", [])
     if not isinstance(links, list):
         raise _FaultError(f"{place}: touch_links is {shortened(repr(links))}, not a list of links")
     return AttachedObject(
-        part["name"], geometry, part["frame"], _pose(part, place), tuple(links), part.get("color", WOOD)
-    )
+        part["name"], geometry, part["frame"], _pose(part, place), tuple(links), part.get("color", WOOD),
+        part.get("mass", 0.0), part.get("center_of_mass"),
+    )  # fmt: skip
 
 
 def _geometry(

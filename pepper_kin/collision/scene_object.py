@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from pepper_kin.collision.solids import (
     padding,
     within_world,
 )
+from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.shapes import read_only
 
 Color = tuple[float, float, float, float]
@@ -77,6 +78,10 @@ class AttachedObject:
         transform_object_to_frame: (4, 4), read-only.
         touch_links: Links that it may touch, besides those that move with the frame and the fingers beyond.
         color: Red, green, blue and opacity, 0 to 1.
+        mass: [kg]; 0 where it does not count.
+        center_of_mass: In its own frame [m], shape (3,), read-only; None: its centroid.
+        load: What it is to the dynamics: the solid of uniform density, moved to where the center of mass is;
+            None without a mass.
     """
 
     name: str
@@ -85,6 +90,9 @@ class AttachedObject:
     transform_object_to_frame: NDArray[np.float64]
     touch_links: tuple[str, ...] = ()
     color: Color = WOOD
+    mass: float = 0.0
+    center_of_mass: NDArray[np.float64] | None = None
+    load: Load | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
@@ -102,6 +110,32 @@ class AttachedObject:
             raise InvalidValueError(f"touch_links of {self.name!r}", links, "names of links")
         object.__setattr__(self, "touch_links", links)
         object.__setattr__(self, "color", _color(self.name, self.color))
+        object.__setattr__(self, "load", self._as_load())
+
+    def __str__(self) -> str:
+        weight = f", {self.mass:.4g} kg" if self.mass else ""
+        return f"{self.name} on {self.frame}{weight}"
+
+    def _as_load(self) -> Load | None:
+        """Check mass and center of mass, and return the object as a load of its frame."""
+        if self.center_of_mass is not None:
+            center = as_finite(self.center_of_mass, f"center_of_mass of {self.name!r}", (3,))
+            within_world(f"center_of_mass of {self.name!r}", center)
+            object.__setattr__(self, "center_of_mass", read_only(center))
+        weightless = not isinstance(self.mass, bool) and self.mass == 0
+        mass = 0.0 if weightless else check_positive(f"mass of {self.name!r}", self.mass, "[kg], or 0")
+        object.__setattr__(self, "mass", mass)
+        if weightless:
+            return None
+        from pepper_kin.collision.uniform_solid import uniform_solid
+
+        solid = uniform_solid(self.name, self.geometry)
+        turn, origin = self.transform_object_to_frame[:3, :3], self.transform_object_to_frame[:3, 3]
+        own = solid.center if self.center_of_mass is None else self.center_of_mass
+        x, y, z = (turn @ own + origin).tolist()
+        tensor = mass * (turn @ solid.inertia @ turn.T)
+        xx, xy, xz, yy, yz, zz = ((tensor + tensor.T) / 2)[np.triu_indices(3)].tolist()
+        return Load(self.frame, mass, (x, y, z), (xx, xy, xz, yy, yz, zz), self.name)
 
     @property
     def extent(self) -> float:
@@ -154,7 +188,7 @@ def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) 
     if isinstance(a, SceneObject) and isinstance(b, SceneObject):
         return np.array_equal(a.transform_object_to_world, b.transform_object_to_world)
     if isinstance(a, AttachedObject) and isinstance(b, AttachedObject):
-        same = (a.frame, a.touch_links) == (b.frame, b.touch_links)
+        same = (a.frame, a.touch_links, a.mass, a.load) == (b.frame, b.touch_links, b.mass, b.load)
         return same and np.array_equal(a.transform_object_to_frame, b.transform_object_to_frame)
     return False
 

@@ -14,7 +14,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.dynamics.load import Loads
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
@@ -53,7 +54,7 @@ class _Body:
         return _skew(self.center)
 
 
-def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Loads = ()) -> Array:
     """Return the joint torques of a motion, tau = M(q) a + C(q, v) v + g(q).
 
     Outward: each link's angular velocity omega and acceleration alpha, and the acceleration of its origin,
@@ -66,19 +67,21 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) 
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        loads: Rigid objects that frames carry; they count like links.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        UnknownNameError: for a frame of a load that is no link.
     """
     arrays = [as_joint_vectors(pepper, x, name) for x, name in ((q, "q"), (v, "v"), (a, "a"))]
     try:
         q_all, v_all, a_all = np.broadcast_arrays(*arrays)
     except ValueError:
         raise InvalidValueError("q, v and a", [x.shape for x in arrays], "broadcastable shapes") from None
-    bodies, (gain, offset) = _read_bodies(pepper.urdf), _coupling(pepper)
+    bodies, (gain, offset) = _read_bodies(pepper.urdf, tuple(loads)), _coupling(pepper)
     flat = [x.reshape(-1, pepper.n) for x in (q_all, v_all, a_all)]
     tau = np.zeros_like(flat[0])
     for start in range(0, len(tau), _CHUNK):
@@ -135,8 +138,8 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
 
 
 @lru_cache(maxsize=8)
-def _read_bodies(urdf: str) -> tuple[_Body, ...]:
-    """Return the links that count, parents first: those that move, have inertia, or carry one that does."""
+def _read_bodies(urdf: str, loads: Loads = ()) -> tuple[_Body, ...]:
+    """Return the links and loads that count, parents first: what moves, has inertia, or carries such."""
     root = ET.fromstring(urdf)
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
@@ -156,6 +159,13 @@ def _read_bodies(urdf: str) -> tuple[_Body, ...]:
                 ranks = place[parent], moving.index(joint) if joint in moving else -1
                 bodies.append(_body(ranks, joint, links[child], turns[parent], turns[child]))
                 waiting.remove(joint)
+    for load in loads:
+        if load.frame not in place:
+            raise UnknownNameError("link that carries a load", load.frame, place)
+        own = turns[load.frame]
+        center, inertia = own.T @ np.array(load.center), own.T @ load.tensor @ own
+        link = place[load.frame]
+        bodies.append(_Body(link, -1, "fixed", np.zeros(3), np.eye(3), load.mass, center, inertia))
     return _that_count(bodies)
 
 

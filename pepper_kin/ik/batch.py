@@ -23,6 +23,7 @@ from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solve import DONE, Request, checked_scene, search_on, solve, whole_number
 from pepper_kin.ik.solvers import ALL_SOLVERS
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -170,7 +171,8 @@ def solve_batch(
     """
     begin = time.perf_counter()
     check_choice("solver", solver, ALL_SOLVERS)
-    parts = tuple(flatten_tasks(pepper, tasks, batch=True))
+    world = Collisions(pepper, *checked_scene(scene, collisions, margin))
+    parts = tuple(with_loads(flatten_tasks(pepper, tasks, batch=True), world.loads))
     q0 = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")
     check_within_limits(pepper, q0, "start")
     count = _count(parts, q0)
@@ -180,7 +182,6 @@ def solve_batch(
     whole_number("restarts", restarts, 0)
     whole_number("max_iterations", max_iterations, 1)
     whole_number("threads", threads, 1)
-    world = Collisions(pepper, *checked_scene(scene, collisions, margin))
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     if solver == "fast" and known_structures(parts) is not None:
         budget = SearchBudget(deadline=math.inf, **options)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pepper_kin.dynamics import gravity_torque
-from pepper_kin.ik.collisions import Collisions
+from pepper_kin.dynamics.load import Loads
+from pepper_kin.ik.collisions import Collisions, holding_torque
 from pepper_kin.ik.problem import Problem, make_problem
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.tasks.task import Array, Task
@@ -75,7 +75,7 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate
     met = all(error.met for error in errors)
     if met:
         blocking[:] = False
-    ratios = torque_ratios(pepper, q)
+    ratios = torque_ratios(pepper, q, collisions.loads)
     hardest = int(np.argmax(ratios))
     return IKCertificate(
         errors=errors,
@@ -102,8 +102,11 @@ def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
     return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))
 
 
-def torque_ratios(pepper: PepperModel, q: Array) -> Array:
-    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit."""
+def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
+    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit.
+
+    What is carried counts.
+    """
     effort = pepper.effort_limits
     limited = np.isfinite(effort) & (effort > 0)
-    return np.where(limited, np.abs(gravity_torque(pepper, q)) / np.where(limited, effort, 1.0), 0.0)
+    return np.where(limited, np.abs(holding_torque(pepper, q, loads)) / np.where(limited, effort, 1.0), 0.0)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
+from pepper_kin.dynamics import gravity_torque
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kernels.interrupts import STOPPED
 from pepper_kin.kernels.intrinsics import floats_at
@@ -27,7 +30,19 @@ NOTICE = 0.10
 NO_TESTS = CollisionTests(0, 0, 0, 0, 0, 0)
 """For searches that leave collisions out."""
 
+_GRAVITY = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
+
+
+def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
+    """Return what holds the robot and what it carries still [N m or N] at q [rad or m], shape (n,) each."""
+    torque = gravity_torque(pepper, q)
+    if not loads:
+        return torque
+    from pepper_kin.collision.loads import load_torque
+
+    rest = np.zeros(pepper.n)
+    return torque + load_torque(pepper, loads, q, rest, rest)
 
 
 class Collisions:
@@ -44,6 +59,15 @@ class Collisions:
         self.scene, self.margin = scene, margin
         self._raised: BaseException | None = None
         self._kept: tuple[Any, ...] = ()
+
+    @cached_property
+    def loads(self) -> Loads:
+        """What is attached to the robot with a mass."""
+        if self.scene is None or not self.scene.attached:
+            return ()
+        from pepper_kin.collision.loads import loads_of
+
+        return loads_of(self.pepper, self.scene)
 
     @property
     def considered(self) -> bool:
@@ -128,6 +152,28 @@ class Collisions:
         function = _FUNCTION(is_free)
         self._kept = (blocks, function)
         return blocks.tests._replace(is_free=int(ctypes.cast(function, ctypes.c_void_p).value or 0))
+
+    def holding(self, gravity: int, signals: np.ndarray) -> int:
+        """Return the address of the function (q, result, work) that writes the torques that hold q still.
+
+        It is valid as long as this object, on this thread.
+
+        Args:
+            gravity: Address of the robot's own, which serves where nothing is carried.
+            signals: As of `tests`, of the same shape.
+        """
+        if not self.loads:
+            return gravity
+        n = self.pepper.n
+
+        def hold(q: int, result: int, _: int) -> None:
+            try:
+                floats_at(result, n)[:] = holding_torque(self.pepper, floats_at(q, n).copy(), self.loads)
+            except BaseException as error:  # an exception cannot pass through machine code
+                self._raised, signals[STOPPED] = error, 1
+
+        self._held = _GRAVITY(hold)
+        return int(ctypes.cast(self._held, ctypes.c_void_p).value or 0)
 
     def check(self) -> None:
         """Raise what a verdict has raised during a search."""

@@ -13,6 +13,7 @@ from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start, whole_number
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -72,10 +73,11 @@ def solutions(
     """
     from pepper_kin.ik.fast import alternatives
 
-    parts = tuple(flatten_tasks(pepper, tasks))
+    parts = flatten_tasks(pepper, tasks)
     q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
     world, apart = checked_scene(scene, collisions, margin)
+    parts = with_loads(parts, Collisions(pepper, world).loads)
     wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
     steps = whole_number("max_iterations", max_iterations, 1)
     drawn = whole_number("seed", seed, 0)
@@ -96,7 +98,7 @@ def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Arra
     if not solutions:
         return
     q = np.array(solutions)
-    held = np.array([torque_ratios(collisions.pepper, row).max() <= 1.0 for row in q])
+    held = np.array([torque_ratios(collisions.pepper, row, collisions.loads).max() <= 1.0 for row in q])
     for part in (q[held], q[~held]):
         for begin in range(0, len(part), CHUNK):
             chunk = part[begin : begin + CHUNK]

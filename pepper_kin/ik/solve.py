@@ -33,6 +33,7 @@ from pepper_kin.ik.priorities import (
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -79,7 +80,8 @@ def solve(
         tasks: What to fulfill, such as `HandPosition` and `LookAt`.
         start: Where to begin and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
         solver: "fast", "placo" or "proxsuite".
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
+        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.  The
+            mass of attached objects counts for what motors hold, and for the center of mass.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m]; to itself the robot keeps none.
         seed: Draws the restarts.
@@ -99,15 +101,16 @@ def solve(
         LimitError: for a start outside the joint limits.
     """
     check_choice("solver", solver, ALL_SOLVERS)
-    parts = tuple(flatten_tasks(pepper, tasks))
+    world, apart = checked_scene(scene, collisions, margin)
+    around = Collisions(pepper, world, apart)
+    parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
     if timeout is not None and solver == "fast":
         compiled_tasks(pepper, parts)  # made once on a machine: that does not count against a timeout
     begin = time.perf_counter()
     q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)
-    world, apart = checked_scene(scene, collisions, margin)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, balanced(parts), q0, movable, Collisions(pepper, world, apart), budget)
+    request = Request(pepper, balanced(parts), q0, movable, around, budget)
     found = search_on(request, solver, _search(request, solver))
     conflict = _conflict(found.status, request, solver)
     hint = _hint(found.status, request, solver)

@@ -19,7 +19,15 @@ from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
-from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there, load_code_for
+from pepper_kin.motion.goals import (
+    STAYS,
+    fault_of_start,
+    free_joints,
+    goal_with_loads,
+    goals_of,
+    is_there,
+    load_code_for,
+)
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
@@ -72,8 +80,7 @@ def plan_constrained(
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
         costs: Soft costs that are made small together with the length, see `plan_costed`.
-        joints: Joints that may move: names of joints and groups. None: those in which start and goals
-            differ; give more where the constraints leave them no freedom.
+        joints: Names of joints and groups that may move. None: those in which start and goals differ.
         margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
             nearer than that, or where no path keeps it.
         least_margin: As of `plan`.
@@ -90,12 +97,13 @@ def plan_constrained(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
-    tasks = as_constraints(pepper, constraints)
+    statics = static_limits(pepper, balance, payload, scene)
+    tasks = as_constraints(pepper, constraints, statics.carrying)
     priced = None if costs is None else PathCosts.of(pepper, costs)
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
-    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
-    asked = with_constraints(goal, tasks)
+    checks = checks_for(pepper, scene, statics)
+    asked = with_constraints(goal_with_loads(pepper, goal, statics.carrying), tasks)
     load_code_for(checks, asked, "constraints")
     ended = Ending(pepper, begin := time.perf_counter(), seed, PLANNER, margin)
     fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start, margins[1])

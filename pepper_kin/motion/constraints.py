@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
@@ -32,14 +34,16 @@ SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast"
 _kept: RobotMemory[tuple[Structure, ...], Kernel] = RobotMemory()
 
 
-def as_constraints(pepper: PepperModel, constraints: Sequence[Task | TaskGroup]) -> tuple[Task, ...]:
-    """Return tasks as constraints of a path, groups taken apart.
+def as_constraints(
+    pepper: PepperModel, constraints: Sequence[Task | TaskGroup], loads: Loads = ()
+) -> tuple[Task, ...]:
+    """Return tasks as constraints of a path, groups taken apart; loads count for the center of mass.
 
     Raises:
         InvalidValueError: for no task, a task with several targets, or one of infinite tolerance.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
-    tasks = tuple(flatten_tasks(pepper, constraints))
+    tasks = tuple(with_loads(flatten_tasks(pepper, constraints), loads))
     for task in tasks:
         if not np.isfinite(task.tolerance):
             raise InvalidValueError(f"tolerance of {task.label}", task.tolerance, "a finite tolerance")

@@ -16,7 +16,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
 from pepper_kin.motion.driving import refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of, load_code_for
+from pepper_kin.motion.goals import ends_of, goal_with_loads, load_code_for
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
@@ -96,7 +96,8 @@ def plan_costed(
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
     q_start = checked_start(pepper, start, margin, timeout)
     margins = margin, checked_least(margin, least_margin)
-    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload))
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
+    goal = goal_with_loads(pepper, goal, checks.statics.carrying)
     load_code_for(checks, goal, "costs")
     begin = time.perf_counter()
     ended = Ending(pepper, begin, seed, PLANNER, margin)

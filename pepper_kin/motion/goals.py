@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import CollisionChecker
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, TaskGroup, solve
 from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
 from pepper_kin.motion.checks import Checks
@@ -94,6 +96,13 @@ def load_code_for(checks: Checks, goal: ArrayLike | Sequence[Any], planner: str)
         load_tasks(checks.pepper, tasks)
         if checks.statics.balance is not None:
             load_tasks(checks.pepper, [*tasks, *checks.statics.tasks()])
+
+
+def goal_with_loads(pepper: PepperModel, goal: ArrayLike | Sequence[Any], loads: Loads) -> Any:
+    """Return a goal, shape (n,) or (m, n) or tasks; those on the center of mass count what is carried."""
+    if not (loads and _are_tasks(goal)):
+        return goal
+    return with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), loads)
 
 
 def ends_of(

@@ -75,7 +75,7 @@ def simplify_path(
     checked_timeout(timeout)
     checked_margin(margin)
     checks, followed = (
-        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
+        checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
         checked_path(pepper, path),
     )
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)

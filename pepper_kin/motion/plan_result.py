@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
+from pepper_kin.collision.loads import loads_of
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
@@ -101,6 +103,7 @@ class Plan:
             curve are its own, or retimed where that is not better.  None otherwise, and where no timing is
             within the limits: the message says why.
         optimized: What the optimization returned; None where there was none.
+        loads: What hung on the robot with a mass in the scene of the plan; `retime` counts it.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -123,6 +126,7 @@ class Plan:
     search: Result | None = None
     trajectory: Trajectory | None = None
     optimized: Optimized | None = None
+    loads: Loads = ()
     evidence: Callable[[], float] | None = field(default=None, repr=False)
     proof: Callable[[], float] | None = field(default=None, repr=False)
 
@@ -195,7 +199,7 @@ class Ending:
             curve = as_cubic_path(checker.pepper, path)
         return self(
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]),
-            length=length_of(path), curve=curve, **more,
+            length=length_of(path), curve=curve, loads=loads_of(checker.pepper, checker.scene), **more,
             evidence=partial(_clearance_along, checker.pepper, checker.scene, path, curve),
             proof=partial(_proven_margin, checker.pepper, checker.scene, path, curve, self.margin),
         )  # fmt: skip

@@ -19,7 +19,7 @@ from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of, load_code_for
+from pepper_kin.motion.goals import ends_of, goal_with_loads, load_code_for
 from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
@@ -66,7 +66,7 @@ def plan(
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
             from several starts; of the free solutions the one with the shortest path is taken.
-        scene: The world around the robot.
+        scene: The world around the robot, with what it holds; attached objects count with their mass.
         planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
         joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
@@ -81,8 +81,8 @@ def plan(
             nearest goal; None: at the straight line itself, or when the time is used up.
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], as in
             `retime`; None lets the base be held from below.
-        payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`: the joints can
-            hold them all along the path, and they count for balance.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects, as in
+            `retime`: the joints can hold them all along the path, and they count for balance.
         smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
             within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
             the retimed plan stays, and the message says so.
@@ -148,7 +148,8 @@ def _planned(
         return plan_constrained(pepper, start, goal, scene, constraints, costs=costs, **common)
     if costs is not None:
         return plan_costed(pepper, start, goal, scene, costs, **common)
-    statics = static_limits(pepper, balance, payload)
+    statics = static_limits(pepper, balance, payload, scene)
+    goal = goal_with_loads(pepper, goal, statics.carrying)
     q_start = checked_start(pepper, start, margin, timeout)
     return _unguided(
         checks_for(pepper, scene, statics), q_start, goal, joints, margins, (planner, gap, seed, timeout)

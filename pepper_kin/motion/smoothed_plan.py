@@ -67,7 +67,7 @@ def smoothed(
     try:
         what = _not_optimized(pepper, plan.curve, balance)
         if what is not None:
-            motion = retime(pepper, plan, balance=balance, payload=payload)
+            motion = retime(pepper, plan, balance=balance, payload=payload, scene=scene)
             said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimized."
             return replace(plan, trajectory=motion, message=f"{plan.message} {said}")
         if support_polygon(pepper) is None:
@@ -87,7 +87,7 @@ def smoothed(
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
     said = found.message
     if found.success:
-        checks = checks_for(pepper, scene, static_limits(pepper, None, payload))
+        checks = checks_for(pepper, scene, static_limits(pepper, None, payload, scene))
         if _keeps_what_plans_keep(checks, found.trajectory, margins):
             made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
             message = f"{plan.message} Optimized: {said[0].lower()}{said[1:]}"

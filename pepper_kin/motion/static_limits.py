@@ -1,4 +1,4 @@
-"""Static limits of postures: holding torques and balance, with a payload."""
+"""Static limits of postures: holding torques and balance, with what is carried."""
 
 from __future__ import annotations
 
@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.fast import StaticLoads
+from pepper_kin.collision.loads import (
+    LoadParameters,
+    load_parameters,
+    load_torque,
+    loads_of,
+)
 from pepper_kin.core.collision.curve_check import LONGEST
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque, total_mass
+from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
 from pepper_kin.ik import CenterOfMassOverWheels, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, kept_for_robot, robot_digest
@@ -27,10 +34,11 @@ from pepper_kin.trajectory.balance import (
     moves_base,
     support_polygon,
 )
-from pepper_kin.trajectory.payload import AtFrames, at_frames, payload_torque
 
 if TYPE_CHECKING:
     import casadi
+
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -54,7 +62,12 @@ _WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments
 _GRAVITY = 9.81  # [m/s^2]
 _UNITS = {"rad": "N m", "m": "N"}
 
-_SOURCES = "pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.trajectory.balance"
+_SOURCES = (
+    "pepper_kin.symbolic",
+    "pepper_kin.model",
+    "pepper_kin.trajectory.balance",
+    "pepper_kin.dynamics.load",
+)
 _kept: RobotMemory[tuple[tuple[str, ...], bool], Kernel] = RobotMemory()
 
 
@@ -66,12 +79,12 @@ class StaticLimits:
         pepper: The robot.
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; None lets
             the base be held from below.
-        payload: Masses held, by frame [kg].
+        carrying: What is carried.
     """
 
     pepper: PepperModel
     balance: float | None = None
-    payload: AtFrames = ()
+    carrying: Loads = ()
 
     def __post_init__(self) -> None:
         """Load, or compile, the kernel before any clock starts."""
@@ -79,8 +92,8 @@ class StaticLimits:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """From a configuration and the masses, one vector, to what `StaticLoads` says."""
-        frames, balanced = tuple(frame for frame, _ in self.payload), self.balance is not None
+        """From a configuration and what is carried, one vector, to what `StaticLoads` says."""
+        frames, balanced = self._parameters.frames, self.balance is not None
         if not frames and not balanced:
             return kernel(self.pepper, "gravity_torque")
         known = _kept.of(self.pepper)
@@ -110,15 +123,15 @@ class StaticLimits:
 
     def _loads(self, margin: float) -> StaticLoads:
         """Return inputs of compiled checks that keep a margin [m] to the edges of the wheels' triangle."""
-        if self.balance is None and not self.payload:
+        if self.balance is None and not self.carrying:
             return StaticLoads(self.kernel)
-        return StaticLoads(self.kernel, self._masses, np.ascontiguousarray(self._edges(margin)))
+        return StaticLoads(self.kernel, self._parameters.static, np.ascontiguousarray(self._edges(margin)))
 
     def tasks(self) -> tuple[Task, ...]:
         """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
         if self.balance is None:
             return ()
-        shift = LONGEST_ARM * float(self._masses.sum()) / total_mass(self.pepper)
+        shift = LONGEST_ARM * sum(load.mass for load in self.carrying) / total_mass(self.pepper)
         return (CenterOfMassOverWheels(self.balance + ROOM_TO_MOVE + shift),)
 
     def hold(self, q: Array, margin: float = ROOM_TO_MOVE) -> NDArray[np.bool_]:
@@ -128,10 +141,10 @@ class StaticLimits:
             q: The postures.
             margin: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
         """
-        n, inputs = self.pepper.n, np.ascontiguousarray(q)
-        if self._masses.size:
-            inputs = np.empty((len(q), n + self._masses.size))
-            inputs[:, :n], inputs[:, n:] = q, self._masses
+        n, inputs, carried = self.pepper.n, np.ascontiguousarray(q), self._parameters.static
+        if carried.size:
+            inputs = np.empty((len(q), n + carried.size))
+            inputs[:, :n], inputs[:, n:] = q, carried
         found = evaluate(self.kernel, inputs)
         held = (np.abs(found[:, :n]) <= self.effort_limits).all(axis=1)
         if self.balance is not None:
@@ -152,14 +165,14 @@ class StaticLimits:
         most = 2.0 * float((spare / carried).min(initial=np.inf))
         if self.balance is not None:
             most = min(most, ROOM_TO_MOVE)
-        least = LONGEST if self.balance is None and not self.payload else LEAST_STEP
+        least = LONGEST if self.balance is None and not self.carrying else LEAST_STEP
         return min(max(most, least), LONGEST_STEP)
 
     def torque(self, q: Array) -> Array:
         """Return the effort that holds a posture, shape (n,), still, by Pinocchio [N m or N], shape (n,)."""
         none = np.zeros_like(q)
         torque = gravity_torque(self.pepper, q)
-        return torque + payload_torque(self.pepper, self.payload, q, none, none) if self.payload else torque
+        return torque + load_torque(self.pepper, self.carrying, q, none, none) if self.carrying else torque
 
     def weakest(self, q: Array) -> int | None:
         """Return the joint most overloaded by a posture, shape (n,); None where all can hold it."""
@@ -176,7 +189,7 @@ class StaticLimits:
         polygon, none = support_polygon(self.pepper), np.zeros((1, q.size))
         if polygon is None:
             return float("inf")
-        return float(balance_margin(self.pepper, polygon, q[None], none, none, self.payload)[0])
+        return float(balance_margin(self.pepper, polygon, q[None], none, none, self.carrying)[0])
 
     def tips(self, q: Array, margin: float = ROOM_TO_MOVE) -> bool:
         """Return whether a posture is nearer to tipping over than a path may be.
@@ -190,7 +203,7 @@ class StaticLimits:
     @property
     def carried(self) -> str:
         """What is held, in words that may be empty."""
-        return "".join(f" with {kg:.4g} kg at {frame}" for frame, kg in self.payload)
+        return carried_words(self.carrying)
 
     def said(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
         """Return a sentence on the limit that a posture exceeds most; empty where it can be held.
@@ -221,8 +234,8 @@ class StaticLimits:
         return "balance" if joint is None else f"torque of {self.pepper.joint_names[joint]}"
 
     @cached_property
-    def _masses(self) -> Array:
-        return np.array([mass for _, mass in self.payload])
+    def _parameters(self) -> LoadParameters:
+        return load_parameters(self.pepper, self.carrying)
 
     def _edges(self, margin: float) -> Array:
         """Return what the floor's force and moments are multiplied with, shape (k, 3)."""
@@ -236,8 +249,8 @@ class StaticLimits:
         model, masses = self.pepper.inner_model, np.zeros(self.pepper.inner_model.njoints)
         for i in range(1, model.njoints):
             masses[i] = model.inertias[i].mass
-        for frame, mass in self.payload:
-            masses[model.frames[self.pepper.frame_id(frame)].parentJoint] += mass
+        for load in self.carrying:
+            masses[model.frames[self.pepper.frame_id(load.frame)].parentJoint] += load.mass
         for i in range(model.njoints - 1, 0, -1):
             masses[model.parents[i]] += masses[i]
         moved = np.asarray(self.pepper.full_map) != 0.0
@@ -245,25 +258,30 @@ class StaticLimits:
 
 
 def static_limits(
-    pepper: PepperModel, balance: float | None, payload: Mapping[str, float] | None
+    pepper: PepperModel,
+    balance: float | None,
+    payload: Mapping[str, float] | None,
+    scene: Scene | None = None,
 ) -> StaticLimits:
     """Return the limits of postures at rest that a user has set, in the terms of `retime`.
+
+    What is attached in the scene is carried too.
 
     Raises:
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
-    return _kept_limits(pepper, checked_balance(pepper, balance), at_frames(pepper, "payload", payload, "kg"))
+    return _kept_limits(pepper, checked_balance(pepper, balance), loads_of(pepper, scene, payload))
 
 
 @kept_for_robot(most=64)
-def _kept_limits(pepper: PepperModel, balance: float | None, payload: AtFrames) -> StaticLimits:
+def _kept_limits(pepper: PepperModel, balance: float | None, carrying: Loads) -> StaticLimits:
     """Return the limits, which are made once."""
-    return StaticLimits(pepper, balance, payload)
+    return StaticLimits(pepper, balance, carrying)
 
 
 def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:
-    """Return the function from a configuration and masses to torques and, if asked for, the floor's wrench.
+    """Return the function from a configuration and m, m c at frames to torques and, if asked, floor's wrench.
 
     The wrench is that of the robot with its base where the world begins: on a level floor, a robot at rest
     stands as well wherever its base is.
@@ -272,17 +290,20 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
 
     from pepper_kin import symbolic
 
-    inputs = casadi.SX.sym("inputs", pepper.n + len(frames))
-    q, masses = inputs[: pepper.n], inputs[pepper.n :]
+    inputs = casadi.SX.sym("inputs", pepper.n + STATIC_PARAMETERS * len(frames))
+    q, carried = inputs[: pepper.n], inputs[pepper.n :]
     pull, rest = casadi.DM(pepper.inner_model.gravity.linear), casadi.DM.zeros(pepper.n)
     torque, placed = symbolic.gravity_torque(pepper)(q), casadi.SX(q)
     for joint in BASE_JOINTS if moves_base(pepper) else ():
         placed[pepper.joint_index(joint)] = 0.0
     wrench = symbolic.base_wrench(pepper)(placed, rest, rest) if balanced else casadi.SX.zeros(6)
     for k, frame in enumerate(frames):
-        weight = -masses[k] * pull
-        torque += symbolic.frame_jacobian(pepper, frame)(q)[:3, :].T @ weight
-        place = symbolic.frame_pose(pepper, frame)(placed)[:3, 3]
-        wrench += casadi.vertcat(weight, casadi.cross(place, weight))
+        mass, first = carried[STATIC_PARAMETERS * k], carried[STATIC_PARAMETERS * k + 1 :][:3]
+        weight, jacobian = -mass * pull, symbolic.frame_jacobian(pepper, frame)(q)
+        moment = casadi.cross(symbolic.frame_pose(pepper, frame)(q)[:3, :3] @ first, -pull)
+        torque += jacobian[:3, :].T @ weight + jacobian[3:, :].T @ moment
+        pose = symbolic.frame_pose(pepper, frame)(placed)
+        arms = mass * pose[:3, 3] + pose[:3, :3] @ first
+        wrench += casadi.vertcat(weight, casadi.cross(arms, -pull))
     found = casadi.vertcat(torque, wrench[_WRENCH]) if balanced else torque
     return casadi.Function("static_load", [inputs], [casadi.cse(casadi.densify(found))])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.loads import load_torque
 from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -21,7 +22,6 @@ from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.payload import payload_torque
 from pepper_kin.trajectory.trajectory import State
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ def validate(
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
     checks, followed = (
-        checks_for(pepper, scene, static_limits(pepper, balance, payload)),
+        checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
         checked_path(pepper, path),
     )
     dense = dense_states(pepper, scene, followed)
@@ -185,11 +185,11 @@ class _Look:
         found: Finding | None = None
         if not end:
             return found
-        pepper, payload = self.pepper, self.checks.statics.payload
+        pepper, carrying = self.pepper, self.checks.statics.carrying
         state = trajectory(self.dense.places[:end])
         torque = inverse_dynamics(pepper, *state)
-        if payload:
-            torque = torque + payload_torque(pepper, payload, *state)
+        if carrying:
+            torque = torque + load_torque(pepper, carrying, *state)
         for quantity, values, most, units in (
             ("velocity", state.velocity, pepper.velocity_limits, ("rad/s", "m/s")),
             ("acceleration", state.acceleration, pepper.acceleration_limits, ("rad/s^2", "m/s^2")),
@@ -205,7 +205,7 @@ class _Look:
         statics, polygon = self.checks.statics, support_polygon(self.pepper)
         if statics.balance is None or polygon is None:
             return None
-        inside = balance_margin(self.pepper, polygon, *state, statics.payload)
+        inside = balance_margin(self.pepper, polygon, *state, statics.carrying)
         tips = inside < statics.balance - TOLERANCE
         if not tips.any():
             return None

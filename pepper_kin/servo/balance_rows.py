@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, center_of_mass_jacobian, total_mass
+from pepper_kin.collision.loads import (
+    center_of_mass_jacobian_with,
+    center_of_mass_with,
+    load_wrench,
+    load_wrench_rate,
+)
+from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, total_mass
 from pepper_kin.dynamics.center_of_mass import share_of_moving
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
@@ -29,13 +36,18 @@ class BalanceRows:
     Args:
         pepper: The robot, with the frame `base_footprint`.
         margin: m [m].
+        loads: What it carries, which is part of c and of the floor's wrench.
+
+    Attributes:
+        loads: The same; may be replaced between ticks.
 
     Raises:
         UnknownNameError: for a robot without that frame.
     """
 
-    def __init__(self, pepper: PepperModel, margin: float) -> None:
+    def __init__(self, pepper: PepperModel, margin: float, loads: Loads = ()) -> None:
         pepper.frame_id(BASE)
+        self.loads = loads
         corners = np.array(WHEEL_CONTACTS)
         edges = np.roll(corners, -1, axis=0) - corners
         self._pepper, self._margin, self._corners = pepper, margin, corners
@@ -47,8 +59,8 @@ class BalanceRows:
         points = self._corners @ pose[:2, :2].T + pose[:2, 3]
         inward = self._inward @ pose[:2, :2].T
         reach = np.einsum("ij,ij->i", inward, points) + self._margin
-        center = center_of_mass(self._pepper, q)
-        tilt, tilt_rate, lift, lift_rate = self._floor(q, v, center)
+        center = center_of_mass_with(self._pepper, self.loads, q)
+        tilt, tilt_rate, lift, lift_rate = self._floor(q, v)
         # h = i . tilt - reach f_z, linear in the acceleration.
         slope = (inward @ tilt_rate - np.outer(reach, lift_rate)) / dt
         now = inward @ tilt - reach * lift
@@ -70,15 +82,14 @@ class BalanceRows:
         """
         base = frame_jacobian(self._pepper, q, BASE)
         carried = base[:3] + np.cross(base[3:], center - pose[:3, 3], axisa=0, axisc=0)
-        return center_of_mass_jacobian(self._pepper, q) - carried
+        return center_of_mass_jacobian_with(self._pepper, self.loads, q) - carried
 
-    def _floor(self, q: Array, v: Array, center: Array) -> tuple[Array, Array, float, Array]:
+    def _floor(self, q: Array, v: Array) -> tuple[Array, Array, float, Array]:
         """Return (-n_y, n_x) and f_z of the floor without acceleration, and their derivatives by it.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
-            center: Center of mass in the world [m], shape (3,).
 
         Returns:
             Moments [N m], shape (2,), their derivatives, shape (2, n), force [N] and its derivatives, shape
@@ -92,10 +103,17 @@ class BalanceRows:
         pinocchio.dccrba(model, data, pepper.to_full(q), v_full)
         momentum = pepper.columns_from_full(np.array(data.Ag))
         bias = np.array(data.dAg).reshape(6, -1) @ v_full
+        center = center_of_mass(pepper, q)
         lever = pinocchio.skew((center - still) / share if share > 0 else center)
         weight = total_mass(pepper) * np.asarray(model.gravity.linear)
         moment = bias[3:] + lever @ bias[:3] - np.cross(center, weight)
         moment_rate = momentum[3:] + lever @ momentum[:3]
+        lift, lift_rate = float(bias[2] - weight[2]), momentum[2]
+        if self.loads:
+            carried = load_wrench(pepper, self.loads, q, v, np.zeros_like(q))
+            carried_rate = load_wrench_rate(pepper, self.loads, q)
+            moment, moment_rate = moment + carried[3:], moment_rate + carried_rate[3:]
+            lift, lift_rate = lift + float(carried[2]), lift_rate + carried_rate[2]
         tilt = np.array([-moment[1], moment[0]])
         tilt_rate = np.array([-moment_rate[1], moment_rate[0]])
-        return tilt, tilt_rate, float(bias[2] - weight[2]), momentum[2]
+        return tilt, tilt_rate, lift, lift_rate

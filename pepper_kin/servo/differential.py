@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive
@@ -110,8 +112,12 @@ def differential_step(
     free, rate = check_positive("margin", margin, "[m]"), check_positive("approach", approach, "[1/s]")
     world = checked_world(scene, collisions)
     guard = None if world is None else ClearanceGuard(pepper, world, free, rate)
-    rows = None if balance is None else BalanceRows(pepper, float(as_finite(balance, "balance", ())))
-    parts = balanced(flatten_tasks(pepper, tasks))
+    kept, loads = (
+        None if balance is None else float(as_finite(balance, "balance", ())),
+        loads_of(pepper, world),
+    )
+    rows = None if kept is None else BalanceRows(pepper, kept, loads)
+    parts = balanced(with_loads(flatten_tasks(pepper, tasks), loads))
     demands = [task_demand(pepper, task, state, last, None, pace) for task in parts]
     tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)
     return _answer(state, dt, tick, demands)

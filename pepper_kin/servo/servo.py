@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
+from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.hands import hand_frame
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
@@ -114,8 +116,10 @@ class Servo:
         self._collisions = collisions
         guard = self._guard(scene)
         kept = None if balance is None else float(as_finite(balance, "balance", ()))
-        rows = None if kept is None else BalanceRows(pepper, kept)
-        self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, rows)
+        loads = loads_of(pepper, scene)
+        self._rows = None if kept is None else BalanceRows(pepper, kept, loads)
+        self._loads = loads
+        self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, self._rows)
         self._v = read_only(np.zeros(pepper.n))
         # What is compiled should be so before the first tick.
         still = rate_demand(np.eye(6, pepper.n), np.zeros(6), self._v, 1.0, "", self._pace)
@@ -152,7 +156,7 @@ class Servo:
             InvalidValueError: for no task, something that is none, or several targets in one task.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
-        flat = balanced(flatten_tasks(self.pepper, tasks))
+        flat = balanced(with_loads(flatten_tasks(self.pepper, tasks), self._loads))
         self._targets.replace(self.pepper, self._q, flat, self._tick, self._dt)
 
     def set_twist(
@@ -184,10 +188,15 @@ class Servo:
     def set_scene(self, scene: Scene | None) -> None:
         """Replace the world, which may have moved; None leaves the robot alone in it.
 
+        The mass of attached objects counts from the next tick on; for targets, from the next `set_target` on.
+
         Raises:
             InvalidValueError: for something that is no scene, and where collisions are left out.
         """
         self._stepper.guard = self._guard(scene)
+        self._loads = loads_of(self.pepper, scene)
+        if self._rows is not None:
+            self._rows.loads = self._loads
 
     def stop(self) -> None:
         """Forget all commands: the next ticks brake."""

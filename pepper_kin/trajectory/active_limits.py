@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygon
+from pepper_kin.trajectory.frame_speeds import hand_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
-from pepper_kin.trajectory.payload import at_frames, hand_speeds
 from pepper_kin.trajectory.trajectory import Trajectory, examination_step, sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -62,6 +67,7 @@ def active_limits(
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
+    scene: Scene | None = None,
 ) -> ActiveLimits:
     """Return the limit that is used most at each instant of a trajectory.
 
@@ -78,6 +84,7 @@ def active_limits(
         hand_speed: As in `retime`.
         payload: As in `retime`.
         jerk: As in `retime`.
+        scene: The scene whose attached objects count with their mass; None for none.
 
     Returns:
         Time, names and shares.
@@ -85,7 +92,7 @@ def active_limits(
     step = examination_step(trajectory.duration)
     time = sample_times(trajectory.duration, step) if t is None else np.atleast_1d(np.asarray(t, dtype=float))
     q, v, a = trajectory(time)
-    held = at_frames(pepper, "payload", payload, "kg")
+    held = loads_of(pepper, scene, payload)
     speeds = hand_speeds(pepper, hand_speed)
     columns = [
         *((f"velocity {name}", np.abs(v[:, j]) / pepper.velocity_limits[j]) for j, name in _joints(pepper)),

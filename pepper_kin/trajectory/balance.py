@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import load_wrench
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.model.shapes import read_only
 from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.trajectory.payload import AtFrames, payload_wrench
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def edge_moments(
     v: Array,
     a: Array,
     margin: float = 0.0,
-    payload: AtFrames = (),
+    loads: Loads = (),
 ) -> Array:
     """Return how firmly the robot stands on each edge of its support polygon.
 
@@ -70,7 +71,7 @@ def edge_moments(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         margin: Distance from the edge that is wanted [m].
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
 
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
@@ -81,8 +82,8 @@ def edge_moments(
     inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
     vertices, inward = _to_world(pepper, q, polygon, inward)
     wrench = dynamics.base_wrench(pepper, q, v, a)
-    if payload:
-        wrench = wrench + payload_wrench(pepper, payload, q, v, a)
+    if loads:
+        wrench = wrench + load_wrench(pepper, loads, q, v, a)
     tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
     reach = np.sum(inward * vertices, axis=-1) + margin
     return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
@@ -104,7 +105,7 @@ def moves_base(pepper: PepperModel) -> bool:
 
 
 def balance_margin(
-    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, payload: AtFrames = ()
+    pepper: PepperModel, polygon: Array, q: Array, v: Array, a: Array, loads: Loads = ()
 ) -> Array:
     """Return the distance of the zero-moment point from the nearest edge of the support polygon.
 
@@ -114,16 +115,16 @@ def balance_margin(
         q: Joint positions [rad or m], shape (T, n).
         v: Joint velocities [rad/s or m/s], shape (T, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
 
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
     from pepper_kin import dynamics
 
-    if payload:
-        wrench = dynamics.base_wrench(pepper, q, v, a) + payload_wrench(pepper, payload, q, v, a)
-        moments = edge_moments(pepper, polygon, q, v, a, 0.0, payload).min(axis=1)
+    if loads:
+        wrench = dynamics.base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
+        moments = edge_moments(pepper, polygon, q, v, a, 0.0, loads).min(axis=1)
         carried = wrench[:, 2] > 0
         return np.where(carried, moments / np.where(carried, wrench[:, 2], 1.0), -np.inf)
     lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0

@@ -4,30 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import AtFrames, load_wrench, loads_of
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
-from pepper_kin.trajectory.payload import (
-    AtFrames,
-    at_frames,
-    hand_speeds,
-    payload_torque,
-    payload_wrench,
-    wheel_speeds,
-)
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
 from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -41,7 +39,7 @@ def check(
     pepper: PepperModel,
     trajectory: Trajectory,
     *,
-    scene: Any | None = None,
+    scene: Scene | None = None,
     collisions: bool = True,
     jerk: JerkLike | None = None,
     balance: float | None = 0.0,
@@ -62,14 +60,14 @@ def check(
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
         scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
-            the robot from itself is measured in any case.
+            the robot from itself is measured in any case.  The mass of attached objects counts.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         jerk: Jerk limits as in `retime`; None leaves jerk out.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m], as in
             `retime`; None lets the base be held from below.
         hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s];
             None leaves them out.
-        payload: Point masses held at "left", "right" or frames by name [kg].
+        payload: Point masses held at "left", "right" or frames by name [kg], besides attached objects.
 
     Returns:
         The certificate.
@@ -86,10 +84,10 @@ def check(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
     world = checked_world(scene, collisions)
-    held = at_frames(pepper, "payload", payload, "kg")
+    held = loads_of(pepper, scene, payload)
     speeds = hand_speeds(pepper, hand_speed) + wheel_speeds(pepper)
     examined = _examined(pepper, trajectory, held)
-    torque = dynamics.newton_euler(pepper, *examined.state) + payload_torque(pepper, held, *examined.state)
+    torque = dynamics.newton_euler(pepper, *examined.state, held)
     polygon = None if balance is None else support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     wheels = wheel_limits(pepper)
@@ -161,7 +159,7 @@ class _Examined(NamedTuple):
         return np.maximum(self.at_most(size, second) - size.max(axis=0), 0.0)
 
 
-def _examined(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames) -> _Examined:
+def _examined(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -> _Examined:
     """Return states at every millisecond, and on both sides of every knot."""
     step = examination_step(trajectory.duration)
     parts = cut(trajectory, CUT * step)
@@ -172,7 +170,7 @@ def _examined(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames) ->
     local = np.concatenate([regular - parts.breaks[inside], 0 * width, width])
     time = np.concatenate([regular, parts.breaks[:-1], parts.breaks[1:]])
     state = _derivatives(trajectory, parts.segment[part], parts.offset[part] + local, 3)
-    bounds = RateBounds(pepper, parts.rates, payload)
+    bounds = RateBounds(pepper, parts.rates, loads)
     return _Examined(step, time, State(*state), part, np.minimum(width, step), bounds, parts.rates[1])
 
 
@@ -262,21 +260,21 @@ def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
 
 
 def _balance(
-    pepper: PepperModel, polygon: Array, examined: _Examined, wanted: float, payload: AtFrames
+    pepper: PepperModel, polygon: Array, examined: _Examined, wanted: float, loads: Loads
 ) -> ScalarCheck:
     """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
-    margin = balance_margin(pepper, polygon, *examined.state, payload)
+    margin = balance_margin(pepper, polygon, *examined.state, loads)
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
     return ScalarCheck(
         "balance", worst - wanted + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m", detail,
-        _balance_between(pepper, polygon, examined, payload, margin),
+        _balance_between(pepper, polygon, examined, loads, margin),
     )  # fmt: skip
 
 
 def _balance_between(
-    pepper: PepperModel, polygon: Array, examined: _Examined, payload: AtFrames, margin: Array
+    pepper: PepperModel, polygon: Array, examined: _Examined, loads: Loads, margin: Array
 ) -> float:
     """Return what the zero-moment point may be nearer to an edge by between the states [m].
 
@@ -289,14 +287,14 @@ def _balance_between(
         pepper: The robot.
         polygon: Corners of the support polygon [m], shape (3, 2).
         examined: The states.
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
         margin: Distances at the states [m], shape (T,).
     """
     from pepper_kin import dynamics
 
     force = dynamics.base_wrench(pepper, *examined.state)[:, 2]
-    if payload:
-        force = force + payload_wrench(pepper, payload, *examined.state)[:, 2]
+    if loads:
+        force = force + load_wrench(pepper, loads, *examined.state)[:, 2]
     pull, moment = examined.bounds.floor()
     reach = float(np.linalg.norm(polygon, axis=1).max())  # no edge is farther from the base's origin
     share = examined.gap**2 / 8

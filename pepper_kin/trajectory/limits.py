@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
+from pepper_kin.collision.loads import AtFrames, load_torque, load_wrench
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
-from pepper_kin.trajectory.payload import AtFrames, payload_torque, payload_wrench
 from pepper_kin.trajectory.wheels import WheelLimits
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ class Limits:
         torque: [N m or N], shape (n,); None to leave torque out.
         balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
             balance out.
-        payload: Masses held, by frame [kg]; they act on torque and balance.
+        loads: What is carried; it acts on torque and balance.
         speed: Greatest speeds of frames' origins [m/s].
         wheels: Limits of the wheels of a planar base; None for other robots.
     """
@@ -40,7 +41,7 @@ class Limits:
     acceleration: Array
     torque: Array | None
     balance: float | None = None
-    payload: AtFrames = ()
+    loads: Loads = ()
     speed: AtFrames = ()
     wheels: WheelLimits | None = None
 
@@ -101,8 +102,8 @@ class LimitedQuantities:
         torque, wheels = np.zeros((len(q), 0)), self._limits.wheels
         if self._joint_torques:
             torque = _evaluated(kernel(self._pepper, "inverse_dynamics"), q, v, a)
-            held = self._limits.payload
-            torque = torque + payload_torque(self._pepper, held, q, v, a) if held else torque
+            held = self._limits.loads
+            torque = torque + load_torque(self._pepper, held, q, v, a) if held else torque
         if wheels is not None:
             torque = np.concatenate([torque, wheels.accelerations(q, v, a)], axis=1)
         return torque
@@ -111,13 +112,13 @@ class LimitedQuantities:
         """Return edge moments, shape (T, edges)."""
         if self._polygon is None or self._limits.balance is None:
             return np.zeros((len(q), 0))
-        held = self._limits.payload
+        held = self._limits.loads
         if self._moment_of_wrench is None:
             moments = edge_moments(self._pepper, self._polygon, q, v, a, self._limits.balance, held)
             return np.ascontiguousarray(moments)
         wrench = _evaluated(kernel(self._pepper, "base_wrench"), q, v, a)
         if held:
-            wrench = wrench + payload_wrench(self._pepper, held, q, v, a)
+            wrench = wrench + load_wrench(self._pepper, held, q, v, a)
         found = np.empty((len(q), self.edges))
         matrix_product(wrench, self._moment_of_wrench, found)
         return found

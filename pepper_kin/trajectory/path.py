@@ -174,7 +174,7 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    if type(path) not in (np.ndarray, list, CubicPath) and _is_plan(path):
+    if type(path) not in (np.ndarray, list, CubicPath) and is_plan(path):
         path = planned_curve(cast("PlannedPath", path))
     if type(path) is CubicPath:
         return path if _known_within.get(path) is pepper else _checked(pepper, path)
@@ -200,7 +200,7 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 
-def _is_plan(path: object) -> bool:
+def is_plan(path: object) -> bool:
     """Whether something is a `PlannedPath` by its attributes; to ask the protocol takes far longer."""
     return all(hasattr(path, name) for name in ("success", "curve", "message", "advice"))
 

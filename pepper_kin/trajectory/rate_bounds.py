@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.splines import shifted
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.extremes import derivative, greatest_size
-from pepper_kin.trajectory.payload import AtFrames
 from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
 
 Array = NDArray[np.float64]
@@ -107,11 +107,11 @@ class RateBounds:
     Args:
         pepper: The robot.
         rates: Bounds on |d^k q / dt^k|, k = 0 ... 4, shape (5, m, n).
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
     """
 
-    def __init__(self, pepper: PepperModel, rates: Array, payload: AtFrames = ()) -> None:
-        self._pepper, self._payload, self._model = pepper, payload, pepper.inner_model
+    def __init__(self, pepper: PepperModel, rates: Array, loads: Loads = ()) -> None:
+        self._pepper, self._loads, self._model = pepper, loads, pepper.inner_model
         gain = np.abs(np.asarray(pepper.full_map))
         self._full = rates @ gain.T
         # The constant part of a mimic joint's position counts where it slides.
@@ -149,9 +149,10 @@ class RateBounds:
         masses = [
             (i, body.mass, body.lever, body.inertia) for i, body in enumerate(model.inertias) if body.mass > 0
         ]
-        for frame, mass in self._payload:
-            place = model.frames[self._pepper.frame_id(frame)]
-            masses.append((place.parentJoint, mass, place.placement.translation, np.zeros((3, 3))))
+        for load in self._loads:
+            place = model.frames[self._pepper.frame_id(load.frame)]
+            lever = place.placement.translation + place.placement.rotation @ np.array(load.center)
+            masses.append((place.parentJoint, load.mass, lever, load.tensor))  # of which the norm counts
         for i, mass, lever, inertia in masses:
             arm = float(np.linalg.norm(lever)) * links[i].unit
             force = mass * (links[i].origin + arm)[2:]

@@ -21,29 +21,35 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import AtFrames
 from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import checked_balance
+from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.editing import joined
+from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
-from pepper_kin.trajectory.payload import AtFrames, at_frames, hand_speeds, wheel_speeds
 from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
 from pepper_kin.trajectory.wheels import wheel_limits
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -69,6 +75,7 @@ def retime(
     duration: float | None = None,
     gridpoints: int = 200,
     solver: str = "fast",
+    scene: Scene | None = None,
 ) -> Trajectory:
     """Return the time-optimal trajectory along a plan or another path, from rest to rest; see the module.
 
@@ -85,7 +92,8 @@ def retime(
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
             lets the base be held from below.
         hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
-        payload: Point masses held at "left", "right" or a frame by name [kg]; they act on torque and balance.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects; they
+            act on torque and balance.
         jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
             such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
         acceleration_limits: One number for all joints without an acceleration limit in the model, or
@@ -94,6 +102,7 @@ def retime(
         duration: The duration asked for [s]: the fastest motion is made slower evenly, which keeps limits.
         gridpoints: Least number of intervals of the grid, 2 to 50,000.
         solver: "fast", this library's own, or "toppra", the package of that name, as reference.
+        scene: The scene whose attached objects count with their mass; None: that in which a plan was made.
 
     Returns:
         The trajectory; its `binding` says which limit acts at each instant.
@@ -115,7 +124,7 @@ def retime(
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
     rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
-    options = _checked(pepper, scales, balance, payload, hand_speed)
+    options = _checked(pepper, scales, balance, carried_along(pepper, path, scene, payload), hand_speed)
     curve = as_cubic_path(pepper, path)
     limits = _limits(pepper, greatest, options, _drives(pepper, curve.coefficients))
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
@@ -134,7 +143,7 @@ class _Options(NamedTuple):
 
     shares: tuple[float, float, float | None]
     balance: float | None
-    payload: AtFrames
+    loads: Loads
     speeds: AtFrames
 
 
@@ -142,7 +151,7 @@ def _checked(
     pepper: PepperModel,
     scales: tuple[float, float, float | None],
     balance: float | None,
-    payload: Mapping[str, float] | None,
+    loads: Loads,
     hand_speed: float | Mapping[str, float] | None,
 ) -> _Options:
     """Check what a user says about limits; the arguments are those of `retime`."""
@@ -152,7 +161,6 @@ def _checked(
         _share("acceleration_scale", acceleration),
         None if torque is None else _share("torque_scale", torque),
     )
-    loads = at_frames(pepper, "payload", payload, "kg")
     return _Options(shares, checked_balance(pepper, balance), loads, hand_speeds(pepper, hand_speed))
 
 
@@ -179,7 +187,7 @@ def _made_limits(pepper: PepperModel, greatest: Array, options: _Options, drives
         greatest * acceleration,
         None if torque is None else pepper.effort_limits * torque,
         options.balance,
-        options.payload,
+        options.loads,
         options.speeds + (wheel_speeds(pepper) if drives else ()),
         None if wheels is None else wheels.scaled(velocity, acceleration),
     )

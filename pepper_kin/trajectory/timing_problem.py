@@ -13,10 +13,10 @@ from pepper_kin.core.timing.grid import coefficient_states, fill_grid, frame_sta
 from pepper_kin.core.timing.parameterization import FOUND, motion_polynomials
 from pepper_kin.core.timing.tables import PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
 from pepper_kin.core.timing.whole_timing import TimedPath, time_path
+from pepper_kin.dynamics.load import carried_words
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limits import Limits, quantities_of
-from pepper_kin.trajectory.payload import AtFrames
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class TimingProblem:
         rows: Receives the constraints.
         space: Work space of the search.
         quantities: What limits look at, for other states.
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
 
     Args:
         pepper: The robot.
@@ -54,7 +54,7 @@ class TimingProblem:
         self, pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
     ) -> None:
         self._names, self._units = pepper.joint_names, pepper.joint_units
-        self.quantities, self.payload = quantities_of(pepper, limits), limits.payload
+        self.quantities, self.loads = quantities_of(pepper, limits), limits.loads
         self._path, self._intervals = (breaks, coefficients), intervals
         torques, edges = self.quantities.torque_limit.size, self.quantities.edges
         count = interval_count(breaks, intervals)
@@ -68,7 +68,7 @@ class TimingProblem:
     @property
     def plain(self) -> bool:
         """Whether nothing is limited but velocity, acceleration, and torque without a load."""
-        return not (self.quantities.edges or self.quantities.frames or self.payload)
+        return not (self.quantities.edges or self.quantities.frames or self.loads)
 
     def fastest(self) -> tuple[int, int | None, float, Trajectory | None]:
         """Fill the tables and search the fastest motion, of a plain problem, in one call of machine code.
@@ -126,12 +126,10 @@ class TimingProblem:
             node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
             reason = (
                 f"{self._names[joint]} needs {torque[node, joint]:.4g} N m to hold still against gravity"
-                f"{_load(self.payload)} {self._node_share(node):.0%} along the path, "
+                f"{carried_words(self.loads)} {self._node_share(node):.0%} along the path, "
                 f"and its limit is {limit[joint]:.4g} N m"
             )
-            advice = "choose a path with less load on that joint" + (
-                ", or carry less" if self.payload else ""
-            )
+            advice = "choose a path with less load on that joint" + (", or carry less" if self.loads else "")
             return InfeasibleError("trajectory", reason, advice)
         moments = self.effects.moments[0]
         if moments.size and moments.min() < 0:
@@ -210,8 +208,3 @@ def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _T
     found = _Tables(grid, effects, rows, space, states, torque.reshape(3 * nodes, torques))
     _memory.tables[key] = found
     return found
-
-
-def _load(payload: AtFrames) -> str:
-    """Name what is carried."""
-    return "".join(f" with {mass:.4g} kg at {frame}" for frame, mass in payload)

@@ -363,7 +363,7 @@ class Trajectory:
 
         return active_limits(pepper, self, t, **limits)
 
-    def check(self, pepper: PepperModel, scene: object | None = None, **limits: Any) -> Certificate:
+    def check(self, pepper: PepperModel, scene: Any = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
         from pepper_kin.trajectory.check import check
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.loads import HANDS, load_parameters, loads_of
+from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.twin.actuators import QUANTITIES, ActuatorParameters
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 PerRobot = ArrayLike | Mapping[str, ArrayLike]
@@ -95,18 +100,32 @@ def mass_factors(pepper: PepperModel, count: int, scale: Mapping[str, ArrayLike]
     return result
 
 
-def payloads(pepper: PepperModel, count: int, payload: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    """Return frame -> point mass [kg], shape (N,).
+def loads_of_all(
+    pepper: PepperModel, count: int, payload: Mapping[str, ArrayLike] | None, scene: Scene | None
+) -> dict[str, Array]:
+    """Return frame -> inertial parameters of what it carries, shape (N, PARAMETERS).
+
+    Args:
+        pepper: The robot.
+        count: N.
+        payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,).
+        scene: The scene whose attached objects count, for all robots; None for none.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
         InvalidValueError: naming the frame, for a wrong shape or a mass below zero.
     """
-    result = {}
-    for frame, value in (payload or {}).items():
+    parts = [(load_parameters(pepper, loads_of(pepper, scene)), np.ones(count))]
+    for name, value in (payload or {}).items():
+        frame = HANDS.get(name, name)
         pepper.frame_id(frame)
-        result[frame] = _positive(value, f"payload of {frame}", count, least=0.0)
-    return result
+        masses = _positive(value, f"payload of {name}", count, least=0.0)
+        parts.append((load_parameters(pepper, (Load(frame, 1.0),)), masses))
+    result: dict[str, Array] = {}
+    for (frames, values), masses in parts:
+        for frame, row in zip(frames, values, strict=True):
+            result[frame] = result.get(frame, 0.0) + np.outer(masses, row)
+    return dict(sorted(result.items()))
 
 
 def _positive(value: ArrayLike, quantity: str, count: int, least: float | None) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
-from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, mass_factors, payloads
+from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, loads_of_all, mass_factors
 from pepper_kin.twin.batch_run import BatchRun, recorded_steps
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.integrator import check_timestep, whole_number
@@ -24,6 +25,9 @@ from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.simulator import Rollout, Simulator
 from pepper_kin.twin.state import diverged
 from pepper_kin.twin.twin import FEEDFORWARDS
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -44,7 +48,9 @@ class TwinBatch:
             shape (n,), (N, 1) or (N, n), or joint -> shape (N,).
         mass_scale: Joint, or group of joints -> factor of the mass and inertia of the links that move with it
             (not of those beyond the next joint), one number or shape (N,).
-        payload: Frame -> point mass at its origin [kg], one number or shape (N,).
+        payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,), besides
+            attached objects.
+        scene: The scene whose attached objects count with their mass, for all robots; nothing else of it.
         substeps: Number of integrator steps in a timestep, as for `Twin`.
 
     Raises:
@@ -63,6 +69,7 @@ class TwinBatch:
         vary: Mapping[str, PerRobot] | None = None,
         mass_scale: Mapping[str, ArrayLike] | None = None,
         payload: Mapping[str, ArrayLike] | None = None,
+        scene: Scene | None = None,
         substeps: int = 1,
     ) -> None:
         self.pepper, self.count = pepper, whole_number("count", count)
@@ -80,7 +87,7 @@ class TwinBatch:
             self._actuators,
             gravity=feedforward == "gravity",
             scale=mass_factors(pepper, self.count, mass_scale),
-            payload=payloads(pepper, self.count, payload),
+            loads=loads_of_all(pepper, self.count, payload, scene),
         )
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._delay = Delay(round(self.actuators.latency / self.timestep))

@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import load_parameters
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
 from pepper_kin.core.simulation.contact_step import WorldTables, no_world
 from pepper_kin.core.simulation.rollout import DONE, Inputs, Log, Span, linearized_step, rollout
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
@@ -114,18 +116,27 @@ class Integrator:
         pepper: The robot.
         timestep: h [s], above 0 and at most 0.05.
         actuators: The actuators and stops.
-        gravity: Whether servos add what holds the present posture.
+        gravity: Whether servos add what holds the present posture of the robot as it is described.
+        loads: What the robot carries.
 
     Raises:
         InvalidValueError: for a timestep out of range, or actuators of other joints.
     """
 
     def __init__(
-        self, pepper: PepperModel, timestep: float, actuators: ActuatorParameters, *, gravity: bool = False
+        self,
+        pepper: PepperModel,
+        timestep: float,
+        actuators: ActuatorParameters,
+        *,
+        gravity: bool = False,
+        loads: Loads = (),
     ) -> None:
         self.timestep = check_timestep(timestep)
         check_joints(pepper, actuators)
         self._pepper, self._gravity = pepper, bool(gravity)
+        frames, values = load_parameters(pepper, loads)
+        self._loads = {frame: row[np.newaxis] for frame, row in zip(frames, values, strict=True)}
         self._actuators = actuator_table(pepper, actuators)
         self._table = np.ascontiguousarray(np.stack(self._actuators))
         self._nothing = np.zeros((1, pepper.n))
@@ -297,7 +308,7 @@ class Integrator:
     def _simulator(self) -> Simulator:
         if self._made is None:
             one = ActuatorTable(*(values[np.newaxis] for values in self._actuators))
-            self._made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity)
+            self._made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity, loads=self._loads)
             self._space = self._made.workspace()
             self._single = _SingleStep.of(self._pepper.n)
         return self._made

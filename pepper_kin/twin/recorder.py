@@ -17,7 +17,7 @@ from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
 from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
-from pepper_kin.twin.recording_header import HEADER, STATES, write_header
+from pepper_kin.twin.recording_header import HEADER, STATES, described, write_header
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -66,6 +66,7 @@ class Recorder:
             "feedforward": twin.feedforward,
             "chunk_steps": self._steps,
             "seed": seed,
+            "loads": described(twin.loads),
             "sensors": sorted(getattr(twin.sensors, "names", ())),
             "start": {
                 "position": [float(x).hex() for x in start.position],

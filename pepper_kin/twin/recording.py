@@ -17,7 +17,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
-from pepper_kin.twin.recording_header import STATES, read_header
+from pepper_kin.twin.recording_header import STATES, described, loads_in, read_header
 from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
@@ -122,6 +122,7 @@ class Recording:
             message,
             self.readings(),
             np.concatenate(wrench),
+            loads_in(self.header),
         )
 
     def readings(self) -> dict[str, ReadingSeries]:
@@ -169,6 +170,7 @@ class Recording:
             "substeps": twin.substeps,
             "feedforward": twin.feedforward,
             "sensors": sorted(getattr(twin.sensors, "names", ())),
+            "loads": described(twin.loads),
         }
         for what, value in mine.items():
             if self.header.get(what) != value:

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from pepper_kin import atomic_file
+from pepper_kin.dynamics.load import Load, Loads
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_reading import read_json
 from pepper_kin.twin.twin import FEEDFORWARDS
 
 HEADER = "recording.json"
 FORMAT = "pepper_kin.recording 2"
+_LOAD_TEXTS = 12  # that describe a load
 STATES = ("position", "velocity", "torque")
 
 
@@ -26,6 +28,29 @@ def _whole(least: int) -> Callable[[Any], bool]:
 
 def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(text, str) for text in value)
+
+
+def described(loads: Loads) -> list[list[Any]]:
+    """Return loads for JSON: frame, mass, center of mass, inertia, name; numbers in hexadecimal."""
+    return [
+        [load.frame, *(float(x).hex() for x in (load.mass, *load.center, *load.inertia)), load.name]
+        for load in loads
+    ]
+
+
+def loads_in(header: dict[str, Any]) -> Loads:
+    """Return what the robot of a recording carried."""
+    found = []
+    for frame, *texts, name in header["loads"]:
+        mass, x, y, z, xx, xy, xz, yy, yz, zz = map(float.fromhex, texts)
+        found.append(Load(frame, mass, (x, y, z), (xx, xy, xz, yy, yz, zz), name))
+    return tuple(found)
+
+
+def _are_loads(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        _texts(row) and len(row) == _LOAD_TEXTS and all(map(_is_hex, row[1:-1])) for row in value
+    )
 
 
 _ENTRIES: dict[str, tuple[Callable[[Any], bool], str]] = {
@@ -42,6 +67,7 @@ _ENTRIES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "chunk_steps": (_whole(1), "a whole number from 1"),
     "seed": (lambda value: type(value) is int, "a whole number"),
     "sensors": (_texts, "names of sensors"),
+    "loads": (_are_loads, "frame, ten numbers in hexadecimal and name of each load"),
     "start": (lambda value: isinstance(value, dict), f"{', '.join(STATES)}"),
 }
 
@@ -67,11 +93,12 @@ def read_header(folder: Path) -> dict[str, Any]:
     if not os.path.isfile(path):
         raise FileFormatError(path, "no recording here: there is no such file")
     header, _ = read_json(path)
-    missing = [name for name in (*_ENTRIES, "checksum") if not isinstance(header, dict) or name not in header]
+    needed = (*(name for name in _ENTRIES if name != "loads"), "checksum")
+    missing = [name for name in needed if not isinstance(header, dict) or name not in header]
     if missing:
         raise FileFormatError(path, f"the header lacks {', '.join(missing)}")
     for name, (is_right, expected) in _ENTRIES.items():
-        if not is_right(header[name]):
+        if name in header and not is_right(header[name]):
             raise FileFormatError(path, f"{name} is {shortened(repr(header[name]))}, expected {expected}")
     count = len(header["joints"])
     if len(header["units"]) != count:
@@ -83,7 +110,7 @@ def read_header(folder: Path) -> dict[str, Any]:
     checksum = header.pop("checksum")
     if checksum != _checksum(header):
         raise FileFormatError(path, "its checksum is another: the header was changed after it was written")
-    return dict(header)
+    return {"loads": [], **header}
 
 
 def _is_hex(value: Any) -> bool:

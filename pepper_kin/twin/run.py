@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.table_file import TIME, PathName, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
@@ -66,6 +67,7 @@ class Run:
             [N m], in world axes, the mean of the step that ends at each time, shape (T, 6); zero in the first
             row and if omitted.  NaN where only torques at the joints are known: in steps with a `load`, or
             with one from an object other than a `World`.
+        loads: What the robot carried.
     """
 
     joint_names: tuple[str, ...]
@@ -81,6 +83,7 @@ class Run:
     message: str = ""
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
     external_wrench: Array = None  # type: ignore[assignment]
+    loads: Loads = ()
 
     def __post_init__(self) -> None:
         if self.external_wrench is None:
@@ -210,7 +213,7 @@ class Run:
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
         `.reference_velocity`, then of the robot `.external_force_x` to `.external_moment_z`, and
-        `.external_known`, which is 0 where these are not known.
+        `.external_known`, which is 0 where these are not known.  What was carried is not in the file.
 
         Args:
             path: The file; its folder must exist.
@@ -234,12 +237,13 @@ class Run:
         )
 
 
-def load_run(path: PathName, pepper: Any) -> Run:
+def load_run(path: PathName, pepper: Any, loads: Loads = ()) -> Run:
     """Read a run that `Run.save` wrote.
 
     Args:
         path: The file.
         pepper: The robot whose joints it must have; the source of units and torque limits.
+        loads: What the robot carried, which the file does not say; see `pepper_kin.collision.loads_of`.
 
     Returns:
         The run, with status COMPLETED.
@@ -270,6 +274,7 @@ def load_run(path: PathName, pepper: Any) -> Run:
         values["reference_velocity"],
         pepper.effort_limits,
         external_wrench=wrench,
+        loads=loads,
     )
 
 

@@ -54,7 +54,8 @@ class Simulator:
         actuators: Parameters of the joints, each of shape (N, n).
         gravity: Whether servos add what holds the present posture of the robot as it is described.
         scale: Factors of the mass that moves with each joint, shape (N, n); none if omitted.
-        payload: Frame -> point mass at its origin [kg], shape (N,) each.
+        loads: Frame -> inertial parameters of what it carries, shape (N, PARAMETERS) each; see
+            `pepper_kin.collision.loads`.
 
     Attributes:
         robots: N.
@@ -69,11 +70,11 @@ class Simulator:
         *,
         gravity: bool,
         scale: Array | None = None,
-        payload: Mapping[str, Array] | None = None,
+        loads: Mapping[str, Array] | None = None,
     ) -> None:
         self.robots, self._n = actuators.kp.shape
-        loads = dict(payload or {})
-        variant = Variant(has_motor(actuators), scale is not None, tuple(loads))
+        carried = dict(loads or {})
+        variant = Variant(has_motor(actuators), scale is not None, tuple(carried))
         # Machine code lives no longer than its kernel.
         self._kernels = step_kernels(pepper, variant, self.robots)
         self._lanes = 1 if self.robots == 1 else self._kernels[0].lanes
@@ -82,7 +83,7 @@ class Simulator:
         constant = [getattr(actuators, name) for name in parameters(variant)]
         constant.append(np.full((self.robots, 1), timestep))
         constant += [scale] if scale is not None else []
-        constant += [np.stack(list(loads.values()), axis=-1)] if loads else []
+        constant += list(carried.values())
         step, solve = self._addresses(
             6 * self._n + sum(values.shape[1] for values in constant), len(mass_places(pepper))
         )

@@ -18,6 +18,7 @@ from pepper_kin.core.simulation.actuator_model import (
     speed_torque_line,
 )
 from pepper_kin.core.simulation.implicit_step import RUNAWAY
+from pepper_kin.dynamics.load import PARAMETERS
 from pepper_kin.kernels import Kernel, compile_function, host_target, source_digest
 from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.model import PepperModel, robot_digest
@@ -30,14 +31,23 @@ from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.scalars import Graph, Scalar, Value
 from pepper_kin.symbolic.states import State, gather, make_state
 from pepper_kin.symbolic.tree import Tree, read_tree
-from pepper_kin.symbolic.vectors import add, add_matrices, outer, scale
+from pepper_kin.symbolic.vectors import (
+    add,
+    add_matrices,
+    outer,
+    product,
+    scale,
+    symmetric,
+    times,
+    transpose,
+)
 
 if TYPE_CHECKING:
     import casadi
 
 SOURCES = tuple(
     f"pepper_kin.{name}"
-    for name in ("twin.step_kernel", "core.simulation.actuator_model", "symbolic", "model")
+    for name in ("twin.step_kernel", "core.simulation.actuator_model", "symbolic", "model", "dynamics.load")
 )
 """Modules on which the kernels depend."""
 
@@ -64,12 +74,12 @@ class Variant:
     Attributes:
         motor: Rotors, friction, torque-speed lines and encoders; without them, servos with torque limits.
         scaled: Whether the mass that moves with each joint has a factor.
-        payload_frames: Frames with a point mass.
+        load_frames: Frames that carry something.
     """
 
     motor: bool = False
     scaled: bool = False
-    payload_frames: tuple[str, ...] = ()
+    load_frames: tuple[str, ...] = ()
 
 
 def parameters(variant: Variant) -> tuple[str, ...]:
@@ -84,7 +94,7 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     """Return one step of the twin on the first guess of segments; see `pepper_kin.twin.Integrator`.
 
     Inputs are those of `STEP_INPUTS`, then `parameters`, the timestep `h`, and, where the variant has them,
-    `scale` (n) and `payload`.  Outputs:
+    `scale` (n) and `loads` (PARAMETERS of each frame that carries something).  Outputs:
 
     * `next`: position, velocity and torque at the end of the step (3 n).
     * `servo`: the actuators' torque demand at w = 0, and `bias`: b (n each).
@@ -107,8 +117,8 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     x = {name: casadi.SX.sym(name, n) for name in names}
     h = casadi.SX.sym("h")
     more = [casadi.SX.sym("scale", n)] if variant.scaled else []
-    if variant.payload_frames:
-        more.append(casadi.SX.sym("payload", len(variant.payload_frames)))
+    if variant.load_frames:
+        more.append(casadi.SX.sym("loads", PARAMETERS * len(variant.load_frames)))
     q, v = x["position"], x["velocity"]
     friction, stick, reading = 0, 0, q
     if variant.motor:
@@ -185,7 +195,7 @@ def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
 
     a solves (M(q) + diag(extra)) a = force + share * g(q) - b(q, v); bias is b = C v + g, gravity is g of the
     robot as it is described, and mass holds the entries of M at `mass_places`.  Further inputs are `scale`
-    (n) and `payload`, where the variant has them.
+    (n) and `loads`, where the variant has them.
     """
     tree, n = read_tree(pepper, compact=not variant.scaled), pepper.n
     graph = Graph()
@@ -195,9 +205,9 @@ def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
     if variant.scaled:
         inputs["scale"] = graph.inputs(n)
         tree = _scaled(tree, inputs["scale"])
-    if variant.payload_frames:
-        inputs["payload"] = graph.inputs(len(variant.payload_frames))
-        tree = _loaded(tree, variant.payload_frames, inputs["payload"])
+    if variant.load_frames:
+        inputs["loads"] = graph.inputs(PARAMETERS * len(variant.load_frames))
+        tree = _loaded(tree, variant.load_frames, inputs["loads"])
     state = replace(state, tree=tree)
     bias = gather(tree.full_map, full_torques(state))
     mass = coupled_entries(state, mass_entries(state))
@@ -295,19 +305,26 @@ def _scaled(tree: Tree, factors: Sequence[Scalar]) -> Tree:
     return replace(tree, bodies=tuple(bodies))
 
 
-def _loaded(tree: Tree, frames: Sequence[str], masses: Sequence[Scalar]) -> Tree:
-    """Return the tree with a point mass at the origin of each frame."""
+def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[Scalar]) -> Tree:
+    """Return the tree with loads at frames, by their parameters: m, h and Sigma about the frames' origins.
+
+    In the axes of the body, of which R turns those of the frame and p is its origin, Sigma about the body's
+    origin is R Sigma R^T + p (R h)^T + (R h) p^T + m p p^T.
+    """
     bodies = list(tree.bodies)
-    for frame, mass in zip(frames, masses, strict=True):
-        body, _, place = tree.anchor(frame)
+    for k, frame in enumerate(frames):
+        body, turn, place = tree.anchor(frame)
         if body < 0:
             continue  # on the floor it moves with nothing
-        old = bodies[body].inertia
-        first_moment = scale(mass, place)
+        mass, *first, xx, xy, xz, yy, yz, zz = loads[PARAMETERS * k : PARAMETERS * (k + 1)]
+        own, offset, old = times(turn, first), scale(mass, place), bodies[body].inertia
+        second = product(product(turn, symmetric(xx, yy, zz, xy, xz, yz)), transpose(turn))
+        for moved in (outer(own, place), outer(place, own), outer(offset, place)):
+            second = add_matrices(second, moved)
         inertia = Inertia(
             old.mass + mass,  # type: ignore[arg-type]
-            add(old.first, first_moment),
-            add_matrices(old.second, outer(first_moment, place)),
+            add(old.first, offset, own),
+            add_matrices(old.second, second),
         )
         bodies[body] = replace(bodies[body], inertia=inertia)
     return replace(tree, bodies=tuple(bodies))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision import Scene
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_within_limits
@@ -44,10 +47,16 @@ class Twin:
         feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
-        world: What the robot may touch; computes the load of each step.
+        world: What the robot may touch; computes the load of each step.  Of a `World`, objects attached in
+            its scene count with their mass.
         sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
+        payload: Point masses at "left", "right" or a frame by name [kg], besides attached objects.
+
+    Attributes:
+        loads: What the robot carries.  Feed-forward does not know it: it uses the robot as it is described,
+            as a robot's controller does.
 
     Raises:
         InvalidValueError: for a timestep out of range, an unknown feed-forward, actuators of other joints, or
@@ -64,6 +73,7 @@ class Twin:
         world: WorldHook | None = None,
         sensors: SensorsHook | None = None,
         substeps: int = 1,
+        payload: Mapping[str, float] | None = None,
     ) -> None:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
@@ -72,8 +82,13 @@ class Twin:
         self.substeps = whole_number("substeps", substeps)
         self._timestep = check_timestep(timestep)
         check_joints(pepper, self.actuators)
+        self.loads = loads_of(pepper, _scene_of(world), payload)
         self._integrator = Integrator(
-            pepper, self._timestep / self.substeps, self.actuators, gravity=feedforward == "gravity"
+            pepper,
+            self._timestep / self.substeps,
+            self.actuators,
+            gravity=feedforward == "gravity",
+            loads=self.loads,
         )
         self._runner = SegmentRunner(pepper, self._integrator, self.substeps)
         self._torque_mode = self.actuators.in_mode(TORQUE)
@@ -344,7 +359,8 @@ class Twin:
             status,
             message,
             readings_since(self.sensors, first * self.timestep),
-            *logged[3:],
+            logged[3] if len(logged) > 3 else np.zeros((len(time), 6)),
+            self.loads,
         )
 
     def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
@@ -435,3 +451,9 @@ class Twin:
         if array.ndim != 1:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
         return array
+
+
+def _scene_of(world: WorldHook | None) -> Scene | None:
+    """Return the scene of a world that has one."""
+    scene = getattr(world, "scene", None)
+    return scene if isinstance(scene, Scene) else None

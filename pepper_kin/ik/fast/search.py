@@ -58,9 +58,13 @@ def search_compiled(
     buffers.row[:n] = q0
     finite = ready.read(tasks, buffers.row, buffers.tolerance)
     options = buffers.options(budget, finite, ready.tables.task_joints)
-    tests = NO_TESTS if collisions is None else collisions.tests(buffers.signals)
+    tests, tables = NO_TESTS, ready.tables
+    if collisions is not None:
+        tests = collisions.tests(buffers.signals)
+        if collisions.loads:
+            tables = tables._replace(gravity=collisions.holding(tables.gravity, buffers.signals))
     bounds = ready.bounds if movable is None else ready.bounds_of(movable)
-    ready.solve(ready.tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
+    ready.solve(tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
     q = buffers.answer[:n].copy()
     q.setflags(write=False)
     status, iterations, used = buffers.answer[-EXTRA:].tolist()
@@ -166,7 +170,9 @@ class Rows:
         """
         collisions = Collisions(*self._world)  # blocks of memory of this thread
         tests = collisions.tests(self._buffers.signals)
-        self._ready.solve(*self._fixed, tests, self._inputs, self._answers, begin, end)
+        tables, *others = self._fixed
+        tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
+        self._ready.solve(tables, *others, tests, self._inputs, self._answers, begin, end)
         stopped = self._answers[begin:end, sum(self._sizes) + STATUS] == STOP
         if stopped.any():
             self._ready.check(self._buffers)

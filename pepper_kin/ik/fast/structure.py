@@ -81,17 +81,20 @@ def structure_of(task: Task) -> Structure:
         InvalidValueError: for a kind of task without machine code, naming those that have it.
     """
     read = _reader(type(task))
-    if read is None:
+    if read is None or getattr(task, "loads", None):
         raise InvalidValueError("task", type(task).__name__, f"one with machine code: {', '.join(KINDS)}")
     return read(task)
 
 
 def known_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
-    """Return the structure of each task; None where there is no machine code for one of them."""
+    """Return the structure of each task; None where there is no machine code for one of them.
+
+    There is none for the center of mass of a robot that carries something.
+    """
     found = []
     for task in tasks:
         read = _reader(type(task))
-        if read is None:
+        if read is None or getattr(task, "loads", None):
             return None
         found.append(read(task))
     return tuple(found)

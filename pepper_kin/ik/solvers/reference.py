@@ -165,7 +165,7 @@ class ReferenceSolver(TaskSolver):
         problem = self._problem
         residuals = problem.residuals(q)
         met, free = problem.is_met(residuals), collisions.free(q)
-        held = bool(met and torque_ratios(problem.pepper, q).max() <= 1.0)
+        held = bool(met and torque_ratios(problem.pepper, q, collisions.loads).max() <= 1.0)
         motion = float(np.linalg.norm(problem.scale * (q - problem.q0)))
         return Candidate(not free, not met, not held, motion if met else problem.task_cost(residuals), q)
 

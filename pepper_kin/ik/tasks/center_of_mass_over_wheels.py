@@ -8,9 +8,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, center_of_mass_jacobian
+from pepper_kin.dynamics import WHEEL_CONTACTS
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.center_of_mass import LABEL
+from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
@@ -47,6 +48,7 @@ class CenterOfMassOverWheels(Task):
         hard: Whether it is met even where soft tasks suffer from it.
         frame: None: it acts on the whole robot.
         label: "center of mass".
+        loads: What the robot carries; a search sets it from its scene.
     """
 
     target: Array
@@ -58,6 +60,7 @@ class CenterOfMassOverWheels(Task):
     hard: bool
     frame: None
     label: str
+    loads: Loads
     unit: ClassVar[str] = "m"
     aspect: ClassVar[str] = "margin"
     target_axes: ClassVar[int] = 0
@@ -84,7 +87,7 @@ class CenterOfMassOverWheels(Task):
             contacts=read_only(corners),
             normals=read_only(normals),
             base_frame=base_frame,
-            frame=None, label=LABEL,
+            frame=None, label=LABEL, loads=(),
         )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
@@ -107,14 +110,16 @@ class CenterOfMassOverWheels(Task):
         """
         pose = frame_pose(pepper, q, self.base_frame)
         jacobian = frame_jacobian(pepper, q, self.base_frame)
-        line = cross_matrix(center_of_mass(pepper, q) - pose[:3, 3])
-        change = pose[:3, :3].T @ (center_of_mass_jacobian(pepper, q) - jacobian[:3] + line @ jacobian[3:])
+        line = cross_matrix(center_of(pepper, self.loads, q) - pose[:3, 3])
+        change = pose[:3, :3].T @ (
+            center_jacobian_of(pepper, self.loads, q) - jacobian[:3] + line @ jacobian[3:]
+        )
         return -self.normals @ change[:2]
 
     def distances(self, pepper: PepperModel, q: Array) -> Array:
         """Return distances to the sides' lines [m], negative outside, shape (k,), at q, shape (n,)."""
         pose = frame_pose(pepper, q, self.base_frame)
-        place = pose[:3, :3].T @ (center_of_mass(pepper, q) - pose[:3, 3])
+        place = pose[:3, :3].T @ (center_of(pepper, self.loads, q) - pose[:3, 3])
         return np.asarray(np.einsum("ki,ki->k", self.normals, place[:2] - self.contacts))
 
     def size(self, residual: Array) -> float:

@@ -1,10 +1,12 @@
-"""Kernels of what point masses at frames add to torques and to the wrench of the floor, for each kilogram."""
+"""Kernels of torques and of the floor's wrench of a robot that carries something."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from pepper_kin.collision.loads import load_parameters
+from pepper_kin.dynamics.load import PARAMETERS, Loads
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
@@ -15,25 +17,38 @@ _kept: RobotMemory[tuple[str, tuple[str, ...], bool], Kernel] = RobotMemory()
 
 
 def carrying_kernels(pepper: PepperModel, quantity: str, frames: tuple[str, ...]) -> tuple[Kernel, Kernel]:
-    """Return a quantity (q, v, a) -> (outputs,), and its derivatives by each, shape (outputs, n) three times.
+    """Return a quantity (q, v, a) -> (outputs,), and its derivatives, shape (outputs, n + p) three times.
 
-    The quantity of the robot alone comes first, then what 1 kg at each frame adds: J_p^T (d2p/dt2 - g) of
-    "inverse_dynamics", (f, p x f) with f = d2p/dt2 - g of "base_wrench".  No mass is compiled in.
+    With k frames, behind q there are p = 10 k inertial parameters of what they carry, as
+    `pepper_kin.collision.loads.load_parameters` gives them: none is compiled in.  v and a have as many
+    numbers more, which do not count; derivatives by all these are zero.
 
     Args:
         pepper: The robot.
         quantity: "inverse_dynamics" or "base_wrench".
-        frames: Where the masses are.
+        frames: Which frames carry something.
     """
     known, found = _kept.of(pepper), []
     for derivatives in (False, True):
         name = quantity, frames, derivatives
         if name not in known:
-            sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
+            sources = source_digest(
+                "pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.dynamics.load", __name__
+            )
             key = f"carrying {name} of {robot_digest(pepper)} by {sources}"
             known[name] = compile_function(partial(_function, pepper, *name), key=key)
         found.append(known[name])
     return found[0], found[1]
+
+
+def carrying_inverse_dynamics(pepper: PepperModel, loads: Loads) -> casadi.Function:
+    """Return the torques of a motion (q, v, a), shape (n,) each, of a robot that carries something."""
+    import casadi
+
+    frames, values = load_parameters(pepper, loads)
+    state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
+    torque = _loaded(pepper, "inverse_dynamics", frames, state, casadi.DM(values.ravel()))
+    return casadi.Function("carried_inverse_dynamics", state, [casadi.cse(casadi.densify(torque))])
 
 
 def _function(
@@ -41,20 +56,59 @@ def _function(
 ) -> casadi.Function:
     import casadi
 
+    count = PARAMETERS * len(frames)
+    state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
+    more = [casadi.SX.sym(name, count) for name in ("loads", "no_v", "no_a")]
+    inputs = [casadi.vertcat(*pair) for pair in zip(state, more, strict=True)]
+    values = _loaded(pepper, quantity, frames, state, more[0])
+    if not derivatives:
+        return casadi.Function(f"carried_{quantity}", inputs, [casadi.cse(casadi.densify(values))])
+    nothing = casadi.DM.zeros(values.numel(), count)
+    slopes = [casadi.horzcat(casadi.jacobian(values, part), nothing) for part in state]
+    slopes = [casadi.cse(casadi.densify(slope)) for slope in slopes]
+    return casadi.Function(f"carried_{quantity}_derivatives", inputs, slopes)
+
+
+def _loaded(pepper: PepperModel, quantity: str, frames: tuple[str, ...], state: list[Any], loads: Any) -> Any:
+    """Return the expression of a quantity of the robot with loads, given by their parameters."""
+    import casadi
+
     from pepper_kin import symbolic
 
-    state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
+    values = getattr(symbolic, quantity)(pepper)(*state)
+    for k, frame in enumerate(frames):
+        own = casadi.vertsplit(loads[PARAMETERS * k : PARAMETERS * (k + 1)])
+        force, moment = _wrench(pepper, frame, state, own)
+        if quantity == "inverse_dynamics":
+            values += symbolic.frame_jacobian(pepper, frame)(state[0]).T @ casadi.vertcat(force, moment)
+        else:
+            place = symbolic.frame_pose(pepper, frame)(state[0])[:3, 3]
+            values += casadi.vertcat(force, casadi.cross(place, force) + moment)
+    return values
+
+
+def _wrench(pepper: PepperModel, frame: str, state: list[Any], parameters: list[Any]) -> tuple[Any, Any]:
+    """Return force and moment that a load needs about its frame's origin p, in world axes.
+
+    With h = sum(m x), Sigma = sum(m x x^T) and I = tr(Sigma) 1 - Sigma, turned into world axes,
+
+        f = m (d2p/dt2 - g) + alpha x h + omega x (omega x h),
+        n = h x (d2p/dt2 - g) + I alpha + omega x (I omega).
+    """
+    import casadi
+
+    from pepper_kin import symbolic
+
     q, v, a = state
-    parts = [getattr(symbolic, quantity)(pepper)(*state)]
-    for frame in frames:
-        place = symbolic.frame_pose(pepper, frame)(q)[:3, 3]
-        jacobian = symbolic.frame_jacobian(pepper, frame)(q)[:3, :]
-        force = jacobian @ a + casadi.jtimes(jacobian @ v, q, v)
-        force -= casadi.DM(pepper.inner_model.gravity.linear)
-        pull = jacobian.T @ force if quantity == "inverse_dynamics" else None
-        parts.append(casadi.vertcat(force, casadi.cross(place, force)) if pull is None else pull)
-    values = casadi.vertcat(*parts)
-    if not derivatives:
-        return casadi.Function(f"carried_{quantity}", state, [casadi.cse(casadi.densify(values))])
-    slopes = [casadi.cse(casadi.densify(casadi.jacobian(values, part))) for part in state]
-    return casadi.Function(f"carried_{quantity}_derivatives", state, slopes)
+    mass, first, (xx, xy, xz, yy, yz, zz) = parameters[0], casadi.vertcat(*parameters[1:4]), parameters[4:]
+    rows = ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
+    inertia = casadi.vertcat(*(casadi.horzcat(*row) for row in rows))
+    turn = symbolic.frame_pose(pepper, frame)(q)[:3, :3]
+    velocity = symbolic.frame_jacobian(pepper, frame)(q) @ v
+    acceleration = symbolic.frame_jacobian(pepper, frame)(q) @ a + casadi.jtimes(velocity, q, v)
+    omega, alpha = velocity[3:], acceleration[3:]
+    lifted, arms = acceleration[:3] - casadi.DM(pepper.inner_model.gravity.linear), turn @ first
+    force = mass * lifted + casadi.cross(alpha, arms) + casadi.cross(omega, casadi.cross(omega, arms))
+    spin = turn @ (inertia @ (turn.T @ omega))
+    moment = casadi.cross(arms, lifted) + turn @ (inertia @ (turn.T @ alpha)) + casadi.cross(omega, spin)
+    return force, moment

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
+from pepper_kin.collision.loads import load_torque
 from pepper_kin.core.kernel_batch import evaluate
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.payload import AtFrames, payload_torque
 
 Array = NDArray[np.float64]
 
@@ -79,8 +80,8 @@ def jerk_scale(pepper: PepperModel) -> Array:
     return np.where(finite, pepper.acceleration_limits, 1.0)
 
 
-def figures_of(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames = ()) -> Figures:
-    """Measure a trajectory with masses held at frames [kg]."""
+def figures_of(pepper: PepperModel, trajectory: Trajectory, loads: Loads = ()) -> Figures:
+    """Measure a trajectory with what is carried."""
     steps = max(int(np.ceil(trajectory.duration / JERK_STEP)), 2)
     dt = trajectory.duration / steps
     state = trajectory(np.linspace(0.0, trajectory.duration, steps + 1))
@@ -88,8 +89,8 @@ def figures_of(pepper: PepperModel, trajectory: Trajectory, payload: AtFrames = 
     acceleration[1:-1] = state.acceleration
     jerk = (acceleration[1:] - acceleration[:-1]) / (dt * jerk_scale(pepper))
     share = evaluate(kernel(pepper, "inverse_dynamics"), *map(np.ascontiguousarray, state))
-    if payload:
-        share += payload_torque(pepper, payload, *state)
+    if loads:
+        share += load_torque(pepper, loads, *state)
     share /= pepper.effort_limits
     effort = np.vdot(share, share) - (np.vdot(share[0], share[0]) + np.vdot(share[-1], share[-1])) / 2
     return Figures(trajectory.duration, float(np.vdot(jerk, jerk) * dt), float(effort * dt))

@@ -36,6 +36,7 @@ class KernelTerm(CompiledTerm):
         matrix: L, shape (R, outputs).
         per_interval: Samples in each interval of the spline.
         barrier_bound: Which values are allowed.
+        constants: Numbers that f takes behind q, shape (p,); its v and a then have p more, too, which are 0.
     """
 
     def __init__(
@@ -45,11 +46,13 @@ class KernelTerm(CompiledTerm):
         matrix: Array,
         per_interval: int,
         barrier_bound: BarrierBound,
+        constants: Array | None = None,
     ) -> None:
         values, slopes = kernels
         row, column = np.nonzero(matrix)
         first = np.searchsorted(row, np.arange(len(matrix) + 1))
-        n, outputs = moving.pepper.n, matrix.shape[1]
+        rest = moving.rest if constants is None else np.concatenate([moving.rest, constants])
+        n, outputs = rest.size, matrix.shape[1]
         work = max(values.work_size, slopes.work_size)
         addresses = [
             values.address_of("batch", inputs=3 * n, outputs=outputs, work=work),
@@ -58,7 +61,7 @@ class KernelTerm(CompiledTerm):
         memory, kept = memory_of(
             [float(n), outputs, *addresses,
              values.work_size, slopes.work_size],
-            [moving.joints, moving.rest, np.zeros(moving.pepper.n), first, column, matrix[row, column],
+            [moving.joints, rest, np.zeros(n), first, column, matrix[row, column],
              np.zeros(0)],
         )  # fmt: skip
         self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + work

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.loads import loads_of
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.model import PepperModel
@@ -19,6 +23,9 @@ from pepper_kin.trajectory import Samples, Trajectory
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.trajectory import sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -77,6 +84,8 @@ def minimum_torque_trajectory(
     intervals: int = 20,
     solver: str = "newton",
     max_iterations: int = 100,
+    payload: Mapping[str, float] | None = None,
+    scene: Scene | None = None,
 ) -> MinimumTorqueTrajectory:
     """Find the motion of given duration from rest to rest that takes the least effort.
 
@@ -94,6 +103,8 @@ def minimum_torque_trajectory(
             second.  "ipopt" and "fatrop": direct transcription by CasADi with free accelerations at both
             ends and exact Hessians, in seconds to minutes; a reference.
         max_iterations: Of the solver.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
+        scene: The scene whose attached objects count with their mass; None for none.
 
     Returns:
         The motion.
@@ -108,18 +119,20 @@ def minimum_torque_trajectory(
     first, last = (_end(pepper, q, name) for q, name in ((start, "start"), (goal, "goal")))
     if np.abs(last - first).max() < 1e-9:
         raise InvalidValueError("goal", "the start", "start and goal that differ")
+    limits = _limits(pepper, loads_of(pepper, scene, payload))
     method = _by_newton if solver == "newton" else _by_casadi
-    status, trajectory, iterations = method(pepper, first, last, duration, intervals, max_iterations, solver)
+    steps = intervals, max_iterations
+    status, trajectory, iterations = method(pepper, first, last, duration, steps, solver, limits)
     if trajectory is None:
         message = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
         return MinimumTorqueTrajectory(
             status, message, None, None, iterations, time.perf_counter() - begin, solver
         )
-    use = measure_use(pepper, trajectory(sample_times(duration, _STEP)), _limits(pepper))
+    use = measure_use(pepper, trajectory(sample_times(duration, _STEP)), limits)
     share, limit = max((float(part.max()), name) for name, part in use.share.items())
     if status is MinimumTorqueStatus.SOLVED and share > 1.0 + _EXCESS:
         status = MinimumTorqueStatus.LIMITS_EXCEEDED
-    figures = figures_of(pepper, trajectory)
+    figures = figures_of(pepper, trajectory, limits.loads)
     message = (
         f"A motion of {duration:.3g} s with an effort of {figures.effort:.4g} s after {iterations} steps; "
         f"it uses up to {share:.1%} of the limits, of {limit} most."
@@ -129,8 +142,10 @@ def minimum_torque_trajectory(
     )
 
 
-def _limits(pepper: PepperModel) -> Limits:
-    return Limits(pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits)
+def _limits(pepper: PepperModel, loads: Loads) -> Limits:
+    return Limits(
+        pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits, balance=None, loads=loads
+    )
 
 
 def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
@@ -157,9 +172,9 @@ def _by_newton(
     first: Array,
     last: Array,
     duration: float,
-    intervals: int,
-    max_iterations: int,
+    steps: tuple[int, int],
     solver: str,
+    limits: Limits,
 ) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
     """Search by the Newton method on a spline; return status, motion and number of iterations.
 
@@ -168,9 +183,9 @@ def _by_newton(
         first: Joint positions at the start [rad or m], shape (n,).
         last: Joint positions at the end, of the same shape.
         duration: Duration [s].
-        intervals: Intervals of the spline.
-        max_iterations: Newton steps at most.
+        steps: Intervals of the spline, and Newton steps at most.
         solver: "newton"; not used.
+        limits: Limits of torque and balance, with what the robot carries.
     """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem  # loads Numba: only here
 
@@ -179,8 +194,8 @@ def _by_newton(
         pepper.joint_names, np.array([0.0, duration]), np.stack([first, last]), still, still,
         pepper.joint_units,
     ).to_trajectory()  # fmt: skip
-    weights = Cost(time=0.0, jerk=0.0, effort=1.0)
-    problem = SplineProblem(pepper, straight, None, weights, _limits(pepper), 0.0, intervals, all_joints=True)
+    (intervals, max_iterations), weights = steps, Cost(time=0.0, jerk=0.0, effort=1.0)
+    problem = SplineProblem(pepper, straight, None, weights, limits, 0.0, intervals, all_joints=True)
     found = problem.descend(duration, max_iterations, float("inf"))
     if found.status is OptimizationStatus.START_INFEASIBLE:
         return MinimumTorqueStatus.INFEASIBLE, None, found.iterations
@@ -194,9 +209,9 @@ def _by_casadi(
     first: Array,
     last: Array,
     duration: float,
-    intervals: int,
-    max_iterations: int,
+    steps: tuple[int, int],
     solver: str,
+    limits: Limits,
 ) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
     """Search by a general solver on a transcription of CasADi; return status, motion and iterations.
 
@@ -205,21 +220,20 @@ def _by_casadi(
         first: Joint positions at the start [rad or m], shape (n,).
         last: Joint positions at the end, of the same shape.
         duration: Duration [s].
-        intervals: Intervals of the transcription.
-        max_iterations: Iterations at most.
+        steps: Intervals of the transcription, and iterations at most.
         solver: A name of `SOLVERS` that CasADi knows as well: "ipopt" or "fatrop".
+        limits: Limits of torque and balance, with what the robot carries.
     """
-    from pepper_kin import symbolic
+    from pepper_kin.motion.optimization.carried import carrying_inverse_dynamics
 
-    still = np.zeros(pepper.n)
+    torque, still = carrying_inverse_dynamics(pepper, limits.loads), np.zeros(pepper.n)
     bounds = Bounds(
         pepper.lower_limits, pepper.upper_limits, pepper.velocity_limits, pepper.acceleration_limits
     )
     scale = np.where(np.isfinite(pepper.effort_limits), pepper.effort_limits, 1.0)
     found = minimum_effort(
-        symbolic.inverse_dynamics(pepper), (first, still), (last, still), duration, bounds,
-        pepper.effort_limits, scale=scale, intervals=intervals, solver=solver,
-        max_iterations=max_iterations,
+        torque, (first, still), (last, still), duration, bounds,
+        pepper.effort_limits, scale=scale, intervals=steps[0], solver=solver, max_iterations=steps[1],
     )  # fmt: skip
     status = {
         EffortStatus.SOLVED: MinimumTorqueStatus.SOLVED,

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene, least_clearance
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -25,11 +26,11 @@ from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import PathLike
-from pepper_kin.trajectory.payload import AtFrames, at_frames
 from pepper_kin.trajectory.trajectory import examination_step, sample_times
 from pepper_kin.trajectory.wheels import wheel_limits
 
@@ -100,7 +101,7 @@ def optimize(
         acceleration_scale: The same of acceleration limits.
         torque_scale: The same of effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
-        payload: Point masses held at "left", "right" or a frame by name [kg], as in `retime`.
+        payload: Point masses besides attached objects at "left", "right" or a frame [kg], as in `retime`.
         jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
@@ -120,15 +121,15 @@ def optimize(
     """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
-    load_search(pepper, held := at_frames(pepper, "payload", payload, "kg"), balance is not None)
+    load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
     begin = time.perf_counter()
     wanted, seconds = _checked(margin, timeout, duration, solver, starts)
-    scales = (velocity_scale, acceleration_scale, torque_scale)
-    limits = _scaled(pepper, *scales, balance, held)
+    limits = _scaled(pepper, *(scales := (velocity_scale, acceleration_scale, torque_scale)), balance, held)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
-    tasks = as_constraints(pepper, constraints) if constraints else ()
+    tasks = as_constraints(pepper, constraints, held) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
-    before = _within_limits(pepper, path, _timed(pepper, path, *scales, balance, payload), limits, rate)
+    before = _timed(pepper, path, *scales, balance, payload, scene)
+    before = _within_limits(pepper, path, before, limits, rate)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
         return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks, jerk=rate)
@@ -195,7 +196,7 @@ def _cost_of(descent: LocalResult) -> float:
 
 def _scaled(
     pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None,
-    payload: AtFrames,
+    loads: Loads,
 ) -> Limits:  # fmt: skip
     """Return shares of a robot's limits."""
     wheels = wheel_limits(pepper)
@@ -204,7 +205,7 @@ def _scaled(
         pepper.acceleration_limits * acceleration,
         pepper.effort_limits * torque,
         balance,
-        payload,
+        loads,
         wheels=None if wheels is None else wheels.scaled(velocity, acceleration),
     )
 
@@ -238,7 +239,7 @@ def _within_limits(
     raise InfeasibleError(
         "trajectory",
         "the given motion passes a posture that the robot cannot hold at rest within these limits",
-        "raise torque_scale, lower the payload, or give another motion",
+        "raise torque_scale, carry less, or give another motion",
     )
 
 
@@ -277,6 +278,7 @@ def _timed(
     torque_scale: float,
     balance: float | None,
     payload: Mapping[str, float] | None = None,
+    scene: Scene | None = None,
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
     for name, share in (
@@ -302,6 +304,7 @@ def _timed(
         torque_scale=torque_scale,
         balance=balance,
         payload=payload,
+        scene=scene,
     )
 
 
@@ -347,7 +350,7 @@ class _Judge:
 
     def __call__(self, problem: SplineProblem, descent: LocalResult) -> Optimized:
         """Return the outcome of a descent on a problem, that of the motion before or another."""
-        old = figures_of(self.pepper, self.before, self.limits.payload)
+        old = figures_of(self.pepper, self.before, self.limits.loads)
 
         def refused(status: OptimizedStatus, message: str) -> Optimized:
             return Optimized(
@@ -378,7 +381,7 @@ class _Judge:
             if error > task.tolerance * _MORE:
                 words = f"{error:.3g} {task.unit_on(self.pepper)} of {task.tolerance:.3g}"
                 return refused(OptimizedStatus.OFF_CONSTRAINT, f"{task.name} is not kept: {words}.")
-        new = figures_of(self.pepper, found, self.limits.payload)
+        new = figures_of(self.pepper, found, self.limits.loads)
         gain = (
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"

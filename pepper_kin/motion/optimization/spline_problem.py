@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.loads import load_parameters
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
@@ -35,7 +37,6 @@ from pepper_kin.planners.optimization import (
 from pepper_kin.planners.optimization.newton import measure_cost, measure_motion, search
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.payload import AtFrames
 
 Array = NDArray[np.float64]
 
@@ -62,11 +63,11 @@ _WHAT = {
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
 
-def load_search(pepper: PepperModel, payload: AtFrames, balanced: bool) -> None:
+def load_search(pepper: PepperModel, loads: Loads, balanced: bool) -> None:
     """Load, or compile, the search and its terms, before any clock starts."""
     _load_search()
-    for quantity in ("inverse_dynamics", "base_wrench")[: 1 + balanced] if payload else ():
-        carrying_kernels(pepper, quantity, tuple(frame for frame, _ in payload))
+    for quantity in ("inverse_dynamics", "base_wrench")[: 1 + balanced] if loads else ():
+        carrying_kernels(pepper, quantity, load_parameters(pepper, loads).frames)
 
 
 @cache
@@ -128,8 +129,7 @@ class SplineProblem:
             for smoothness in ((0.0,) if tasks else (_SMOOTHNESS, 0.0))
         ]
         efforts = pepper.effort_limits if limits.torque is None else limits.torque
-        payload = limits.payload
-        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1, payload)
+        torque = TorqueTerm(self._moving, _TORQUE_SHARE * efforts, 1, limits.loads)
         self._apart = ClearanceTerm(self._moving, scene or Scene(), margin, 4, only_moving=True)
         everything = ClearanceTerm(self._moving, scene or Scene(), margin, 4)
         self._at_rest = everything.least_distance(path[:1, joints])
@@ -138,12 +138,14 @@ class SplineProblem:
             constraints += [RangeTerm(self._moving, _RANGE_MARGIN, 4), self._apart]
         costs: list[tuple[float, Term]] = []
         if cost.effort > 0:
-            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1, payload)))
+            costs.append((cost.effort, TorqueTerm(self._moving, pepper.effort_limits, 1, limits.loads)))
         if cost.clearance > 0:
             near = ClearanceTerm(self._moving, scene or Scene(), 0.0, 2, closeness=True)
             costs.append((cost.clearance, near))
         self._floors = [term for term in constraints if term.rows_count]
-        standing = [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1, payload)]
+        standing = (
+            [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1, limits.loads)]
+        )
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
+from pepper_kin.collision.loads import load_parameters
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound
-from pepper_kin.trajectory.payload import AtFrames
 
 Array = NDArray[np.float64]
 
@@ -22,17 +23,19 @@ class TorqueTerm(KernelTerm):
         moving: The joints that move; torques of the others count, too.
         limits: Torques that count as 1 [N m or N], shape (n,), inf for none.
         per_interval: Samples in each interval of the spline.
-        payload: Masses held, by frame [kg].
+        loads: What is carried.
     """
 
-    def __init__(self, moving: Moving, limits: Array, per_interval: int, payload: AtFrames = ()) -> None:
-        if payload:
-            kernels = carrying_kernels(moving.pepper, "inverse_dynamics", tuple(name for name, _ in payload))
+    def __init__(self, moving: Moving, limits: Array, per_interval: int, loads: Loads = ()) -> None:
+        constants = None
+        if loads:
+            carried = load_parameters(moving.pepper, loads)
+            kernels = carrying_kernels(moving.pepper, "inverse_dynamics", carried.frames)
+            constants = carried.values.ravel()
         else:
             names = ("inverse_dynamics", "inverse_dynamics_derivatives")
             kernels = kernel(moving.pepper, names[0]), kernel(moving.pepper, names[1])
         shares = np.diag(1.0 / limits)[np.isfinite(limits)]
         finite = np.flatnonzero(np.isfinite(limits))
         self.joint_names = tuple(moving.pepper.joint_names[j] for j in finite)
-        shares = np.hstack([shares, *(mass * shares for _, mass in payload)])  # torques are linear in masses
-        super().__init__(moving, kernels, shares, per_interval, BarrierBound.WITHIN_ONE)
+        super().__init__(moving, kernels, shares, per_interval, BarrierBound.WITHIN_ONE, constants)

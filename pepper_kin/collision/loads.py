@@ -1,0 +1,264 @@
+"""Loads: what attached objects and payloads add to joint torques, to the floor's wrench and to the mass.
+
+A load of mass m, center of mass c and inertia I about it, fixed in a frame of origin p and rotation R, needs
+
+    f = m (d2(p + R c)/dt2 - g),   n = I_w alpha + omega x (I_w omega) + R c x f,   I_w = R I R^T,
+
+force and moment about p (Newton and Euler).  It adds J_v^T f + J_w^T n to the torques of the joints, and
+(f, p x f + n) to the wrench of the floor about the world's origin.
+
+Machine code takes loads by their inertial parameters (see `pepper_kin.dynamics.load`), in which torques and
+wrenches are linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import dynamics, kinematics
+from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel, kept_for_robot
+
+if TYPE_CHECKING:
+    from pepper_kin.collision.scene import Scene
+
+Array = NDArray[np.float64]
+
+AtFrames: TypeAlias = tuple[tuple[str, float], ...]
+"""A positive number for each of some frames."""
+
+HANDS = {"left": "LArm_effector", "right": "RArm_effector"}
+"""Frames that "left" and "right" stand for."""
+
+
+def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | None, unit: str) -> AtFrames:
+    """Check numbers given by hand ("left", "right") or frame.
+
+    Raises:
+        InvalidValueError: for what is no mapping, or a number that is not positive and finite.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    if values is None:
+        return ()
+    if not isinstance(values, Mapping):
+        raise InvalidValueError(
+            quantity, repr(values), f"a mapping from 'left', 'right' or a frame to [{unit}]"
+        )
+    found: dict[str, float] = {}
+    for name, value in values.items():
+        frame = HANDS.get(name, name)
+        pepper.frame_id(frame)
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if not number or not (np.isfinite(value) and value > 0):
+            raise InvalidValueError(f"{quantity} at {name}", value, f"a finite number above 0 [{unit}]")
+        found[frame] = float(value)
+    return tuple(found.items())
+
+
+def loads_of(
+    pepper: PepperModel, scene: Scene | None = None, payload: Mapping[str, float] | None = None
+) -> Loads:
+    """Return all that a robot carries: a payload, and the objects of a scene that are attached with a mass.
+
+    They add up: an object that is attached with its mass is not to be named as a payload, too.
+
+    Args:
+        pepper: The robot.
+        scene: The scene whose attached objects count; None for none.
+        payload: Point masses at "left", "right" or a frame by name [kg].
+
+    Raises:
+        InvalidValueError: for a mass that is not a finite number above 0, or a scene that is none.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    from pepper_kin.collision.scene import Scene  # which imports what this module imports
+
+    if scene is not None and not isinstance(scene, Scene):
+        raise InvalidValueError("scene", repr(scene), "a Scene, or None")
+    loads = [Load(frame, mass) for frame, mass in at_frames(pepper, "payload", payload, "kg")]
+    for item in () if scene is None else scene.attached.values():
+        if item.load is not None:
+            pepper.frame_id(item.frame)
+            loads.append(item.load)
+    return tuple(loads)
+
+
+def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
+    """Return what loads add to the torques of the joints.
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        Torques or forces [N m or N], shape (..., n).
+    """
+    total = np.zeros_like(q)
+    for load in loads:
+        jacobian = kinematics.frame_jacobian(pepper, q, load.frame)
+        force, moment = _wrench_at_frame(pepper, load, q, v, a)
+        total = total + np.einsum("...ij,...i->...j", jacobian[..., :3, :], force)
+        if moment is not None:
+            total = total + np.einsum("...ij,...i->...j", jacobian[..., 3:, :], moment)
+    return total
+
+
+def load_wrench(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
+    """Return what loads add to the wrench of the floor about the world's origin.
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        Force [N], then moment [N m], in world axes, shape (..., 6).
+    """
+    total = np.zeros((*q.shape[:-1], 6))
+    for load in loads:
+        place = kinematics.frame_pose(pepper, q, load.frame)[..., :3, 3]
+        force, moment = _wrench_at_frame(pepper, load, q, v, a)
+        turning = np.cross(place, force)
+        total = total + np.concatenate([force, turning if moment is None else turning + moment], axis=-1)
+    return total
+
+
+def _wrench_at_frame(
+    pepper: PepperModel, load: Load, q: Array, v: Array, a: Array
+) -> tuple[Array, Array | None]:
+    """Return force [N] and moment [N m], shape (..., 3) each, that a load needs at its frame's origin.
+
+    Args:
+        pepper: The robot.
+        load: The load.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+
+    Returns:
+        Both in world axes; None for the moment of a point mass.
+    """
+    gravity = np.asarray(pepper.inner_model.gravity.linear)
+    acceleration = kinematics.frame_acceleration(pepper, q, v, a, load.frame)
+    if load.is_point:
+        return load.mass * (acceleration[..., :3] - gravity), None
+    turn = kinematics.frame_pose(pepper, q, load.frame)[..., :3, :3]
+    omega, alpha = kinematics.frame_velocity(pepper, q, v, load.frame)[..., 3:], acceleration[..., 3:]
+    arm = turn @ np.array(load.center)
+    center = acceleration[..., :3] + np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
+    force = load.mass * (center - gravity)
+    inertia = turn @ load.tensor @ np.swapaxes(turn, -1, -2)
+    spin = np.einsum("...ij,...j->...i", inertia, omega)
+    moment = np.einsum("...ij,...j->...i", inertia, alpha) + np.cross(omega, spin) + np.cross(arm, force)
+    return force, moment
+
+
+class LoadParameters(NamedTuple):
+    """Loads as machine code takes them.
+
+    Attributes:
+        frames: Frames about whose origins the parameters are, each once.
+        values: Inertial parameters of all that each carries, shape (frames, PARAMETERS).
+    """
+
+    frames: tuple[str, ...]
+    values: Array
+
+    @property
+    def static(self) -> Array:
+        """What counts at rest, one frame after the other, shape (STATIC_PARAMETERS frames,)."""
+        return np.ascontiguousarray(self.values[:, :STATIC_PARAMETERS]).ravel()
+
+
+@kept_for_robot(most=64)
+def load_parameters(pepper: PepperModel, loads: Loads) -> LoadParameters:
+    """Return the inertial parameters of loads, those on one body of the robot added up.
+
+    What hangs on a body that has a hand's effector is moved there, so that the machine code of payloads in
+    hands serves it; else it stays at its frame, or at that of the body's first load.
+    """
+    model = pepper.inner_model
+    places = {frame: model.frames[pepper.frame_id(frame)] for frame in (load.frame for load in loads)}
+    anchors: dict[int, str] = {
+        model.frames[pepper.frame_id(frame)].parentJoint: frame
+        for frame in HANDS.values()
+        if frame in pepper.frame_names
+    }
+    found: dict[str, Array] = {}
+    for load in loads:
+        place = places[load.frame]
+        anchor = anchors.setdefault(place.parentJoint, load.frame)
+        to_anchor = model.frames[pepper.frame_id(anchor)].placement.actInv(place.placement)
+        center = to_anchor.rotation @ np.array(load.center) + to_anchor.translation
+        tensor = to_anchor.rotation @ load.tensor @ to_anchor.rotation.T
+        second = np.trace(tensor) / 2 * np.eye(3) - tensor + load.mass * np.outer(center, center)
+        row = np.concatenate([[load.mass], load.mass * center, second[np.triu_indices(3)]])
+        found[anchor] = found.get(anchor, np.zeros(PARAMETERS)) + row
+    # In the order of names: the same frames are the same machine code.
+    frames = tuple(sorted(found))
+    return LoadParameters(frames, np.array([found[frame] for frame in frames]).reshape(-1, PARAMETERS))
+
+
+def center_of_mass_with(pepper: PepperModel, loads: Loads, q: Array) -> Array:
+    """Return the center of mass of the robot with what it carries, in the world [m], shape (..., 3).
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+    """
+    mass = dynamics.total_mass(pepper)
+    moment, total = mass * dynamics.center_of_mass(pepper, q), mass
+    for load in loads:
+        pose = kinematics.frame_pose(pepper, q, load.frame)
+        moment = moment + load.mass * (pose[..., :3, :3] @ np.array(load.center) + pose[..., :3, 3])
+        total += load.mass
+    return np.asarray(moment / total)
+
+
+def center_of_mass_jacobian_with(pepper: PepperModel, loads: Loads, q: Array) -> Array:
+    """Return the Jacobian of `center_of_mass_with` [m/rad], shape (..., 3, n).
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+    """
+    mass = dynamics.total_mass(pepper)
+    moment, total = mass * dynamics.center_of_mass_jacobian(pepper, q), mass
+    for load in loads:
+        jacobian = kinematics.frame_jacobian(pepper, q, load.frame)
+        arm = kinematics.frame_pose(pepper, q, load.frame)[..., :3, :3] @ np.array(load.center)
+        turning = np.cross(jacobian[..., 3:, :], arm[..., None], axisa=-2, axisb=-2, axisc=-2)
+        moment = moment + load.mass * (jacobian[..., :3, :] + turning)
+        total += load.mass
+    return np.asarray(moment / total)
+
+
+def load_wrench_rate(pepper: PepperModel, loads: Loads, q: Array) -> Array:
+    """Return the derivative of `load_wrench` by the joint accelerations, shape (6, n), at q, shape (n,).
+
+    With J_c the Jacobian of a load's center of mass c: (m J_c, I_w J_w + c x m J_c).
+    """
+    total = np.zeros((6, pepper.n))
+    for load in loads:
+        jacobian, pose = (
+            kinematics.frame_jacobian(pepper, q, load.frame),
+            kinematics.frame_pose(pepper, q, load.frame),
+        )
+        turn, arm = pose[:3, :3], pose[:3, :3] @ np.array(load.center)
+        center = load.mass * (jacobian[:3] + np.cross(jacobian[3:], arm, axisa=0, axisc=0))
+        total[:3] += center
+        total[3:] += turn @ load.tensor @ turn.T @ jacobian[3:]
+        total[3:] += np.cross(pose[:3, 3] + arm, center, axisb=0, axisc=0)
+    return total

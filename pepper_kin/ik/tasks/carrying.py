@@ -1,0 +1,29 @@
+"""Tasks on the center of mass of a robot that carries something."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from pepper_kin.ik.tasks.center_of_mass import CenterOfMass
+from pepper_kin.ik.tasks.center_of_mass_over_wheels import CenterOfMassOverWheels
+from pepper_kin.ik.tasks.task import Task
+
+if TYPE_CHECKING:
+    from pepper_kin.dynamics.load import Loads
+
+
+def with_loads(tasks: Iterable[Task], loads: Loads) -> list[Task]:
+    """Return tasks of which those on the center of mass count what is carried.
+
+    These are evaluated in Python: there is machine code for them without loads only.  Tasks that count
+    something already stay as they are.
+    """
+    found = []
+    for task in tasks:
+        if loads and isinstance(task, CenterOfMass | CenterOfMassOverWheels) and not task.loads:
+            task = copy.copy(task)
+            object.__setattr__(task, "loads", loads)
+        found.append(task)
+    return found
