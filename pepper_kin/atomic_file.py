@@ -8,10 +8,31 @@ import tempfile
 from pathlib import Path
 from typing import TypeAlias
 
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
 
 PathName: TypeAlias = str | os.PathLike[str]
 """The name of a file or folder."""
+
+
+def as_path(path: object, quantity: str = "path") -> Path:
+    """Return the name of a file or folder as a path.
+
+    Raises:
+        InvalidValueError: naming the quantity, for what is neither a text nor a path.
+        FileFormatError: for a name that no file has: with a null character, or half of a surrogate pair.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InvalidValueError(quantity, repr(path), "the name of a file or folder")
+    name = os.fspath(path)
+    if isinstance(name, bytes):
+        raise InvalidValueError(quantity, repr(path), "a name as a text or a path, not as bytes")
+    try:
+        if b"\0" in os.fsencode(name):
+            raise FileFormatError(ascii(name), "is no name of a file: it holds a null character")
+    except UnicodeEncodeError as error:
+        reason = f"is no name of a file: character {error.start} is half of a surrogate pair"
+        raise FileFormatError(ascii(name), reason) from error
+    return Path(name)
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
@@ -20,7 +41,7 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     Raises:
         FileFormatError: naming the path and why it cannot be made.
     """
-    folder = Path(path)
+    folder = as_path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -35,7 +56,7 @@ def check_folder(path: str | os.PathLike[str]) -> None:
     Raises:
         FileFormatError: naming the path and what is in the way.
     """
-    folder = Path(path).absolute()
+    folder = as_path(path).absolute()
     there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
     if not there.is_dir():
         raise FileFormatError(path, f"cannot be made a folder: {there} is a file")
@@ -64,7 +85,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
     Raises:
         FileFormatError: naming the path and why it cannot be written; nothing is left behind.
     """
-    target = Path(path)
+    target = as_path(path)
     temporary = None
     try:
         if target.is_dir():

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
-from pathlib import Path
 from typing import Any, NoReturn
 
-from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+from pepper_kin.atomic_file import PathName, as_path
+from pepper_kin.exceptions import FileFormatError, shortened
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
@@ -24,14 +22,10 @@ def read_bytes(path: PathName) -> bytes:
         FileFormatError: where it cannot be read.
         InvalidValueError: for a path that is neither text nor a path.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise InvalidValueError("path", repr(path), "the name of a file")
     try:
-        return Path(path).read_bytes()
+        return as_path(path).read_bytes()
     except OSError as error:
         raise FileFormatError(path, f"cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # a name that no file has: with a zero byte, or half a surrogate pair
-        raise FileFormatError(ascii(os.fspath(path)), f"cannot be read: {error}") from error
 
 
 def read_text(path: PathName) -> str:

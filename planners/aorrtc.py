@@ -25,7 +25,7 @@ from .rrt_connect import Search
 from .sampling import luby, stream_key, uniform
 from .shortcut import LEAST_GAIN, shortcut, shorten
 from .tree_growth import first_path, grow, take_trees
-from .vectors import positive_number, whole_number
+from .vectors import positive_number, seed_number, whole_number
 
 _UNLIMITED = 2**62
 _LEAST_TIME = 1e-9  # [s]; a budget is above zero
@@ -100,7 +100,7 @@ def aorrtc(
     """
     load_code(first_path, grow, shorten)
     deadline = Deadline(timeout)
-    seed, gap = whole_number("seed", seed), _checked_gap(gap)
+    seed, gap = seed_number(seed), _checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
     task = problem if path is None else _from_path(problem, path)
@@ -132,9 +132,13 @@ def _checked_gap(gap: float | None) -> float:
     """Return a gap as a number."""
     if gap is None:
         return 0.0
+    allowed = "a finite number of 0 or more, or None"
     if not (isinstance(gap, int | float) and 0.0 <= gap < math.inf):
-        raise InvalidValueError("gap", gap, "a finite number of 0 or more, or None")
-    return float(gap)
+        raise InvalidValueError("gap", gap, allowed)
+    try:
+        return float(gap)
+    except OverflowError:
+        raise InvalidValueError("gap", gap, allowed) from None
 
 
 def _from_path(problem: Problem, path: Path) -> Problem:

@@ -28,7 +28,7 @@ from .result import Status
 from .sampling import stream_key, uniform
 from .search_space import STOP, SearchSpace, last_valid_step, space_of
 from .tree import grown
-from .vectors import FloatArray, positive_number, read_only, whole_number
+from .vectors import FloatArray, positive_number, read_only, seed_number
 
 ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, SIZE = range(STOP + 1, STOP + 7)
 _COUNTERS = SIZE + 1
@@ -133,7 +133,7 @@ def car_connect(
     deadline, radius = Deadline(timeout), positive_number("radius", radius)
     if problem.n != 3 or problem.goal_sampler is not None:
         raise InvalidValueError("problem", f"{problem.n} coordinates", "three, and goals that are given")
-    counters, key = np.zeros(_COUNTERS, np.int64), stream_key(whole_number("seed", seed), _STREAM)
+    counters, key = np.zeros(_COUNTERS, np.int64), stream_key(seed_number(seed), _STREAM)
     weights = problem.metric.weights
     rate = math.hypot(float(weights[:2].max()), float(weights[2]) / radius)
     car = Car(radius, bool(backward), rate, _REACH * radius)

@@ -33,7 +33,7 @@ from .result import Result, Status
 from .sampling import random_state, stream_key
 from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of
 from .tree import LANES, grown, nearest, set_lane, whole_blocks
-from .vectors import BoolArray, FloatArray, whole_number
+from .vectors import BoolArray, FloatArray, seed_number, whole_number
 
 _ON_MANIFOLD = 1.0 + 1e-9
 _FIRST_CAPACITY = 512
@@ -126,7 +126,7 @@ def cbirrt(
     require_fit(problem, manifold)
     if problem.goal_sampler is not None:
         raise InvalidValueError("goals", "a sampler", "goal states, for a path on a manifold")
-    seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
+    seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     deadline = Deadline(timeout)
     off, residual = _off_manifold(problem, manifold)
     found, counters = _Candidate(off or Status.SOLVED), np.zeros(_GOAL_NODE + 1, dtype=np.int64)

@@ -14,7 +14,7 @@ from .constraint_manifold import ConstraintManifold, edges_hold, project_rows
 from .deadline import Deadline, load_code
 from .path import Path
 from .problem import Problem
-from .vectors import BoolArray, FloatArray, finite_points, require_inside, whole_number
+from .vectors import BoolArray, FloatArray, finite_points, require_inside, seed_number, whole_number
 
 _LEAST_GAIN = 1e-3  # of the piece: walks along a manifold are not exactly straight
 _WIDEST = 6  # of the path: the widest window of the rounding
@@ -53,7 +53,7 @@ def constrained_shortcut(
     """
     load_code(walk, project_rows, edges_hold)
     _require_same(problem, manifold, path)
-    seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
+    seed, iterations = seed_number(seed), whole_number("iterations", iterations)
     deadline, rng, points = Deadline(timeout), np.random.default_rng(seed), path.points
     with Explorer(problem, manifold, deadline) as explorer:
         for iteration in range(iterations):

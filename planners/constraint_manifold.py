@@ -34,6 +34,7 @@ BETWEEN = 0.9
 
 MOST_ITERATIONS = 30
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e3
+_MOST = 10_000  # coordinates, or residuals
 _HALVINGS = 10
 _STEP = 0.9  # of the resolution
 _PROGRESS = 0.05  # of a step
@@ -149,24 +150,47 @@ class ConstraintManifold:
             InvalidValueError: A field has the wrong shape or a value that is not allowed.
         """
         for quantity in ("n", "rows"):
-            if whole_number(quantity, getattr(self, quantity)) < 1:
-                raise InvalidValueError(quantity, getattr(self, quantity), "1 or more")
+            whole_number(quantity, getattr(self, quantity), 1, _MOST)
         if not callable(self.function) and not isinstance(self.function, CompiledManifold):
             raise InvalidValueError("function", self.function, "a callable or a CompiledManifold")
-        groups = np.zeros(self.rows, dtype=np.int64) if self.groups is None else np.array(self.groups)
-        count = int(groups.max(initial=-1)) + 1
-        if groups.shape != (self.rows,) or set(groups.tolist()) != set(range(count)):
-            allowed = f"{self.rows} numbers of constraints, 0, 1, ... without a gap"
-            raise InvalidValueError("groups", self.groups, allowed)
-        tolerances = np.array(np.broadcast_to(np.asarray(self.tolerances, dtype=float), (count,)))
-        if not (np.isfinite(tolerances) & (tolerances > 0)).all():
-            raise InvalidValueError("tolerances", self.tolerances, "finite numbers above 0")
+        groups = self._checked_groups()
+        count = int(groups.max()) + 1
+        tolerances = self._checked_tolerances(count)
         names = tuple(f"constraint {g}" for g in range(count)) if self.names is None else tuple(self.names)
         if len(names) != count:
             raise InvalidValueError("names", names, f"{count} names")
-        object.__setattr__(self, "groups", groups.astype(np.int64))
+        object.__setattr__(self, "groups", groups)
         object.__setattr__(self, "tolerances", read_only(tolerances))
         object.__setattr__(self, "names", names)
+
+    def _checked_groups(self) -> np.ndarray:
+        """Return the constraint of each residual, shape (r,)."""
+        if self.groups is None:
+            return np.zeros(self.rows, dtype=np.int64)
+        allowed = f"{self.rows} numbers of constraints, 0, 1, ... without a gap"
+        try:
+            groups = np.array(self.groups)
+        except ValueError:  # ragged rows
+            raise InvalidValueError("groups", self.groups, allowed) from None
+        if groups.dtype.kind not in "iu" or groups.shape != (self.rows,):
+            raise InvalidValueError("groups", self.groups, allowed)
+        if set(groups.tolist()) != set(range(int(groups.max()) + 1)):
+            raise InvalidValueError("groups", self.groups, allowed)
+        return groups.astype(np.int64)
+
+    def _checked_tolerances(self, count: int) -> FloatArray:
+        """Return the tolerance of each constraint, shape (count,)."""
+        allowed = f"a finite number above 0, or {count} of them"
+        try:
+            plain = np.asarray(self.tolerances)
+            if plain.dtype.kind not in "fiu":
+                raise TypeError(plain.dtype)
+            tolerances = np.array(np.broadcast_to(plain.astype(float), (count,)))
+        except (TypeError, ValueError):
+            raise InvalidValueError("tolerances", self.tolerances, allowed) from None
+        if not (np.isfinite(tolerances) & (tolerances > 0)).all():
+            raise InvalidValueError("tolerances", self.tolerances, allowed)
+        return tolerances
 
     def errors(self, states: ArrayLike) -> FloatArray:
         """Return |F_g| of each constraint at some states.

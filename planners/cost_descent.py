@@ -34,7 +34,7 @@ from .path import Path
 from .problem import Problem
 from .sampling import stream_key, uniform
 from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
-from .vectors import FloatArray, finite_points, whole_number
+from .vectors import FloatArray, finite_points, seed_number, whole_number
 
 _FEWEST, _MOST = 24, 400  # points
 _SHARE_OF_STEP = 2.0  # of the resolution: distance of points, where there is no manifold
@@ -76,6 +76,14 @@ class StateCost:
 
     function: Callable[[FloatArray], tuple[ArrayLike, ArrayLike]] | CompiledManifold
     n: int
+
+    def __post_init__(self) -> None:
+        """Check the fields.
+
+        Raises:
+            InvalidValueError: The function is none, or the number of coordinates is not a positive integer.
+        """
+        object.__setattr__(self, "n", self.manifold.n)
 
     @property
     def manifold(self) -> ConstraintManifold:
@@ -178,7 +186,7 @@ def descend_cost(
             raise InvalidValueError(what, f"{got} coordinates", f"{problem.n} coordinates, as the problem")
     if manifold is not None:
         require_fit(problem, manifold)
-    seed, shortcuts = whole_number("seed", seed), whole_number("shortcuts", shortcuts)
+    seed, shortcuts = seed_number(seed), whole_number("shortcuts", shortcuts)
     iterations, deadline = whole_number("iterations", iterations), Deadline(timeout)
     if path.length == 0.0:
         return path

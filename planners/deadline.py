@@ -28,9 +28,13 @@ class Deadline:
         Raises:
             InvalidValueError: The budget is NaN, or not above zero.
         """
+        allowed = "a number of seconds above 0, or math.inf"
         if not (isinstance(timeout, int | float) and timeout > 0.0):
-            raise InvalidValueError("timeout", timeout, "a number of seconds above 0, or math.inf")
-        self.timeout = float(timeout)
+            raise InvalidValueError("timeout", timeout, allowed)
+        try:
+            self.timeout = float(timeout)
+        except OverflowError:
+            raise InvalidValueError("timeout", timeout, allowed) from None
         self._started = perf_counter()
 
     @property

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from .problem import Problem
-from .vectors import FloatArray, read_only, whole_number
+from .vectors import FloatArray, finite_points, read_only, seed_number, whole_number
 
 FRONTIER = 64
 """Most nodes of a stuck tree that planners return."""
 
 _STREAM = 0x5407
+_MOST = 1_000_000  # motions, for which there is memory
 
 
 def spread(states: FloatArray) -> FloatArray:
@@ -22,7 +23,8 @@ def motions_away(
     problem: Problem, states: FloatArray, count: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return where random motions away from states, shape (k, n), begin and lead to; (count, n) each."""
-    rng = np.random.default_rng((_STREAM, whole_number("seed", seed)))
+    rng = np.random.default_rng((_STREAM, seed_number(seed)))
+    states, count = finite_points("states", states, problem.n), whole_number("count", count, 0, _MOST)
     origins = states[rng.integers(len(states), size=count)]
     return origins, rng.uniform(problem.lower, problem.upper, (count, problem.n))
 
@@ -43,7 +45,8 @@ def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, se
         Shape (m, n), m <= count: of each motion that is stopped the first state that is not valid.
 
     Raises:
-        InvalidValueError: The seed is not allowed, or the checker answers in a wrong shape.
+        InvalidValueError: The states are not points of the problem's space, the count or the seed is not
+            allowed, or the checker answers in a wrong shape.
     """
     validator, found = problem.validator(), []
     for origin, target in zip(*motions_away(problem, states, count, seed), strict=True):

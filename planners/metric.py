@@ -45,9 +45,7 @@ class Metric:
         Raises:
             InvalidValueError: There are not n weights, or one is not finite and above zero.
         """
-        if weights is not None and np.shape(weights) != (n,):
-            finite_vector("weights", weights, n)  # which raises
-        return cls(np.ones(n) if weights is None else np.asarray(weights))
+        return cls(np.ones(n) if weights is None else finite_vector("weights", weights, n))
 
     @property
     def n(self) -> int:

@@ -16,7 +16,7 @@ from .motion_validator import MotionValidator
 from .path import Path
 from .problem import Problem
 from .result import Result, Status
-from .vectors import FloatArray, whole_number
+from .vectors import FloatArray, seed_number
 
 OMPL_PLANNERS = (
     "AnytimePathShortening", "SBL", "EST", "LBKPIECE", "BKPIECE", "KPIECE", "RRT", "RRTConnect", "RRTstar",
@@ -98,9 +98,7 @@ def ompl_plan(
     deadline = Deadline(timeout)
     validator = problem.validator(deadline)
     alone = planner in TWO_THREADS
-    status, points, goal = _Search(library, problem, validator).run(
-        make, whole_number("seed", seed), deadline, alone
-    )
+    status, points, goal = _Search(library, problem, validator).run(make, seed_number(seed), deadline, alone)
     path = None if points is None else Path(points, problem.weights)
     return Result(
         status=status, path=path, goal_index=goal, cost=math.inf if path is None else path.length,

@@ -244,7 +244,10 @@ def _checked_bounds(
             a box without extent.
     """
     for quantity, value in (("lower", lower), ("upper", upper)):
-        bounds = np.asarray(value)
+        try:
+            bounds = np.asarray(value)
+        except ValueError:  # ragged rows
+            raise InvalidValueError(quantity, value, "a vector of finite numbers") from None
         if bounds.dtype.kind == "f" and bounds.ndim == 1 and (labels is None or len(labels) == bounds.size):
             infinite = np.isinf(bounds)
             if infinite.any():

@@ -31,7 +31,15 @@ from .search_space import (
     space_of,
 )
 from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_blocks
-from .vectors import BoolArray, FloatArray, finite_points, finite_vector, require_inside, whole_number
+from .vectors import (
+    BoolArray,
+    FloatArray,
+    finite_points,
+    finite_vector,
+    require_inside,
+    seed_number,
+    whole_number,
+)
 
 _FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
 _FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is space at first
@@ -122,7 +130,7 @@ class Roadmap:
             InvalidValueError: The seed or the resolution is not allowed.
         """
         load_code(scatter, connect)
-        self.problem, self.seed = problem, whole_number("seed", seed)
+        self.problem, self.seed = problem, seed_number(seed)
         self._resolution = problem.validator(resolution=resolution).resolution
         self._key = stream_key(self.seed, _STREAM)
         self._graph = _new_graph(problem.n)

@@ -49,7 +49,7 @@ from .tree_growth import (
     way_point_count,
     with_capacity,
 )
-from .vectors import FloatArray, positive_number, whole_number
+from .vectors import FloatArray, positive_number, seed_number, whole_number
 
 LONGEST_STEP = 0.1  # of the diagonal: longest extension
 _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
@@ -115,7 +115,7 @@ def rrt_connect(
     """
     load_code(first_path)
     deadline = Deadline(timeout)
-    seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
+    seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
     trees = take_trees(problem.n)
     with machine_code_of(problem, deadline, counters=trees.counters) as code:

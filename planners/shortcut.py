@@ -19,7 +19,7 @@ from .problem import FINEST_RESOLUTION, Problem
 from .sampling import normal_number, stream_key, uniform, within_ellipsoid
 from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
 from .tree import grown
-from .vectors import FloatArray, whole_number
+from .vectors import FloatArray, seed_number, whole_number
 
 LEAST_GAIN = 1e-5
 """Of the length: less is not worth asking for validity."""
@@ -116,7 +116,7 @@ def shortcut(
         raise InvalidValueError(
             "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
         )
-    seed, iterations = whole_number("seed", seed), whole_number("iterations", iterations)
+    seed, iterations = seed_number(seed), whole_number("iterations", iterations)
     if not 0.0 <= least_gain < 1.0:
         raise InvalidValueError("least_gain", least_gain, "a number from 0 to below 1")
     if len(path) < 3:

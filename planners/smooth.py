@@ -14,8 +14,9 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 from .motion_validator import MotionValidator
 from .path import Path
 from .problem import Problem
-from .vectors import BoolArray, FloatArray, finite_vector, positive_number, read_only
+from .vectors import BoolArray, FloatArray, finite_vector, positive_number, read_only, whole_number
 
+_MOST_SEGMENTS = 1_000_000
 _ROUNDS = 20  # halvings of the spacing before giving up: a millionth of it
 _COARSE = 10.0  # first spacing of breaks, in units of the problem's resolution
 _FEWEST = 4  # pieces
@@ -218,11 +219,15 @@ def rounded_waypoints(path: Path, segments: int) -> FloatArray:
 
     Args:
         path: Two way-points or more, of some length.
-        segments: Number of pieces.
+        segments: Number of pieces, 1 to 1,000,000.
 
     Returns:
         Shape (pieces + 1, n); the first and the last row are the path's ends.
+
+    Raises:
+        InvalidValueError: for another number of pieces.
     """
+    segments = whole_number("segments", segments, 1, _MOST_SEGMENTS)
     breaks = np.linspace(0.0, path.length, segments + 1)
     coefficients = np.empty((segments, 4, path.n))
     schoenberg_spline(path.points, path.arc_lengths, breaks, np.empty(segments + 3), coefficients)

@@ -22,7 +22,7 @@ from .result import Result, Status
 from .sampling import random_state, stream_key, uniform
 from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of, step_count
 from .tree import LANES, grown, nearest, set_lane, whole_blocks
-from .vectors import FloatArray, whole_number
+from .vectors import FloatArray, seed_number, whole_number
 
 _STEP = 0.03  # of the diagonal: longest extension
 _NEAR = 10.0  # steps: trees that are nearer are tried to be joined
@@ -109,7 +109,7 @@ def transition_rrt(
         raise InvalidValueError("goals", "a sampler", "goal states, for a search with a price")
     if cost.n != problem.n:
         raise InvalidValueError("cost", f"{cost.n} coordinates", f"{problem.n} coordinates, as the problem")
-    seed, max_iterations = whole_number("seed", seed), whole_number("max_iterations", max_iterations)
+    seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     deadline, counters = Deadline(timeout), np.zeros(_GOAL_NODE + 1, dtype=np.int64)
     box, path, goal = (problem.lower, problem.upper, problem.metric.weights), None, None
     with (

@@ -34,7 +34,7 @@ def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
     """
     try:
         array = np.asarray(value)
-    except ValueError:  # ragged rows
+    except (ValueError, OverflowError, RecursionError):  # ragged rows, lists without end
         raise InvalidValueError(quantity, value, allowed) from None
     if array.dtype.kind not in "fiu":
         raise InvalidValueError(quantity, value, allowed)
@@ -126,23 +126,44 @@ def positive_number(quantity: str, value: float) -> float:
     allowed = "a finite number above 0"
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidValueError(quantity, value, allowed) from None
     if not 0.0 < number < math.inf:
         raise InvalidValueError(quantity, value, allowed)
     return number
 
 
-def whole_number(quantity: str, value: int) -> int:
-    """Return an integer of at least zero (a seed, a number of iterations).
+MOST_COUNT = 2**31 - 1
+"""Largest number of iterations, samples and the like."""
+
+
+def whole_number(quantity: str, value: int, least: int = 0, most: float = MOST_COUNT) -> int:
+    """Return an integer within bounds (a number of iterations, of samples).
+
+    Args:
+        quantity: Name of the argument, for the message.
+        value: An integer of Python or NumPy.
+        least: Smallest that is allowed.
+        most: Largest that is allowed.
 
     Raises:
-        InvalidValueError: It is not an integer, or it is negative.
+        InvalidValueError: It is not an integer, or it is out of bounds.
     """
     try:
         number = operator.index(value)
     except TypeError:
-        raise InvalidValueError(quantity, value, "an integer >= 0") from None
-    if number < 0:
-        raise InvalidValueError(quantity, value, "an integer >= 0")
+        raise InvalidValueError(quantity, value, f"an integer >= {least}") from None
+    if number > most:
+        raise InvalidValueError(quantity, value, f"an integer from {least} to {int(most)}")
+    if number < least:
+        raise InvalidValueError(quantity, value, f"an integer >= {least}")
     return number
+
+
+def seed_number(value: int) -> int:
+    """Return the seed of random choices, an integer of at least zero and of any size.
+
+    Raises:
+        InvalidValueError: It is not an integer, or it is negative.
+    """
+    return whole_number("seed", value, most=math.inf)

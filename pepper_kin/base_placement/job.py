@@ -16,11 +16,16 @@ from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import movable_joints
-from pepper_kin.ik.solve import whole_number
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_finite,
+    as_joint_vectors,
+    check_seed,
+    check_whole,
+    check_within_limits,
+)
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -84,7 +89,7 @@ def make_job(
     sets = tuple(tuple(with_loads(group, loads)) for group in sets)
     scorer = Scorer(moving, sets, mask, home, place, weights or PlacementWeights())
     evaluator = CandidateEvaluator(
-        moving, sets, home, moving.names(mask), scorer, world, whole_number("seed", seed, 0),
-        whole_number("threads", threads, 1),
+        moving, sets, home, moving.names(mask), scorer, world, check_seed(seed),
+        check_whole("threads", threads, 1),
     )  # fmt: skip
     return Job(evaluator, place, mask)

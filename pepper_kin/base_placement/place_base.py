@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +19,10 @@ from pepper_kin.base_placement.task_sets import Given
 from pepper_kin.base_placement.trial import Trials
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.result import IKResult, IKStatus
-from pepper_kin.ik.solve import solve, whole_number
+from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, check_whole
 from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def place_base(
     job = make_job(
         pepper, tasks, start, stand, scene, collisions, joints, weights, seed=seed, threads=threads
     )
-    whole_number("keep", keep, 1)
+    check_whole("keep", keep, 1)
     trials = _tried(job, candidates)
     placements = _finalists(job, trials, keep)
     status = _status(trials, placements)
@@ -112,14 +112,17 @@ def place_base(
     )
 
 
-def _tried(job: Job, candidates: int | ArrayLike) -> Trials:
+MOST_CANDIDATES = 1_000_000
+
+
+def _tried(job: Job, candidates: Any) -> Trials:
     """Evaluate places, shape (N, 3) [m, m, rad], or so many proposals and the neighborhood of the best."""
     evaluator = job.evaluator
-    if np.ndim(candidates) > 0:
+    if isinstance(candidates, list | tuple | np.ndarray):
         checked = as_finite(candidates, "candidates", (None, 3)).copy()
         checked[:, 2] = wrapped(checked[:, 2])
         return evaluator(np.concatenate([job.stand[None], checked]))
-    count = whole_number("candidates", candidates, 1)  # type: ignore[arg-type]
+    count = check_whole("candidates", candidates, 1, MOST_CANDIDATES)
     places = propose(
         evaluator.moving,
         evaluator.sets,

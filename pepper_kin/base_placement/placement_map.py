@@ -14,10 +14,9 @@ from pepper_kin.base_placement.moving_base import wrapped
 from pepper_kin.base_placement.score import PlacementWeights
 from pepper_kin.base_placement.task_sets import Given
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.solve import whole_number
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_finite, check_positive, check_whole
 from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
@@ -136,7 +135,7 @@ def placement_map(
     )
     middle = as_finite(center, "center", (2,))
     edge, length = check_positive("resolution", resolution, "m"), check_positive("size", size, "m")
-    turns = whole_number("headings", headings, 1)
+    turns = check_whole("headings", headings, 1)
     cells = int(np.ceil(length / edge))
     if cells**2 * turns > 1e7:
         raise InvalidValueError("resolution", resolution, "a coarser one: over ten million places to try")

@@ -14,6 +14,7 @@ from pepper_kin.ik.problem import joints_used
 from pepper_kin.ik.tasks import FramePosition
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kinematics import manipulability
+from pepper_kin.model.joint_vectors import as_real
 
 ENOUGH_CLEARANCE = 0.10
 """A clearance of this much counts in full [m]."""
@@ -50,7 +51,7 @@ class PlacementWeights:
         total = 0.0
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < math.inf:
+            if not 0 <= as_real(value) < math.inf:
                 raise InvalidValueError(
                     f"weight of {entry.name}", repr(value), "a finite number of 0 or more"
                 )

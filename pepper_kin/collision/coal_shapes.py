@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.kept_size import MOST_BYTES, kept_within
 from pepper_kin.collision.mesh_file import file_state, read_mesh
 from pepper_kin.collision.solids import (
     ConvexMesh,
@@ -22,6 +22,7 @@ FLAT = 1e-3
 """A closed mesh no point of which lies deeper than this in its convex hull is taken as that hull [m]."""
 MOST_FACES = 4000
 """Meshes of more faces are not looked at for whether they are convex."""
+_PER_TRIANGLE = 400  # bytes of a tree of triangles
 _SPECK = 1e-7 * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
 """Corners of the triangle that stands for a point: coal's trees hold triangles, and of no size they fail."""
 
@@ -115,7 +116,7 @@ def _mesh_of_file(mesh: Mesh) -> Any:
     return _read_mesh(mesh, file_state(mesh.path))
 
 
-@lru_cache(maxsize=256)
+@kept_within(MOST_BYTES, lambda shape, *_: _PER_TRIANGLE * getattr(shape, "num_tris", 0))
 def _read_mesh(mesh: Mesh, state: tuple[str | int, ...]) -> Any:
     """Read a mesh once for all checkers of a robot, and again where its file has changed."""
     tree = _tree(*read_mesh(mesh.path, mesh.scale))

@@ -19,8 +19,11 @@ from pepper_kin.collision.scene_object import (
     AttachedObject,
     Color,
     SceneObject,
+    checked_pairs,
     grown,
+    number_of,
     same_item,
+    sorted_pair,
 )
 from pepper_kin.collision.solids import (
     ConvexMesh,
@@ -63,6 +66,9 @@ class Scene:
         attached: Mapping[str, AttachedObject] | None = None,
         allowed: Iterable[tuple[str, str]] = (),
     ) -> None:
+        for quantity, items in (("objects", objects), ("attached", attached)):
+            if not (items is None or isinstance(items, Mapping)):
+                raise InvalidValueError(quantity, repr(items), "a mapping from names to objects, or None")
         standing, hanging = dict(objects or {}), dict(attached or {})
         for names, kind in ((standing, SceneObject), (hanging, AttachedObject)):
             for name, item in names.items():
@@ -70,7 +76,7 @@ class Scene:
                     raise InvalidValueError(f"object {name!r}", repr(item), f"a {kind.__name__} so named")
         for name in standing.keys() & hanging.keys():
             raise InvalidValueError("object name", repr(name), "a name used once, in the world or attached")
-        pairs = frozenset(_sorted_pair(a, b) for a, b in allowed)
+        pairs = frozenset(checked_pairs(allowed))
         self._take(NamedItems(standing), NamedItems(hanging), pairs)
 
     def _take(
@@ -133,13 +139,13 @@ class Scene:
 
     def add_sphere(self, name: str, radius: float, position: ArrayLike) -> Scene:
         """Return a scene with a sphere of a radius [m] more, at a position [m], shape (3,); see `add`."""
-        return self.add(name, Sphere(_number(name, "radius", radius)), position)
+        return self.add(name, Sphere(number_of(name, "radius", radius)), position)
 
     def add_cylinder(
         self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Scene:
         """Return a scene with a cylinder along its z axis [m] more; position, rpy: shape (3,), see `add`."""
-        shape = Cylinder(_number(name, "radius", radius), _number(name, "length", length))
+        shape = Cylinder(number_of(name, "radius", radius), number_of(name, "length", length))
         return self.add(name, shape, position, rpy)
 
     def add_capsule(
@@ -149,7 +155,7 @@ class Scene:
 
         `length` is that of the straight part.
         """
-        shape = Capsule(_number(name, "radius", radius), _number(name, "length", length))
+        shape = Capsule(number_of(name, "radius", radius), number_of(name, "length", length))
         return self.add(name, shape, position, rpy)
 
     def add_half_space(self, name: str, normal: ArrayLike, offset: float = 0.0) -> Scene:
@@ -174,7 +180,7 @@ class Scene:
         pose = np.eye(4)
         if not np.allclose(direction / length, [0, 0, 1], rtol=0, atol=1e-15):
             pose[:3, :3] = rotation_to_axis(direction)
-        pose[:3, 3] = direction / length * _number(name, "offset", offset)
+        pose[:3, 3] = direction / length * number_of(name, "offset", offset)
         return self._and_one(SceneObject(name, HalfSpace(), pose, PLASTER))
 
     def add_convex_mesh(
@@ -324,7 +330,7 @@ class Scene:
                 raise InvalidValueError(
                     f"pair allowed for {name!r}", repr(other), "the name of another thing"
                 )
-        return self._with(allowed=[*self.allowed, *(_sorted_pair(name, other) for other in others)])
+        return self._with(allowed=[*self.allowed, *(sorted_pair(name, other) for other in others)])
 
     def disallow(self, name: str, *others: str) -> Scene:
         """Return a scene in which an object may no longer touch others; without others, nothing at all.
@@ -450,11 +456,3 @@ class Scene:
         if name in self.attached:
             said = f"one that stands in the world; this one hangs on {self.attached[name].frame}: release it"
             raise InvalidValueError("object", repr(name), said)
-
-
-def _sorted_pair(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a <= b else (b, a)
-
-
-def _number(name: str, what: str, value: float) -> float:
-    return float(as_finite(value, f"{what} of {name!r}", ()))

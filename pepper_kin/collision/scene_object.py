@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
@@ -258,3 +259,24 @@ def _color(name: str, color: Color) -> Color:
         raise InvalidValueError(f"color of {name!r}", color, "numbers in [0, 1]: r, g, b, opacity")
     red, green, blue, opacity = numbers.tolist()
     return (red, green, blue, opacity)
+
+
+def checked_pairs(allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return pairs of names that may touch, each sorted."""
+    pairs = []
+    for pair in [allowed] if isinstance(allowed, str | bytes) else allowed:
+        names = tuple(pair) if isinstance(pair, list | tuple) else ()
+        if len(names) != 2 or not all(isinstance(name, str) for name in names):
+            raise InvalidValueError("allowed", repr(pair), "pairs of names of objects or links")
+        pairs.append(sorted_pair(*names))
+    return pairs
+
+
+def sorted_pair(a: str, b: str) -> tuple[str, str]:
+    """Return two names in their order."""
+    return (a, b) if a <= b else (b, a)
+
+
+def number_of(name: str, what: str, value: float) -> float:
+    """Return a finite number that an object is made of, such as its radius [m]."""
+    return float(as_finite(value, f"{what} of {name!r}", ()))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.core.collision.clouds import extent, thin
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Geometry
-from pepper_kin.model.joint_vectors import as_finite, as_real
+from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, shown
 from pepper_kin.model.shapes import read_only
 
 FLAT = 1e-9
@@ -125,7 +125,7 @@ class PointCloud:
     radius: float
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.points)
+        points = as_batch(self.points, "points of a cloud", ())
         if points.size == 0:
             points = np.empty((0, 3))
         points = np.ascontiguousarray(as_finite(points, "points of a cloud", (None, 3)))
@@ -218,7 +218,13 @@ def _spans_volume(points: NDArray[np.float64]) -> bool:
 
 def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
     """Return faces, shape (f, 3), as integers, after a look at whether they are indices below `count`."""
-    array = np.asarray(faces)
+    allowed = "whole numbers of shape (f, 3), f > 0"
+    try:
+        array = np.asarray(faces)
+    except ValueError:  # rows of unequal lengths
+        raise InvalidValueError(
+            "faces of a mesh", shown(faces), "whole numbers of shape (f, 3), f > 0"
+        ) from None
     whole = array.dtype.kind in "iu" or (
         array.dtype.kind == "f" and bool((np.isfinite(array) & (array == np.floor(array))).all())
     )
@@ -227,9 +233,7 @@ def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
     except InvalidValueError:
         whole = False
     if array.ndim != 2 or array.shape[1] != 3 or not len(array) or not whole:
-        raise InvalidValueError(
-            "faces of a mesh", f"{array.dtype} of shape {array.shape}", "whole numbers of shape (f, 3), f > 0"
-        )
+        raise InvalidValueError("faces of a mesh", f"{array.dtype} of shape {array.shape}", allowed)
     outside = (array < 0) | (array >= count)
     if outside.any():
         row = int(np.argwhere(outside)[0][0])

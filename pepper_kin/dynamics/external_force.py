@@ -11,7 +11,7 @@ from pepper_kin.batch import over_states
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import MOST, as_finite, as_joint_vectors, shown
+from pepper_kin.model.joint_vectors import MOST, as_batch, as_joint_vectors
 
 pinocchio = lazy_module("pinocchio")
 
@@ -53,11 +53,7 @@ def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, Arra
 def _wrench(frame: str, force: ArrayLike) -> Array:
     """Return a force [N] and moment [N m] at a frame, shape (..., 6), after checking that it is finite."""
     what = f"force at {frame}"
-    try:
-        return as_finite(force, what, (*(None,) * (np.ndim(force) - 1), 6), MOST)
-    except ValueError as error:  # NumPy's own for rows of different lengths
-        allowed = f"finite numbers of shape (..., 6), none beyond {MOST:g}"
-        raise InvalidValueError(what, shown(force), allowed) from error
+    return as_batch(force, what, (6,), MOST)
 
 
 def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import atomic_file
-from pepper_kin.atomic_file import PathName
+from pepper_kin.atomic_file import PathName, as_path
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_reading import plain_number, read_json, read_text
 from pepper_kin.model.joint_vectors import as_finite
@@ -48,7 +48,7 @@ def save_table(
         UnknownNameError: for an unknown quantity.
         FileFormatError: where a file cannot be written, or `columns.json` is something else.
     """
-    target = Path(path)
+    target = as_path(path)
     names = list(columns)
     if not names or names[0] != TIME:
         raise InvalidValueError("columns", ", ".join(names[:3]), f"{TIME!r} as the first column")
@@ -58,7 +58,7 @@ def save_table(
     if np.any(np.diff(time) <= 0):
         raise InvalidValueError(TIME, "times that do not increase", "times that increase")
     table = np.column_stack([as_finite(values, name, (time.size,)) for name, values in columns.items()])
-    companion = target.with_name(COLUMNS_FILE)
+    companion = target.parent / COLUMNS_FILE
     known = load_columns(companion) if companion.exists() else {}
     lines = [",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]
     atomic_file.write_text(target, "\n".join(lines) + "\n")
@@ -168,6 +168,8 @@ def _check_header(path: PathName, names: list[str], expected: Iterable[str] | No
     if expected is None:
         return
     wanted = list(expected)
+    if not all(isinstance(name, str) for name in wanted):
+        raise InvalidValueError("expected", repr(wanted), "names of columns")
     missing, unknown = [n for n in wanted if n not in names], [n for n in names if n not in wanted]
     if unknown:
         hint = _known(unknown[0], wanted)

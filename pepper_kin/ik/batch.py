@@ -21,7 +21,7 @@ from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solve import DONE, Request, checked_scene, search_on, solve, whole_number
+from pepper_kin.ik.solve import DONE, Request, checked_scene, search_on, solve
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
@@ -29,6 +29,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
     check_choice,
+    check_seed,
+    check_whole,
     check_within_limits,
 )
 from pepper_kin.model.shapes import read_only
@@ -178,10 +180,10 @@ def solve_batch(
     count = _count(parts, q0)
     starts = np.broadcast_to(np.clip(q0, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
     movable = None if joints is None else movable_joints(pepper, joints)
-    whole_number("seed", seed, 0)
-    whole_number("restarts", restarts, 0)
-    whole_number("max_iterations", max_iterations, 1)
-    whole_number("threads", threads, 1)
+    check_seed(seed)
+    check_whole("restarts", restarts, 0)
+    check_whole("max_iterations", max_iterations, 1)
+    check_whole("threads", threads, 1)
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     if solver == "fast" and known_structures(parts) is not None:
         budget = SearchBudget(deadline=math.inf, **options)

@@ -12,10 +12,11 @@ from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
-from pepper_kin.ik.solve import checked_scene, checked_start, whole_number
+from pepper_kin.ik.solve import checked_scene, checked_start
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_seed, check_whole
 from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
 
 CHUNK = 8
+MOST_STARTS = 1_000_000
 """So many configurations are checked in one call: as many as cost little where the first of them is free."""
 
 
@@ -78,9 +80,9 @@ def solutions(
     movable = None if joints is None else movable_joints(pepper, joints)
     world, apart = checked_scene(scene, collisions, margin)
     parts = with_loads(parts, Collisions(pepper, world).loads)
-    wanted, tried = whole_number("count", count, 1), whole_number("starts", starts, 1)
-    steps = whole_number("max_iterations", max_iterations, 1)
-    drawn = whole_number("seed", seed, 0)
+    wanted, tried = check_whole("count", count, 1), check_whole("starts", starts, 1, MOST_STARTS)
+    steps = check_whole("max_iterations", max_iterations, 1)
+    drawn = check_seed(seed)
     found = alternatives(
         pepper, equally_weighted(parts), q0, movable, drawn, tried, steps, scene=world, margin=apart
     )

@@ -40,6 +40,8 @@ from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
     check_choice,
     check_positive,
+    check_seed,
+    check_whole,
     check_within_limits,
 )
 from pepper_kin.model.shapes import read_only
@@ -229,9 +231,9 @@ def _checked_budget(
     seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
 ) -> SearchBudget:
     return SearchBudget(
-        seed=whole_number("seed", seed, 0),
-        restarts=whole_number("restarts", restarts, 0),
-        max_iterations=whole_number("max_iterations", max_iterations, 1),
+        seed=check_seed(seed),
+        restarts=check_whole("restarts", restarts, 0),
+        max_iterations=check_whole("max_iterations", max_iterations, 1),
         deadline=math.inf if timeout is None else begin + check_positive("timeout", timeout, "s"),
     )
 
@@ -283,16 +285,3 @@ def checked_scene(scene: Scene | None, collisions: bool, margin: float) -> tuple
     if world is None:
         raise InvalidValueError("margin", margin, "0 where collisions are left out")
     return world, check_positive("margin", margin, "m")
-
-
-def whole_number(quantity: str, value: int, least: int) -> int:
-    """Return a whole number.
-
-    Raises:
-        InvalidValueError: unless it is one of at least `least`.
-    """
-    if type(value) is int and value >= least:
-        return value
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise InvalidValueError(quantity, repr(value), f"a whole number of at least {least}")
-    return int(value)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from pepper_kin import batch, dynamics, kinematics, symbolic
 from pepper_kin.dynamics import newton_euler
-from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.exceptions import ModelError
 from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_seed, check_whole
 
 AGREEMENT_LIMIT = 1e-9
 """Two exact algorithms differ by rounding only."""
@@ -70,8 +71,8 @@ def check_dynamics(
     Raises:
         InvalidValueError: for a number of states or a seed that is no integer in range.
     """
-    _check_count("states", states, 1)
-    _check_count("seed", seed, 0)
+    check_whole("states", states, 1)
+    check_seed(seed)
     rng = np.random.default_rng(seed)
     random = _random_states(pepper, states, rng)
     frame = _deepest_frame(pepper)
@@ -87,11 +88,6 @@ def check_dynamics(
         rows += part()
     progress(len(parts), len(parts))
     return DynamicsCheck(pepper.name, pepper.n, frame, states, seed, tuple(rows))
-
-
-def _check_count(quantity: str, value: object, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise InvalidValueError(quantity, repr(value), f"an integer of at least {least}")
 
 
 def _random_states(pepper: PepperModel, count: int, rng: np.random.Generator) -> _States:

@@ -222,7 +222,7 @@ def _key(content: str, dtype: str) -> str:
     """Hash of a function's content, the format, and the source of the code generator itself."""
     digest = hashlib.sha256(_source_digest())
     for text in (content, dtype, str(CHUNK_LENGTH)):
-        data = text.encode()
+        data = text.encode("utf-8", "surrogatepass")  # what is unknown is refused when it is made
         digest.update(len(data).to_bytes(8, "little") + data)
     return digest.hexdigest()
 

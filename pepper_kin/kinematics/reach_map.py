@@ -16,9 +16,10 @@ from pepper_kin.atomic_file import write_bytes
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
 from pepper_kin.numpy_archive import read_arrays
 
+MOST_SAMPLES = 1_000_000_000
 CHUNK = 20_000
 """States at a time: few enough to stay near the processor, many enough for the calls not to matter."""
 
@@ -198,9 +199,8 @@ def reach_map(
     names = _moving_joints(pepper, joints)
     columns = [pepper.joint_index(name) for name in names]
     size = check_positive("resolution", resolution, "m")
-    for quantity, value, least in (("samples", samples, 1), ("seed", seed, 0)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-            raise InvalidValueError(quantity, repr(value), f"an integer of at least {least}")
+    check_whole("samples", samples, 1, MOST_SAMPLES)
+    check_seed(seed)
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, -np.pi)[columns]
     upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, np.pi)[columns]
     rng, grid, done = np.random.default_rng(seed), _Grid(), 0

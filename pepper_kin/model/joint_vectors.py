@@ -40,15 +40,7 @@ def as_finite(
     Raises:
         InvalidValueError: naming the quantity and what is wrong.
     """
-    try:
-        array = _as_floats(value)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise InvalidValueError(quantity, shown(value), f"numbers of shape {_shape_text(shape)}") from error
-    if array.shape != shape and (
-        len(array.shape) != len(shape)
-        or any(s is not None and s != a for s, a in zip(shape, array.shape, strict=True))
-    ):
-        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {_shape_text(shape)}")
+    array = _of_shape(value, quantity, shape)
     if not np.isfinite(array).all():
         raise InvalidValueError(
             quantity, array[~np.isfinite(array)][0], "finite numbers (no NaN, no infinity)"
@@ -60,12 +52,68 @@ def as_finite(
     return array
 
 
+def as_numbers(
+    value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | None = None
+) -> NDArray[np.float64]:
+    """Convert to an array of floats, some of which may be infinite; see `as_finite`.
+
+    Args:
+        value: Array-like of numbers.
+        quantity: Name for the message.
+        shape: Expected shape; None stands for any length, or any shape.
+
+    Raises:
+        InvalidValueError: naming the quantity and what is wrong; for NaN too.
+    """
+    array = _of_shape(value, quantity, shape)
+    if np.isnan(array).any():
+        raise InvalidValueError(quantity, math.nan, "numbers (no NaN)")
+    return array
+
+
+def _of_shape(value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | None) -> NDArray[np.float64]:
+    """Return numbers as an array of a shape, as `as_finite` does, whatever they are."""
+    expected = "numbers" if shape is None else f"numbers of shape {_shape_text(shape)}"
+    try:
+        array = _as_floats(value)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise InvalidValueError(quantity, shown(value), expected) from error
+    if shape is None or array.shape == shape:
+        return array
+    if len(array.shape) != len(shape) or any(
+        s is not None and s != a for s, a in zip(shape, array.shape, strict=True)
+    ):
+        raise InvalidValueError(quantity, f"shape {array.shape}", f"shape {_shape_text(shape)}")
+    return array
+
+
 def shown(value: object) -> str:
     """Return a value for a message, texts in quotes; what cannot be written is named by its type."""
     try:
         return repr(value)
     except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists without end
         return f"a value of type {type(value).__name__} that is too long to be shown"
+
+
+def as_batch(
+    value: ArrayLike, quantity: str, shape: tuple[int | None, ...], most: float = math.inf
+) -> NDArray[np.float64]:
+    """Convert to an array of finite floats whose last axes have a given shape; see `as_finite`.
+
+    Args:
+        value: Array-like of numbers, shape (..., *shape).
+        quantity: Name for the message.
+        shape: Expected shape of the last axes; None stands for any length.
+        most: Largest magnitude allowed.
+
+    Raises:
+        InvalidValueError: naming the quantity and what is wrong.
+    """
+    try:
+        leading = max(np.ndim(value) - len(shape), 0)
+    except ValueError:  # lists of unequal lengths, which `as_finite` refuses by name
+        leading = 0
+    return as_finite(value, quantity, (*(None,) * leading, *shape), most)
 
 
 _MOST_SQUARED = MOST**2
@@ -203,6 +251,42 @@ def check_positive(quantity: str, value: float, unit: str = "") -> float:
             quantity, shown(value), f"a finite number above 0{' ' + unit if unit else ''}"
         )
     return number
+
+
+MOST_COUNT = 2**31 - 1
+"""Largest whole number of iterations, starts, samples and the like."""
+
+
+def check_whole(quantity: str, value: object, least: int = 1, most: float = MOST_COUNT) -> int:
+    """Return `value` if it is a whole number from `least` to `most`.
+
+    Args:
+        quantity: Name for the message.
+        value: An integer of Python or NumPy; truth values are none.
+        least: Smallest that is allowed.
+        most: Largest that is allowed; `math.inf` for seeds.
+
+    Raises:
+        InvalidValueError: naming the quantity.
+    """
+    if type(value) is int and least <= value <= most:
+        return value
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (whole and least <= value <= most):  # type: ignore[operator]
+        allowed = f"an integer of at least {least}"
+        if whole and value > most:  # type: ignore[operator]
+            allowed = f"an integer from {least} to {int(most)}"
+        raise InvalidValueError(quantity, shown(value), allowed)
+    return int(value)  # type: ignore[call-overload]
+
+
+def check_seed(value: object) -> int:
+    """Return the seed of random choices: a whole number of at least 0, of any size.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    return check_whole("seed", value, 0, math.inf)
 
 
 def as_real(value: object) -> float:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import ModelError, ModelWarning
 from pepper_kin.model.dynamics_model import DynamicsModel
 from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
@@ -56,7 +57,7 @@ def load_pepper(
     """
     check_choice("base", base, BASES)
     check_choice("hands", hands, HANDS)
-    folder = None if meshes is None else str(Path(meshes).resolve())
+    folder = None if meshes is None else str(as_path(meshes, "meshes").resolve())
     return _load_pepper(base, hands, folder, check_positive("mesh_scale", mesh_scale))
 
 

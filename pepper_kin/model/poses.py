@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite, check_choice
+from pepper_kin.model.joint_vectors import as_batch, check_choice
 from pepper_kin.model.shapes import rotation_rpy
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def pose(
     named = [name for name, value in arguments.items() if value is not None]
     if len(named) > 1:
         raise InvalidValueError("orientation", " and ".join(named), f"one of {', '.join(arguments)}")
-    origin = _last_axes(position, "position", (3,))
+    origin = as_batch(position, "position", (3,))
     if rpy is not None:
         turn = rotation_from_rpy(rpy)
     elif quaternion_xyzw is not None:
@@ -71,7 +71,7 @@ def pose(
     elif quaternion_wxyz is not None:
         turn = rotation_from_quaternion(quaternion_wxyz, order="wxyz")
     else:
-        turn = np.eye(3) if rotation is None else check_rotations(_last_axes(rotation, "rotation", (3, 3)))
+        turn = np.eye(3) if rotation is None else check_rotations(as_batch(rotation, "rotation", (3, 3)))
     try:
         batch = np.broadcast_shapes(origin.shape[:-1], turn.shape[:-2])
     except ValueError:
@@ -89,7 +89,7 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for another shape, or NaN.
     """
-    angles = _last_axes(rpy, "rpy", (3,))
+    angles = as_batch(rpy, "rpy", (3,))
     matrices = [rotation_rpy(*each) for each in angles.reshape(-1, 3).tolist()]
     return np.array(matrices).reshape(*angles.shape[:-1], 3, 3)
 
@@ -102,7 +102,7 @@ def rpy_from_rotation(rotation: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for another shape, or a matrix that is not a rotation to 1e-6.
     """
-    turn = check_rotations(_last_axes(rotation, "rotation", (3, 3)))
+    turn = check_rotations(as_batch(rotation, "rotation", (3, 3)))
     angles = [rpy_of(each) for each in turn.reshape(-1, 3, 3)]
     return np.array(angles).reshape(*turn.shape[:-2], 3)
 
@@ -128,7 +128,7 @@ def rotation_from_quaternion(quaternion: ArrayLike, *, order: str = "xyzw") -> A
             is made 1.
     """
     check_choice("order", order, ORDERS)
-    q = _last_axes(quaternion, f"quaternion ({order})", (4,))
+    q = as_batch(quaternion, f"quaternion ({order})", (4,))
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     wrong = np.abs(length[..., 0] - 1.0) > UNIT_TOLERANCE
     if wrong.any():
@@ -158,7 +158,7 @@ def quaternion_from_rotation(rotation: ArrayLike, *, order: str = "xyzw") -> Arr
         InvalidValueError: for another shape or order, or a matrix that is not a rotation to 1e-6.
     """
     check_choice("order", order, ORDERS)
-    q = quaternions_of(check_rotations(_last_axes(rotation, "rotation", (3, 3))))
+    q = quaternions_of(check_rotations(as_batch(rotation, "rotation", (3, 3))))
     q = np.where(q[..., 3:] < 0, -q, q)
     return q if order == "xyzw" else np.roll(q, 1, axis=-1)
 
@@ -199,13 +199,3 @@ def check_rotations(rotations: Array, quantity: str = "rotation") -> Array:
             quantity, rotations[bad][0].tolist(), "a rotation matrix: orthonormal, right-handed"
         )
     return rotations
-
-
-def _last_axes(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
-    """Return an array of finite floats of shape (..., *shape), any number of leading axes.
-
-    Raises:
-        InvalidValueError: for another shape, NaN or infinity.
-    """
-    leading = max(np.ndim(value) - len(shape), 0)
-    return as_finite(value, quantity, (*(None,) * leading, *shape))

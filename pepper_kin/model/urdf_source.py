@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pepper_kin.exceptions import ModelError
+from pepper_kin.atomic_file import as_path
+from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.file_reading import read_text
 from pepper_kin.model.pepper_model import PepperModel
 
@@ -41,7 +43,9 @@ def mesh_folders(source: PepperModel | str | Path, package_dirs: Sequence[str | 
     They are those given, then (for a description in a file) the one it lies in and all above that: a robot's
     package usually holds its URDF beside its meshes.
     """
-    folders = [Path(folder) for folder in package_dirs]
+    if isinstance(package_dirs, str | bytes | os.PathLike):
+        raise InvalidValueError("package_dirs", repr(package_dirs), "a list of folders")
+    folders = [as_path(folder, "folder in package_dirs") for folder in package_dirs]
     if isinstance(source, Path) or (isinstance(source, str) and not is_text(source)):
         folders += Path(source).absolute().parents
     return folders

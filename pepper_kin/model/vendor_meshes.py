@@ -5,6 +5,7 @@ They may not be redistributed and are no part of this library: a user names the 
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def with_vendor_meshes(urdf: str, folder: str | Path, scale: float = 0.1) -> str
 
 def _meshes_below(folder: Path) -> dict[str, Path]:
     """Return the meshes below a folder by their names in lower case."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # Path.is_dir raises for names that are too long
         raise FileFormatError(folder, "is not a folder")
     found: dict[str, Path] = {}
     for suffix in reversed(SUFFIXES):

@@ -29,7 +29,7 @@ from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_s
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import Way
-from pepper_kin.planners.vectors import whole_number
+from pepper_kin.planners.vectors import seed_number
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -140,7 +140,7 @@ def _planned(
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
     _check_gap(planner, gap)
-    seed = whole_number("seed", seed)
+    seed = seed_number(seed)
     margins = margin, checked_least(margin, least_margin)
     common: dict[str, Any] = {"joints": joints, "margin": margin, "least_margin": least_margin, "seed": seed}
     common |= {"timeout": timeout, "balance": balance, "payload": payload}

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.loads import loads_of
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_batch
 from pepper_kin.model.shapes import read_only
-from pepper_kin.trajectory.balance import WHEELS, balance_margin, support_polygon
+from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
 from pepper_kin.trajectory.frame_speeds import hand_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
@@ -88,12 +88,15 @@ def active_limits(
 
     Returns:
         Time, names and shares.
+
+    Raises:
+        InvalidValueError: for times that are not finite numbers, or an option that is not allowed.
     """
     step = examination_step(trajectory.duration)
-    time = sample_times(trajectory.duration, step) if t is None else np.atleast_1d(np.asarray(t, dtype=float))
+    time = sample_times(trajectory.duration, step) if t is None else as_batch(t, "t", ())
     q, v, a = trajectory(time)
     held = loads_of(pepper, scene, payload)
-    speeds = hand_speeds(pepper, hand_speed)
+    speeds, distance = hand_speeds(pepper, hand_speed), checked_balance(pepper, balance)
     columns = [
         *((f"velocity {name}", np.abs(v[:, j]) / pepper.velocity_limits[j]) for j, name in _joints(pepper)),
         *(
@@ -114,12 +117,10 @@ def active_limits(
     if jerk is not None:
         rate = np.abs(trajectory.jerk(time)) / jerk_limits(pepper, jerk)
         columns += [(f"jerk {name}", rate[:, j]) for j, name in _joints(pepper)]
-    if balance is not None:
-        polygon = support_polygon(pepper)
-        if polygon is None:
-            raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
-        margin = balance_margin(pepper, polygon, q, v, a, held) - balance
-        columns.append(("balance", 1.0 - margin / (_inner_radius(polygon) - balance)))
+    polygon = None if distance is None else support_polygon(pepper)
+    if distance is not None and polygon is not None:
+        margin = balance_margin(pepper, polygon, q, v, a, held) - distance
+        columns.append(("balance", 1.0 - margin / (_inner_radius(polygon) - distance)))
     table = np.stack([share for _, share in columns], axis=1)
     most = np.argmax(table, axis=1)
     names = np.array([name for name, _ in columns])[most]

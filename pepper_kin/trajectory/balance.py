@@ -9,7 +9,7 @@ from pepper_kin.collision.loads import load_wrench
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import as_real
+from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.shapes import read_only
 from pepper_kin.model.wheels import BASE_JOINTS
 
@@ -34,6 +34,9 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
 
 
+BALANCE_ALLOWED = "a finite distance of 0 or more [m], or None"
+
+
 def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
     """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
 
@@ -43,7 +46,7 @@ def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
     if balance is None:
         return None
     if not 0.0 <= as_real(balance) < np.inf:
-        raise InvalidValueError("balance", balance, "a finite distance of 0 or more [m], or None")
+        raise InvalidValueError("balance", shown(balance), BALANCE_ALLOWED)
     if support_polygon(pepper) is None:
         raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
     return float(balance)

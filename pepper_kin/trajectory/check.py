@@ -13,7 +13,8 @@ from pepper_kin.collision.loads import AtFrames, load_wrench, loads_of
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.model.joint_vectors import as_real, shown
+from pepper_kin.trajectory.balance import BALANCE_ALLOWED, balance_margin, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
@@ -88,6 +89,8 @@ def check(
     speeds = hand_speeds(pepper, hand_speed) + wheel_speeds(pepper)
     examined = _examined(pepper, trajectory, held)
     torque = dynamics.newton_euler(pepper, *examined.state, held)
+    if balance is not None and not 0.0 <= as_real(balance) < np.inf:
+        raise InvalidValueError("balance", shown(balance), BALANCE_ALLOWED)
     polygon = None if balance is None else support_polygon(pepper)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     wheels = wheel_limits(pepper)

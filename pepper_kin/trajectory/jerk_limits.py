@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_numbers, shown
 
 Array = NDArray[np.float64]
 
@@ -36,11 +37,11 @@ def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None 
             raise UnknownNameError("jerk limit", jerk, NAMED)
         jerk = NAMED[jerk]
     try:
-        value = np.asarray(jerk, dtype=float)
-    except (TypeError, ValueError):
+        value = as_numbers(jerk, "jerk")
+    except InvalidValueError:
         value = np.array(np.nan)
     if value.shape not in ((), (pepper.n,)) or not np.all(value > 0):
         allowed = f"a name, a factor above 0 [1/s], or {pepper.n} limits above 0"
-        raise InvalidValueError("jerk", repr(jerk), allowed)
+        raise InvalidValueError("jerk", shown(jerk), allowed)
     limits = pepper.acceleration_limits if acceleration is None else acceleration
     return np.array(value if value.ndim else value * limits)

@@ -71,7 +71,7 @@ class Rows:
             upper = np.where(gain > 0, (1 - rest) / gain, np.inf)
             lower = np.where((gain < 0) & ~self.one_sided, (-1 - rest) / gain, np.inf)
             jerk = np.abs(self.jerk[..., 0]) ** (-2 / 3)
-        bounds = [self.greatest.min(), upper.min(initial=np.inf), lower.min(initial=np.inf), jerk.min()]
+        bounds = [self.greatest.min(), *(part.min(initial=np.inf) for part in (upper, lower, jerk))]
         return max(float(min(bounds)) * (1 - 1e-9), 1e-6)
 
     def improved(self, y: Array, trust: float) -> Array | None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.joint_vectors import as_real, check_choice
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class Handle:
             InvalidValueError: for another kind, or a NaN.
         """
         check_choice("handle", self.kind, KINDS)
-        if not (np.isfinite(self.time) and np.isfinite(self.value)):
+        if not (math.isfinite(as_real(self.time)) and math.isfinite(as_real(self.value))):
             raise InvalidValueError("handle", (self.time, self.value), "finite numbers")
 
 
@@ -66,7 +67,7 @@ class Key:
         Raises:
             InvalidValueError: for a NaN, or a handle on the wrong side of its key.
         """
-        if not (np.isfinite(self.time) and np.isfinite(self.value)):
+        if not (math.isfinite(as_real(self.time)) and math.isfinite(as_real(self.value))):
             raise InvalidValueError("key", (self.time, self.value), "a finite time and a finite value")
         for side, handle, wrong in (
             ("before", self.before, self.before.time > 0),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.trajectory import State, Trajectory
@@ -338,8 +338,8 @@ def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
 
 def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
     """Return a joint vector, shape (n,), from one of this shape or one number for all joints."""
-    if np.ndim(value) == 0:
-        value = np.full(pepper.n, value)
+    if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and not value.ndim):
+        value = np.full(pepper.n, as_finite(value, quantity, ()))
     vector = as_joint_vectors(pepper, value, quantity)
     if vector.ndim != 1:
         raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({pepper.n},)")

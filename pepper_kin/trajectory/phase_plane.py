@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_whole
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 Array = NDArray[np.float64]
 
 _HALVINGS = 50
+MOST_POINTS = 10_000_000
 _SLOW = 1e-3  # of the greatest speed: below it the direction of the way is lost in rounding
 
 
@@ -67,9 +69,7 @@ def phase_plane(pepper: PepperModel, trajectory: Trajectory, points: int = 400) 
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
-    if isinstance(points, bool) or not isinstance(points, (int, np.integer)) or points < 2:
-        raise InvalidValueError("points", points, "a whole number of at least 2")
-    time = np.linspace(0.0, trajectory.duration, int(points))
+    time = np.linspace(0.0, trajectory.duration, check_whole("points", points, 2, MOST_POINTS))
     state = trajectory(time)
     speed = np.linalg.norm(state.velocity, axis=1)
     if speed.max() <= 0.0:

@@ -124,6 +124,8 @@ def retime(
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
     rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
+    if rate is not None and np.isinf(rate).all():
+        rate = None
     options = _checked(pepper, scales, balance, carried_along(pepper, path, scene, payload), hand_speed)
     curve = as_cubic_path(pepper, path)
     limits = _limits(pepper, greatest, options, _drives(pepper, curve.coefficients))

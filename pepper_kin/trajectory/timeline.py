@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,17 @@ Array = NDArray[np.float64]
 
 HANDS = ("LHand", "RHand")
 _CYCLE = 0.02  # [s] of NAOqi
+Part = TypeVar("Part")
 _SAME = 1e-9  # [s] knots of two joints that are nearer are one
+
+
+def _checked_parts(quantity: str, parts: Sequence[Part], kind: type[Part]) -> tuple[Part, ...]:
+    """Return keys or curves as a tuple; refuse anything else among them."""
+    found = tuple(parts)
+    for part in found:
+        if not isinstance(part, kind):
+            raise InvalidValueError(quantity, repr(part), f"a {kind.__name__}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -43,6 +54,7 @@ class JointCurve:
         Raises:
             InvalidValueError: naming the joint, for no key, or times that do not increase from 0 or later.
         """
+        object.__setattr__(self, "keys", _checked_parts(f"keys of {self.joint}", self.keys, Key))
         times = [key.time for key in self.keys]
         if not times or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
             raise InvalidValueError(
@@ -68,6 +80,7 @@ class Timeline:
         Raises:
             InvalidValueError: where a joint has two curves, there is none, or no time passes.
         """
+        object.__setattr__(self, "curves", _checked_parts(f"curves of {self.name}", self.curves, JointCurve))
         joints = [curve.joint for curve in self.curves]
         doubled = [joint for i, joint in enumerate(joints) if joint in joints[:i]]
         if doubled or not joints:

@@ -12,7 +12,7 @@ from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_tor
 from pepper_kin.core.simulation.rollout import Inputs
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_within_limits
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_whole, check_within_limits
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
@@ -20,7 +20,7 @@ from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, loads_of_all, mass_factors
 from pepper_kin.twin.batch_run import BatchRun, recorded_steps
 from pepper_kin.twin.command import Command, Delay
-from pepper_kin.twin.integrator import check_timestep, whole_number
+from pepper_kin.twin.integrator import check_timestep
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.simulator import Rollout, Simulator
 from pepper_kin.twin.state import diverged
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
+
+
+MOST_ROBOTS = 1_000_000
 
 
 class TwinBatch:
@@ -72,12 +75,12 @@ class TwinBatch:
         scene: Scene | None = None,
         substeps: int = 1,
     ) -> None:
-        self.pepper, self.count = pepper, whole_number("count", count)
+        self.pepper, self.count = pepper, check_whole("count", count, 1, MOST_ROBOTS)
         self.timestep = check_timestep(timestep)
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         check_joints(pepper, self.actuators)
-        self.substeps = whole_number("substeps", substeps)
+        self.substeps = check_whole("substeps", substeps)
         everyone = actuators_of_all(self.count, self.actuators, vary or {})
         table = actuator_table(pepper, everyone)
         self._actuators = ActuatorTable(*(x.reshape(self.count, pepper.n) for x in table))
@@ -222,7 +225,7 @@ class TwinBatch:
         """
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
-        whole_number("threads", threads)
+        check_whole("threads", threads)
         due = self._delay.through(command)
         if not due.feedforward.any():
             due = due._replace(feedforward=np.zeros((1, 1, self.pepper.n)))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.contact_solver import ADDRESSES
 from pepper_kin.core.simulation.contact_step import CALLBACK, WorldTables, no_world
 from pepper_kin.kernels.intrinsics import floats_at, words_at
@@ -160,3 +161,9 @@ def show_first(
             TwinState(time, series.position[k], series.velocity[k], series.torque[k], acceleration)
         )
         due = due_time(sensors, -math.inf)
+
+
+def scene_of(world: WorldHook | None) -> Scene | None:
+    """Return the scene of a world that has one."""
+    scene = getattr(world, "scene", None)
+    return scene if isinstance(scene, Scene) else None

@@ -324,14 +324,3 @@ def check_timestep(timestep: float) -> float:
     if checked > GREATEST_TIMESTEP:
         raise InvalidValueError("timestep", f"{timestep} s", f"a number in (0, {GREATEST_TIMESTEP}] s")
     return checked
-
-
-def whole_number(quantity: str, value: int) -> int:
-    """Return a number if it is an integer of at least 1.
-
-    Raises:
-        InvalidValueError: otherwise.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InvalidValueError(quantity, repr(value), "an integer of at least 1")
-    return int(value)

@@ -9,9 +9,13 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+MOST_STEPS = 10_000_000
+"""Most steps of one run."""
 
 
 class Reference(NamedTuple):
@@ -38,15 +42,20 @@ def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, times
         timestep: Of the twin [s].
 
     Raises:
-        InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
+        InvalidValueError: for other joints, a hold time that is not a finite number of at least 0, or more
+            than ten million steps.
     """
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
-    if not (np.isfinite(hold_time) and hold_time >= 0):
-        raise InvalidValueError("hold_time", hold_time, "a finite time of at least 0 s")
-    steps = int(np.ceil((trajectory.duration + hold_time) / timestep - 1e-9))
+    if not 0 <= as_real(hold_time) < np.inf:
+        raise InvalidValueError("hold_time", shown(hold_time), "a finite time of at least 0 s")
+    count = np.ceil((trajectory.duration + hold_time) / timestep - 1e-9)
+    if not count <= MOST_STEPS:
+        got = f"{trajectory.duration + hold_time:g} s in steps of {timestep:g} s"
+        raise InvalidValueError("duration and hold_time", got, f"at most {MOST_STEPS:,} steps")
+    steps = int(count)
     time: Array = timestep * np.arange(steps + 1, dtype=float)
     position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
     rest = int(np.searchsorted(time, trajectory.duration, side="right"))

@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_finite,
+    as_joint_vectors,
+    check_choice,
+    check_whole,
+    check_within_limits,
+)
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
@@ -21,8 +26,8 @@ from pepper_kin.twin.actuator_table import check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.contact_error import ContactError
-from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since, show_first
-from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined, whole_number
+from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_since, scene_of, show_first
+from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, run_real_time
 from pepper_kin.twin.reference import sampled
@@ -79,10 +84,10 @@ class Twin:
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         self.world, self.sensors = world, sensors
-        self.substeps = whole_number("substeps", substeps)
+        self.substeps = check_whole("substeps", substeps)
         self._timestep = check_timestep(timestep)
         check_joints(pepper, self.actuators)
-        self.loads = loads_of(pepper, _scene_of(world), payload)
+        self.loads = loads_of(pepper, scene_of(world), payload)
         self._integrator = Integrator(
             pepper,
             self._timestep / self.substeps,
@@ -451,9 +456,3 @@ class Twin:
         if array.ndim != 1:
             raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
         return array
-
-
-def _scene_of(world: WorldHook | None) -> Scene | None:
-    """Return the scene of a world that has one."""
-    scene = getattr(world, "scene", None)
-    return scene if isinstance(scene, Scene) else None

@@ -35,7 +35,7 @@ LEFT = pk.ik.HandPosition("left", POINT)
         ({"stand": (0, 0)}, InvalidValueError, "stand: got shape"),
         ({"stand": (0, np.nan, 0)}, InvalidValueError, "stand: got nan"),
         ({"stand": (5000, 0, 0)}, InvalidValueError, "stand: got .* expected a place within"),
-        ({"candidates": 0}, InvalidValueError, "candidates: got 0, expected a whole number of at least 1"),
+        ({"candidates": 0}, InvalidValueError, "candidates: got 0, expected an integer of at least 1"),
         ({"candidates": [(0, np.inf, 0)]}, InvalidValueError, "candidates: got inf"),
         ({"candidates": [(0, 0)]}, InvalidValueError, "candidates: got shape"),
         ({"keep": 0}, InvalidValueError, "keep: got 0"),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.collision.fast.solids import BOX, CLOUD, CYLINDER, HULL, Array, Solid
+from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_within_planes
 from pepper_kin.model.shapes import read_only
 
@@ -43,7 +43,7 @@ class BallCover(NamedTuple):
     inner: Array
 
 
-@lru_cache(maxsize=512)  # the solids of a robot are asked for some twenty times each
+@kept_within(MOST_BYTES / 4, bytes_of)  # the solids of a robot are asked for some twenty times each
 def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCover:
     """Cover a solid by balls.
 
@@ -97,7 +97,7 @@ def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
     return center, ball_around_balls(np.ascontiguousarray(points), radii, center)
 
 
-@lru_cache(maxsize=128)
+@kept_within(MOST_BYTES / 4, bytes_of)
 def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
     """Return centers, outer and inner radii of balls for the convex hull of points.
 

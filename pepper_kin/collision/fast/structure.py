@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,6 +20,7 @@ from pepper_kin.collision.bodies import (
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
 from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, simple_shape, solid_of
+from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
@@ -209,7 +210,7 @@ def _moving(
     )
 
 
-@lru_cache(maxsize=512)
+@kept_within(MOST_BYTES / 4, lambda solid, body: bytes_of(solid, body.geometry))
 def _solid_of_body(body: Body) -> Solid:
     """Return a body that moves as compiled code sees it, the robot's the same whatever it holds."""
     return solid_of(body.owner, body.geometry, body.joint, body.pose)
@@ -251,7 +252,7 @@ def ball_order(solid: Solid) -> tuple[bool, int]:
     return not solid.segment, len(ball_cover(solid).outer)
 
 
-@lru_cache(maxsize=512)
+@kept_within(MOST_BYTES / 4, bytes_of)
 def bounding_ball(solids: tuple[Solid, ...]) -> tuple[Array, float]:
     """Return center, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
     points, radii = [], []

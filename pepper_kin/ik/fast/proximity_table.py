@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.solids import HULL, OTHER, Solid
 from pepper_kin.collision.fast.structure import Structure, structure_of
+from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.core.inverse_kinematics.proximity import FULL, HEAD, SHAPE, place_still, sizes
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -83,7 +82,7 @@ def _pairs(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-@lru_cache(maxsize=64)
+@kept_within(MOST_BYTES / 4, bytes_of)
 def _shapes(solids: tuple[Solid, ...]) -> tuple[Array, Array]:
     """Return the rows of solids, shape (k, SHAPE), and the vertices of hulls, shape (v, 3)."""
     rows, vertices, place = np.zeros((len(solids), SHAPE)), [np.zeros((0, 3))], 0

@@ -18,6 +18,7 @@ from pepper_kin.ik.tasks.task import (
     words_for,
 )
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_numbers
 from pepper_kin.model.shapes import read_only
 
 UNBOUNDED = 1e300
@@ -182,9 +183,10 @@ def expression_of(
     if not callable(function):
         raise InvalidValueError(f"function of {label}", repr(function), allowed)
     q = casadi.SX.sym("q", pepper.n)
-    found = function(q)
-    parts = list(found) if isinstance(found, (list, tuple)) else [found]
+    found: Any = "an error:"
     try:
+        found = function(q)
+        parts = list(found) if isinstance(found, (list, tuple)) else [found]
         values = casadi.densify(casadi.vertcat(*[casadi.vec(casadi.SX(part)) for part in parts]))
         made = casadi.Function("expression", [q], [casadi.cse(values)], ["q"], ["values"])
     except (NotImplementedError, RuntimeError, TypeError) as error:
@@ -226,12 +228,8 @@ def _bounds(limits_like: ArrayLike | None, quantity: str, count: int, missing: f
     Raises:
         InvalidValueError: for another shape, NaN, or anything but numbers.
     """
-    try:
-        bounds = np.broadcast_to(
-            np.asarray(missing if limits_like is None else limits_like, dtype=float), (count,)
-        )
-    except (TypeError, ValueError):
-        raise InvalidValueError(quantity, repr(limits_like), f"one number or {count}") from None
-    if np.isnan(bounds).any():
-        raise InvalidValueError(quantity, limits_like, "numbers, infinite where there is no bound")
+    bounds = np.array(missing) if limits_like is None else as_numbers(limits_like, quantity)
+    if bounds.shape not in ((), (1,), (count,)):
+        raise InvalidValueError(quantity, f"shape {bounds.shape}", f"one number or {count}")
+    bounds = np.broadcast_to(bounds, (count,))
     return np.clip(bounds, -UNBOUNDED, UNBOUNDED)

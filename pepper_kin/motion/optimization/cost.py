@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -13,6 +14,7 @@ from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -48,8 +50,9 @@ class Cost:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, bool) or not (np.isfinite(value) and value >= 0):
-                raise InvalidValueError(f"weight of {item.name}", value, "a finite number of 0 or more")
+            if not 0 <= as_real(value) < math.inf:
+                weight = f"weight of {item.name}"
+                raise InvalidValueError(weight, shown(value), "a finite number of 0 or more")
         if self.time == 0 and self.jerk == 0 and self.effort == 0 and self.clearance == 0:
             raise InvalidValueError("weights", "0 for all", "at least one above 0")
 

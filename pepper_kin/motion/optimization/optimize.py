@@ -17,7 +17,7 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.joint_vectors import as_real, check_choice, check_positive, check_whole, shown
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
 from pepper_kin.motion.optimization.cost import Cost, figures_of
@@ -41,6 +41,8 @@ Array = NDArray[np.float64]
 
 SOLVERS = ("newton", "ipopt", FATROP)
 _LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with
+MOST_STARTS = 10_000
+MOST_INTERVALS = 1_000
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
 _STEP = 0.001  # [s], between the states at which the result is examined
@@ -96,7 +98,7 @@ def optimize(
         duration: Duration that the motion shall have [s]; by default it is free.
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
-        intervals: Pieces of the spline, at least 4; three times as many if these come too near.
+        intervals: Pieces of the spline, 4 to 1,000; three times as many if these come too near.
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: The same of acceleration limits.
         torque_scale: The same of effort limits.
@@ -122,9 +124,9 @@ def optimize(
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
     load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
-    begin = time.perf_counter()
-    wanted, seconds = _checked(margin, timeout, duration, solver, starts)
-    limits = _scaled(pepper, *(scales := (velocity_scale, acceleration_scale, torque_scale)), balance, held)
+    begin, scales = time.perf_counter(), _checked_scales(velocity_scale, acceleration_scale, torque_scale)
+    wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals)
+    limits = _scaled(pepper, *scales, balance, held)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints, held) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
@@ -252,14 +254,14 @@ def _jerk_limits(pepper: PepperModel, jerk: JerkLike, solver: str) -> Array:
 
 
 def _checked(
-    margin: float, timeout: float | None, duration: float | None, solver: str, starts: int
+    margin: float, timeout: float | None, duration: float | None, solver: str, starts: int, intervals: int
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
     check_choice("solver", solver, SOLVERS)
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InvalidValueError("starts", starts, "a whole number of at least 1")
+    if not 0 <= as_real(margin) < np.inf:
+        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
+    check_whole("starts", starts, 1, MOST_STARTS)
+    check_whole("intervals", intervals, 4, MOST_INTERVALS)
     if timeout is not None:
         check_positive("timeout", timeout, "s")
     if solver == FATROP:
@@ -268,6 +270,22 @@ def _checked(
     else:
         seconds = TIMEOUT if timeout is None else timeout
     return None if duration is None else check_positive("duration", duration, "s"), seconds
+
+
+def _checked_scales(velocity: float, acceleration: float, torque: float) -> tuple[float, float, float]:
+    """Return shares of velocity, acceleration and effort limits.
+
+    Raises:
+        InvalidValueError: for one that is not in (0, 1].
+    """
+    for name, share in (
+        ("velocity_scale", velocity),
+        ("acceleration_scale", acceleration),
+        ("torque_scale", torque),
+    ):
+        if check_positive(name, share) > 1.0:
+            raise InvalidValueError(name, share, "a number in (0, 1]")
+    return float(velocity), float(acceleration), float(torque)
 
 
 def _timed(
@@ -281,13 +299,6 @@ def _timed(
     scene: Scene | None = None,
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
-    for name, share in (
-        ("velocity_scale", velocity_scale),
-        ("acceleration_scale", acceleration_scale),
-        ("torque_scale", torque_scale),
-    ):
-        if check_positive(name, share) > 1.0:
-            raise InvalidValueError(name, share, "a number in (0, 1]")
     if isinstance(path, Trajectory):
         if path.joint_names != pepper.joint_names:
             raise InvalidValueError(

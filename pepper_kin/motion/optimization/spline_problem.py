@@ -14,6 +14,7 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_whole
 from pepper_kin.motion.optimization.balance_term import BalanceTerm
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.clearance_term import ClearanceTerm, clearance_rows, least_distance
@@ -42,6 +43,9 @@ Array = NDArray[np.float64]
 
 GENERAL_STEPS = 10
 """Steps that a general solver may take for each of Newton's."""
+
+MOST_INTERVALS = 3_000
+"""Most pieces of a spline."""
 
 _STILL = 1e-9  # [rad or m]; joints that move less do not move
 _FIT_SAMPLES = 12  # of the first motion, for each interval
@@ -111,7 +115,8 @@ class SplineProblem:
         all_joints: bool = False,
         jerk: Array | None = None,
     ) -> None:
-        path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * max(int(intervals), 4) + 1)).position
+        intervals = check_whole("intervals", intervals, 4, MOST_INTERVALS)
+        path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * intervals + 1)).position
         joints = np.flatnonzero(np.ptp(path, axis=0) > _STILL)
         if joints.size == 0:
             raise InvalidValueError("path", "a path of zero length", "start and goal that differ")

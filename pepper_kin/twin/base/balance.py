@@ -13,7 +13,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.joint_vectors import as_batch, as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
@@ -190,7 +190,11 @@ class BalanceMonitor:
             states.append(rows)
         wrench = base_wrench(self.pepper, *states)
         if external is not None:
-            checked = as_finite(external, "external", (6,) if np.ndim(external) == 1 else (len(times), 6))
+            checked = as_batch(external, "external", (6,))
+            if checked.shape not in ((6,), (len(times), 6)):
+                raise InvalidValueError(
+                    "external", f"shape {checked.shape}", f"shape (6,) or {(len(times), 6)}"
+                )
             wrench = wrench - checked
         point, distances, loads = self._support(wrench, states[0])
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive
 from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.base.odometry import arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
@@ -130,9 +129,7 @@ def world_velocity(twist: ArrayLike, yaw: float) -> Array:
     Raises:
         InvalidValueError: for a wrong shape, NaN or infinity.
     """
-    checked = as_finite(twist, "twist", (None,) * max(np.ndim(twist) - 1, 0) + (3,))
-    if not np.isfinite(yaw):
-        raise InvalidValueError("yaw", yaw, "a finite angle [rad]")
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    checked, angle = as_batch(twist, "twist", (3,)), as_finite(yaw, "yaw", ())
+    cos, sin = np.cos(angle), np.sin(angle)
     x, y, turning = checked[..., 0], checked[..., 1], checked[..., 2]
     return np.stack([cos * x - sin * y, sin * x + cos * y, turning], axis=-1)

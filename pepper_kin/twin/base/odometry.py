@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite, as_real
+from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, check_seed
 from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.base.omni_base import OmniBase
 
@@ -32,7 +32,7 @@ def arc_moved(pose: ArrayLike, arc: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for a wrong shape, NaN or infinity.
     """
-    start, step = _triples(pose, "pose"), _triples(arc, "arc")
+    start, step = as_batch(pose, "pose", (3,)), as_batch(arc, "arc", (3,))
     ratio, bend = _coefficients(step[..., 2])
     x = ratio * step[..., 0] - bend * step[..., 1]
     y = bend * step[..., 0] + ratio * step[..., 1]
@@ -60,7 +60,7 @@ def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
     Raises:
         InvalidValueError: for a wrong shape, NaN, infinity, or a full turn or more.
     """
-    first, last = _triples(start, "start"), _triples(end, "end")
+    first, last = as_batch(start, "start", (3,)), as_batch(end, "end", (3,))
     step = last - first
     angle = step[..., 2]
     if np.abs(angle).max(initial=0.0) > 2 * np.pi - 1e-6:
@@ -98,13 +98,17 @@ class Odometry:
         seed: int | np.random.Generator = 0,
     ) -> None:
         count = len(base.wheel_map)
-        error = as_finite(radius_error, "radius_error", () if np.ndim(radius_error) == 0 else (count,))
+        error = as_batch(radius_error, "radius_error", ())
+        if error.shape not in ((), (count,)):
+            raise InvalidValueError("radius_error", f"shape {error.shape}", f"shape () or ({count},)")
         if not 0 <= as_real(wheel_slip) < np.inf:
             raise InvalidValueError("wheel_slip", wheel_slip, "a finite number of at least 0 [rad]")
         self.base = base
         self._pose = read_only(as_finite(pose, "pose", (3,)))
         self._scale, self._wheel_slip = 1.0 + np.broadcast_to(error, count), float(wheel_slip)
-        self._random = np.random.default_rng(seed)
+        self._random = (
+            seed if isinstance(seed, np.random.Generator) else np.random.default_rng(check_seed(seed))
+        )
 
     @property
     def pose(self) -> Array:
@@ -137,8 +141,3 @@ def _coefficients(angle: Array) -> tuple[Array, Array]:
     # 1 - cos w = 2 sin^2(w/2) keeps its digits
     bend = np.where(small, angle / 2.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe)
     return ratio, bend
-
-
-def _triples(value: ArrayLike, quantity: str) -> Array:
-    """Return finite triples x, y [m], yaw [rad], shape (..., 3), by the name of a quantity."""
-    return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (3,))

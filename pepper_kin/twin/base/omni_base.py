@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_batch
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
@@ -109,4 +109,4 @@ class OmniBase:
 
 def _rows(value: ArrayLike, quantity: str, length: int) -> Array:
     """Return finite numbers, shape (..., length), by the name of a quantity."""
-    return as_finite(value, quantity, (None,) * max(np.ndim(value) - 1, 0) + (length,))
+    return as_batch(value, quantity, (length,))

@@ -13,7 +13,14 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.joint_vectors import (
+    as_finite,
+    as_joint_vectors,
+    as_real,
+    check_positive,
+    check_whole,
+    shown,
+)
 from pepper_kin.model.shapes import read_only
 from pepper_kin.status import ResultStatus
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
@@ -84,8 +91,12 @@ def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, e
         report: Balance over the motion, by `monitor.assess`.
         q: The same joint positions [rad or m], shape (T, n).
         edge: Number of the edge, from wheel `edge` to the next.
+
+    Raises:
+        InvalidValueError: for joint positions of another shape than the report's, or an unknown edge.
     """
-    rows = np.asarray(q, dtype=float)
+    rows = _checked_states(monitor, report, q)
+    edge = check_whole("edge", edge, 0, len(monitor.contacts) - 1)
     return _edge_moments(monitor, report, rows, _whole_body(monitor.pepper, monitor.base_frame, rows), edge)
 
 
@@ -158,11 +169,10 @@ def simulate_tipping(
         InvalidValueError: for a series of other length or of one state, an edge that there is not, or numbers
             out of range.
     """
-    _check(monitor, report, q, start, restitution)
+    rows = _checked(monitor, report, q, start, restitution)
     check_positive("fallen_at", fallen_at, "rad")
     check_positive("substep", substep, "s")
     time, count = report.time, len(report.time)
-    rows = np.asarray(q, dtype=float)
     body = _whole_body(monitor.pepper, monitor.base_frame, rows)
     moments = [_edge_moments(monitor, report, rows, body, k) for k in range(len(monitor.contacts))]
     angle, rate, edge = np.zeros(count), np.zeros(count), np.full(count, -1, dtype=np.int64)
@@ -267,14 +277,14 @@ def _whole_body(pepper: PepperModel, base_frame: str, q: Array) -> tuple[Array, 
     return center, inertia
 
 
-def _check(
+def _checked(
     monitor: BalanceMonitor,
     report: BalanceReport,
     q: ArrayLike,
     start: tuple[int, float, float] | None,
     restitution: float,
-) -> None:
-    """Refuse arguments of `simulate_tipping` that are not allowed.
+) -> Array:
+    """Return joint positions; refuse arguments of `simulate_tipping` that are not allowed.
 
     Args:
         monitor: The robot and its wheels.
@@ -283,13 +293,27 @@ def _check(
         start: Edge, tilt [rad] and rate [rad/s] at the beginning.
         restitution: Share of the rate kept.
     """
-    shape = (len(report.time), monitor.pepper.n)
-    if np.shape(q) != shape or shape[0] < 2:
-        raise InvalidValueError("q", f"shape {np.shape(q)}", f"shape {shape}, two states or more")
-    if not 0 <= restitution < 1:
+    rows = _checked_states(monitor, report, q)
+    if len(rows) < 2:
+        raise InvalidValueError("q", f"shape {rows.shape}", "two states or more")
+    if not 0 <= as_real(restitution) < 1:
         raise InvalidValueError("restitution", restitution, "a number from 0 to less than 1")
+    if start is None:
+        return rows
     edges = len(monitor.contacts)
-    if start is not None and not (
-        start[0] in range(edges) and start[1] >= 0 and np.isfinite(start[1:]).all()
-    ):
-        raise InvalidValueError("start", start, f"an edge from 0 to {edges - 1}, a tilt of 0 or more, a rate")
+    try:
+        edge, tilt, _ = as_finite(start, "start", (3,))
+    except InvalidValueError:
+        edge, tilt = -1.0, 0.0
+    if edge not in range(edges) or tilt < 0:
+        allowed = f"an edge from 0 to {edges - 1}, a tilt of 0 or more, a rate"
+        raise InvalidValueError("start", shown(start), allowed)
+    return rows
+
+
+def _checked_states(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike) -> Array:
+    """Return the joint positions of a report [rad or m], shape (T, n)."""
+    rows, shape = as_joint_vectors(monitor.pepper, q, "q"), (len(report.time), monitor.pepper.n)
+    if rows.shape != shape:
+        raise InvalidValueError("q", f"shape {rows.shape}", f"shape {shape}, as the report")
+    return rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -11,15 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_real, check_positive, check_whole
 from pepper_kin.twin.sensors.robot_rays import RobotRays
 from pepper_kin.twin.sensors.specification import sensor_specifications
 
 Array = NDArray[np.float64]
 
+MOST_PIXELS = 10_000
+"""Most columns, or rows, of an image."""
 LIGHT = np.array([0.35, 0.45, 0.82])
 """Direction to the light, in the world; of any length."""
 _AMBIENT, _DIFFUSE, _FRONTAL = 0.40, 0.45, 0.15
@@ -34,8 +37,8 @@ class Intrinsics:
     and row fy y / z + cy; pixel centers have whole numbers.
 
     Attributes:
-        width: Columns.
-        height: Rows.
+        width: Columns, 1 to 10,000.
+        height: Rows, 1 to 10,000.
         fx: [pixels].
         fy: [pixels].
         cx: [pixels].
@@ -58,6 +61,20 @@ class Intrinsics:
     p1: float = 0.0
     p2: float = 0.0
     k3: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidValueError: for pixels that are not a whole number above 0, or a number that is not finite.
+        """
+        for name in ("width", "height"):
+            check_whole(name, getattr(self, name), 1, MOST_PIXELS)
+        for name in ("fx", "fy"):
+            check_positive(name, getattr(self, name), "[pixels]")
+        for name in ("cx", "cy", "k1", "k2", "p1", "p2", "k3"):
+            if not math.isfinite(as_real(getattr(self, name))):
+                raise InvalidValueError(name, getattr(self, name), "a finite number")
 
     def distorted(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return where the lens puts points of the plane z = 1 (Brown, Decentering distortion, 1966).

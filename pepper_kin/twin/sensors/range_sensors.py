@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_numbers
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
 from pepper_kin.twin.sensors.sensor import LinearSensor
@@ -142,7 +142,7 @@ def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left
         Ranges [m], shape (61,).
 
     Raises:
-        InvalidValueError: for another number of beams.
+        InvalidValueError: for another number of beams, or NaN.
     """
     from pepper_kin.twin.sensors.specification import sensor_specifications
 
@@ -150,9 +150,7 @@ def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left
     base = frame_pose(pepper, pepper.neutral(), "base_footprint")
     for name, measured in (("laser_right", right), ("laser_front", front), ("laser_left", left)):
         specification = sensor_specifications()[name]
-        ranges = np.asarray(measured, dtype=float)
-        if ranges.shape != (specification.beams,):
-            raise InvalidValueError(name, f"shape {ranges.shape}", f"shape ({specification.beams},)")
+        ranges = as_numbers(measured, name, (specification.beams,))
         half = specification.field_of_view / 2
         angles = np.linspace(-half, half, specification.beams)
         pose = np.linalg.inv(base) @ frame_pose(pepper, pepper.neutral(), specification.frame)

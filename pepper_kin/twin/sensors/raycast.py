@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
+from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.mesh_file import file_state, read_mesh
 from pepper_kin.collision.solids import SceneGeometry, padding
 from pepper_kin.core.ray_casting import (
@@ -31,7 +31,7 @@ from pepper_kin.core.ray_casting import (
 )
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_batch, as_finite, as_numbers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -106,7 +106,7 @@ class RayCaster:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
         count = len(self)
-        pose = as_finite(np.reshape(poses, (0, 4, 4)) if not count else poses, "poses", (count, 4, 4))
+        pose = as_finite(poses, "poses", (count, 4, 4)) if count or np.size(poses) else np.empty((0, 4, 4))
         self.place_checked(pose)
 
     def place_checked(self, poses: Array) -> None:
@@ -185,9 +185,9 @@ def rays_of(origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.i
         directions: Directions of any length but 0, shape (..., 3); broadcast against the origins.
         maximum: Nothing beyond this distance counts [m], one number or one for each ray, shape (...).
     """
-    start = as_finite(origins, "origins", (None,) * (np.ndim(origins) - 1) + (3,))
-    aim = as_finite(directions, "directions", (None,) * (np.ndim(directions) - 1) + (3,))
-    most = np.asarray(maximum, dtype=float)
+    start = as_batch(origins, "origins", (3,))
+    aim = as_batch(directions, "directions", (3,))
+    most = as_numbers(maximum, "maximum")
     if not (most >= 0).all():
         raise InvalidValueError("maximum", most.min(), "distances of at least 0 [m]")
     # A huge vector's square would overflow; scaled by its greatest component it cannot.
@@ -270,7 +270,7 @@ def _tree(geometry: SceneGeometry | Mesh) -> _Tree:
     return _kept_tree(geometry, file_state(geometry.path) if isinstance(geometry, Mesh) else ())
 
 
-@lru_cache(maxsize=256)
+@kept_within(MOST_BYTES, bytes_of)
 def _kept_tree(
     geometry: Mesh | ConvexMesh | TriangleMesh | PointCloud, state: tuple[str | int, ...]
 ) -> _Tree:
