@@ -7,10 +7,9 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.collision import checker_for
+from pepper_kin.collision import checker_for, loads_of
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.static_limits import TORQUE_SHARE, StaticLimits
-from pepper_kin.trajectory.payload import at_frames
 
 PEPPER = pk.load_pepper()
 STANDING = PEPPER.joint_vector({"RShoulderPitch": 1.0, "RShoulderRoll": -0.5, "RElbowRoll": 0.2})
@@ -72,8 +71,8 @@ def expected(ends: np.ndarray, margin: float, carried: float) -> tuple[float, fl
 
 @pytest.mark.parametrize("carried", [0.0, CARRIED])
 def test_ends_are_sound_where_coal_and_torques_say_so(carried: float) -> None:
-    payload = at_frames(PEPPER, "payload", {"l_gripper": carried}, "kg") if carried else ()
-    checks = Checks(PEPPER, SCENE, StaticLimits(PEPPER, payload=payload))
+    payload = loads_of(PEPPER, None, {"l_gripper": carried} if carried else None)
+    checks = Checks(PEPPER, SCENE, StaticLimits(PEPPER, carrying=payload))
     visited = {"refused": 0, "whole": 0, "less": 0, "not held": 0}
     for seed in range(150):
         ends = ends_of(seed, 1 + seed % 3)

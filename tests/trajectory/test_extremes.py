@@ -5,11 +5,12 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.collision import load_torque
+from pepper_kin.dynamics.load import Load
 from pepper_kin.trajectory import Trajectory, find_limit_violations
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.jerk_limits import jerk_limits
-from pepper_kin.trajectory.payload import payload_torque
 
 
 def random_points(pepper, seed, count=5):
@@ -114,7 +115,7 @@ def test_bounds_hold_where_motion_is_violent(pepper):
         state = trajectory.at_segments(np.full(local.size, segment), local)
         torque = np.abs(
             pk.dynamics.inverse_dynamics(pepper, *state)
-            + payload_torque(pepper, (("LArm_effector", 0.4),), *state)
+            + load_torque(pepper, (Load("LArm_effector", 0.4),), *state)
         )
         assert np.all(torque.max(axis=0) <= np.abs(found.torque.value) + found.torque.resolution + 1e-9)
         velocity = pk.kinematics.frame_velocity(pepper, *state[:2], "LArm_effector")

@@ -9,10 +9,11 @@ import pinocchio as pin
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.collision import load_torque, load_wrench
+from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, support_polygon
-from pepper_kin.trajectory.payload import payload_torque, payload_wrench
 
 HANDS = {"left": 0.8, "right": 0.8}
 SETS = {
@@ -109,7 +110,7 @@ def test_payload_torques_are_those_of_a_heavier_robot(pepper, count):
         pin.rnea(heavy, data, *state) - pin.rnea(pepper.pinocchio_model, light, *state)
         for state in zip(q, v, a, strict=True)
     ]
-    found = payload_torque(pepper, (("RArm_effector", 0.7),), q, v, a)
+    found = load_torque(pepper, (Load("RArm_effector", 0.7),), q, v, a)
     np.testing.assert_allclose(found, expected, atol=1e-10)
 
 
@@ -117,7 +118,7 @@ def test_payload_wrench_is_weight_and_inertia_at_its_place(pepper):
     q = pepper.posture("Stand")[None]
     still = np.zeros_like(q)
     place = pk.kinematics.frame_pose(pepper, q[0], "LArm_effector")[:3, 3]
-    wrench = payload_wrench(pepper, (("LArm_effector", 2.0),), q, still, still)[0]
+    wrench = load_wrench(pepper, (Load("LArm_effector", 2.0),), q, still, still)[0]
     np.testing.assert_allclose(wrench[:3], [0, 0, 2 * 9.81], atol=1e-12)
     np.testing.assert_allclose(wrench[3:], np.cross(place, wrench[:3]), atol=1e-12)
 
