@@ -33,6 +33,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_18": motions.draw_18_soft_costs,
     "example_19": motions.draw_19_smooth_plan,
     "example_20": motions.draw_20_naoqi_script,
+    "example_21": motions.draw_21_ros_client,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "visual": pages.draw_visual,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin import cli_check, cli_naoqi, cli_show
+from pepper_kin import cli_check, cli_naoqi, cli_ros, cli_show
 from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli_terminal import (
     FAILED,
@@ -50,6 +50,7 @@ app = typer.Typer(
 
 app.add_typer(cli_check.app, name="check")
 app.add_typer(cli_naoqi.app, name="naoqi")
+app.command()(cli_ros.ros)
 app.add_typer(cli_show.app)
 
 Point = tuple[float, float, float]

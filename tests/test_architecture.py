@@ -18,6 +18,8 @@ ORDER = (
     "atomic_file",
     "file_reading",
     "numpy_archive",
+    "server_access",
+    "ros_messages",
     "model",
     "symbolic",
     "kernels",
@@ -34,6 +36,7 @@ ORDER = (
     "motion",
     "twin",
     "naoqi",
+    "ros",
     "jobs",
     "viewer",
     "body_page",
@@ -41,6 +44,7 @@ ORDER = (
     "cli_terminal",
     "cli_check",
     "cli_naoqi",
+    "cli_ros",
     "cli_show",
     "cli",
 )
@@ -57,6 +61,7 @@ ONLY = {
     "atomic_file": {"exceptions"},
     "file_reading": {"exceptions", "atomic_file"},
     "numpy_archive": {"exceptions", "atomic_file", "file_reading"},
+    "ros_messages": {"exceptions", "atomic_file", "file_reading"},
 }
 """All that these packages may import; they are independent of the robot."""
 
@@ -121,7 +126,7 @@ def test_imports_point_one_way(path):
         assert (package, other) not in APART, f"{package} and {other} are kept apart"
 
 
-APPLICATIONS = ("viewer", "body_page", "cli", "cli_naoqi", "cli_show", "__init__")
+APPLICATIONS = ("viewer", "body_page", "cli", "cli_naoqi", "cli_ros", "cli_show", "__init__")
 
 
 def test_only_the_command_line_imports_the_viewer():

@@ -14,6 +14,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, did_you_mean, shortened
+from pepper_kin.ros import RobotClient
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = {"balance", "candidates", "margin", "payload", "restarts", "seed", "starts", "timeout"}
@@ -85,6 +86,7 @@ FUNCTIONS = {
     "pepper_kin.planners.optimization.descend": planners.optimization.descend,
     "pepper_kin.planners.optimization.effort": planners.optimization.minimum_effort,
     "pepper_kin.planners.result": planners.rrt_connect,
+    "pepper_kin.ros.client": RobotClient.follow,
     "pepper_kin.servo.state": pk.servo.Servo,
     "pepper_kin.twin.base.tipping": pk.twin.base.simulate_tipping,
     "pepper_kin.twin.run": pk.twin.Twin.execute,

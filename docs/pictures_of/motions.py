@@ -248,3 +248,26 @@ def draw_20_naoqi_script() -> None:
         if row == 2:
             plot.set_xlabel("s", labelpad=0)
     sheet.save("example_20.png")
+
+
+def draw_21_ros_client() -> None:
+    """Commanded and measured angles of the left arm while a client's motion is followed."""
+    example = variables_of("21")
+    run, names = example["run"], ("LShoulderPitch", "LElbowYaw", "LElbowRoll")
+    rows = [run.joint_names.index(name) for name in names]
+    moves = np.flatnonzero(np.abs(np.diff(run.reference_position[:, rows], axis=0)).max(axis=1) > 1e-9)
+    shown = slice(max(moves[0] - 10, 0), moves[-1] + 25)
+    time = run.time[shown] - run.time[moves[0]]
+    sheet = Sheet()
+    for row, (name, joint) in enumerate(zip(names, rows, strict=True)):
+        plot = sheet.axes(72, 36 + 148 * row, 710, 105)
+        commanded, measured = run.reference_position[shown, joint], run.position[shown, joint]
+        plot.plot(time, commanded, color=COLORS["gray"], label="commanded", lw=3)
+        plot.plot(time, measured, color=COLORS["orange"], label="measured")
+        plot.set(xlim=(time[0], time[-1]))
+        plot.set_title(f"{name} [rad]", fontsize=10, loc="left")
+        if row == 0:
+            plot.legend(frameon=False, fontsize=9, loc="upper right")
+        if row == 2:
+            plot.set_xlabel("s", labelpad=0)
+    sheet.save("example_21.png")

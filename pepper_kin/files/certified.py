@@ -17,6 +17,8 @@ def refuse_unsafe(
     scene: Any | None,
     payload: Mapping[str, float] | None,
     unchecked: bool,
+    *,
+    advice: str = ", or unchecked=True",
 ) -> None:
     """Refuse a motion that fails its certificate.
 
@@ -26,6 +28,7 @@ def refuse_unsafe(
         scene: The `pepper_kin.collision.Scene` around it; None for the robot against itself only.
         payload: Point masses held, as `pepper_kin.trajectory.check` takes them.
         unchecked: Whether to let anything pass.
+        advice: What else the caller may do, for the message.
 
     Raises:
         InvalidValueError: with what fails, and by how much; or for joints of no robot that is known.
@@ -43,7 +46,7 @@ def refuse_unsafe(
         raise InvalidValueError(
             "trajectory",
             f"one that fails {', '.join(certificate.failures)}",
-            f"one that passes check(), or unchecked=True; {first}",
+            f"one that passes check(){advice}; {first}",
         )
 
 

@@ -13,12 +13,18 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from pepper_kin.viewer.server.access import Access
+    from pepper_kin.server_access import Access
     from pepper_kin.viewer.server.server import DEFAULT_PORT, ViewerServer
     from pepper_kin.viewer.server.serving import serve
 
 __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
 
 __getattr__, __dir__ = lazily(
-    __name__, {"Access": "access", "serve": "serving", "DEFAULT_PORT": "server", "ViewerServer": "server"}
+    __name__,
+    {
+        "Access": "pepper_kin.server_access",
+        "serve": "serving",
+        "DEFAULT_PORT": "server",
+        "ViewerServer": "server",
+    },
 )

@@ -14,7 +14,7 @@ import tornado.web
 import tornado.websocket
 
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.viewer.server.access import Access
+from pepper_kin.server_access import Access
 from pepper_kin.viewer.server.body_poses import drawing_message
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.page_text import content_policy, page_text

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.viewer.server.access import Access
+from pepper_kin.server_access import Access
 from pepper_kin.viewer.server.hub import Hub
 from pepper_kin.viewer.server.protocol import LONGEST_TEXT
 from pepper_kin.viewer.server.session import Session

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 
 from pepper_kin.exceptions import InvalidValueError
 
+RISK = "others could move the robot's picture, plan on this machine, and see what is shown"
 LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = ("localhost",)
 _ANY = ("0.0.0.0", "::")
@@ -33,13 +34,14 @@ class Access:
     token: str | None = None
 
     @classmethod
-    def of(cls, host: str, allow_remote: bool, token: str | None = None) -> Access:
+    def of(cls, host: str, allow_remote: bool, token: str | None = None, risk: str = RISK) -> Access:
         """Return the rules of a server on a host.
 
         Args:
             host: A name or address of this machine.
             allow_remote: Whether it may be one that other machines reach.
             token: The token; None draws one where others can reach the server, and leaves it out elsewhere.
+            risk: What a host that others reach means, for the refusal.
 
         Raises:
             InvalidValueError: for a host beyond loopback that was not allowed, or a token that is too short
@@ -53,8 +55,7 @@ class Access:
             raise InvalidValueError(
                 "host",
                 repr(host),
-                "a loopback address, or --allow-remote as well: others could move the robot's picture, plan "
-                "on this machine, and see what is shown",
+                f"a loopback address, or --allow-remote as well: {risk}",
             )
         return cls(host, token or secrets.token_hex(16))
 

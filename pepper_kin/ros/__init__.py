@@ -1,0 +1,70 @@
+"""ROS 2 without ROS: transports that carry messages to other programs.
+
+RobotNode                                 a simulated Pepper as a node, over any transport
+RobotClient, FollowResult, FollowStatus   certified motions on any robot with `follow_joint_trajectory`
+LocalTransport                            within this program
+RosbridgeServer, RosbridgeClient          JSON over web sockets
+Transport                                 interface that all transports share
+Publisher, ActionServer, ServerGoal, GoalHandle, GoalResult, GoalStatus   what it takes and returns
+QoS, RELIABLE, SENSOR_DATA, LATCHED, TRANSFORMS, CLOCK   quality of service
+TransportError                            what a transport cannot do
+"""
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+from pepper_kin.ros.errors import TransportError
+from pepper_kin.ros.qos import CLOCK, LATCHED, RELIABLE, SENSOR_DATA, TRANSFORMS, QoS
+from pepper_kin.ros.transport import (
+    ActionServer,
+    GoalHandle,
+    GoalResult,
+    GoalStatus,
+    Publisher,
+    ServerGoal,
+    Transport,
+)
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.client import FollowResult, FollowStatus, RobotClient
+    from pepper_kin.ros.node import RobotNode
+    from pepper_kin.ros.transports.local import LocalTransport
+    from pepper_kin.ros.transports.rosbridge import RosbridgeServer
+    from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
+
+__all__ = [
+    "CLOCK",
+    "LATCHED",
+    "RELIABLE",
+    "SENSOR_DATA",
+    "TRANSFORMS",
+    "ActionServer",
+    "FollowResult",
+    "FollowStatus",
+    "GoalHandle",
+    "GoalResult",
+    "GoalStatus",
+    "LocalTransport",
+    "Publisher",
+    "QoS",
+    "RobotClient",
+    "RobotNode",
+    "RosbridgeClient",
+    "RosbridgeServer",
+    "ServerGoal",
+    "Transport",
+    "TransportError",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "FollowResult": "client",
+        "FollowStatus": "client",
+        "RobotClient": "client",
+        "RobotNode": "node",
+        "LocalTransport": "transports.local",
+        "RosbridgeServer": "transports.rosbridge",
+        "RosbridgeClient": "transports.rosbridge_client",
+    },
+)

@@ -1,0 +1,282 @@
+"""Messages JointTrajectory as trajectories: checked, and interpolated as ros2_control does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.core.splines import quintic_hermite
+from pepper_kin.exceptions import PepperKinError, shortened
+from pepper_kin.ros.message_parts import duration_message
+from pepper_kin.ros_messages import message_type
+from pepper_kin.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+STANDING = 1e-3
+"""A last velocity up to this counts as rest [rad/s]."""
+
+LIMIT_SLACK = 1e-4
+"""Positions may be outside of the limits by this, for rounding [rad]."""
+
+MOST_POINTS = 100_000
+"""Points of a message that are accepted."""
+
+
+class ErrorCode(IntEnum):
+    """Result codes of control_msgs/action/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class TrajectoryRefusedError(PepperKinError):
+    """A trajectory that is not followed.
+
+    Attributes:
+        code: Why, as action results state it.
+        reason: Why, in words with names and numbers.
+    """
+
+    def __init__(self, code: ErrorCode, reason: str) -> None:
+        self.code, self.reason = code, reason
+        super().__init__(reason)
+
+
+class StartState(NamedTuple):
+    """What is commanded where a trajectory takes over, each of shape (n,) in the order of its joints.
+
+    Attributes:
+        position: [rad or m].
+        velocity: [rad/s or m/s].
+        lower: Lower limits of position [rad or m].
+        upper: Upper limits of position [rad or m].
+    """
+
+    position: Array
+    velocity: Array
+    lower: Array
+    upper: Array
+
+
+def seconds(stamp: Any) -> float:
+    """Return a Time or a Duration message in seconds."""
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def check_joints(names: Sequence[str], allowed: Sequence[str], controller: str) -> None:
+    """Refuse joints that a controller does not have, or that occur twice.
+
+    Raises:
+        TrajectoryRefusedError: with the code INVALID_JOINTS, naming them.
+    """
+    unknown = [name for name in names if name not in allowed]
+    twice = [name for name in dict.fromkeys(names) if list(names).count(name) > 1]
+    if names and not unknown and not twice:
+        return
+    what = "it has no joint names"
+    if unknown:
+        what = f"it has no joint {', '.join(shortened(repr(name)) for name in unknown[:5])}"
+    elif twice:
+        what = f"{twice[0]!r} occurs twice"
+    raise TrajectoryRefusedError(
+        ErrorCode.INVALID_JOINTS, f"{controller}: {what}; its joints are {', '.join(allowed)}"
+    )
+
+
+def trajectory_of(message: Any, start: StartState) -> Trajectory:
+    """Return the trajectory of a message, from where the joints are now.
+
+    Between two points it is of degree 5 where both have velocities and accelerations, of degree 3 where
+    both have velocities, and otherwise a line: as the JointTrajectoryController of ros2_control
+    interpolates.  It begins at time 0 with the state that is commanded now; a first point at time 0 is passed
+    over where others follow.
+
+    Args:
+        message: `trajectory_msgs/msg/JointTrajectory` whose joints are checked.
+        start: Of its joints, in their order.
+
+    Raises:
+        TrajectoryRefusedError: with the code INVALID_GOAL, naming point, joint and what is wrong.
+    """
+    names = tuple(str(name) for name in message.joint_names)
+    points = list(message.points)
+    if not points:
+        raise _invalid("it has no points")
+    if len(points) > MOST_POINTS:
+        raise _invalid(f"it has {len(points)} points, at most {MOST_POINTS} are allowed")
+    times = np.array([seconds(point.time_from_start) for point in points])
+    if times[0] < 0 or np.any(np.diff(times) <= 0):
+        late = int(np.argmax(np.diff(times, prepend=-1e-12) <= 0))
+        raise _invalid(f"point {late} at {times[late]:g} s does not come after the one before")
+    position = _table(points, "positions", names, required=True)
+    velocity = _table(points, "velocities", names)
+    acceleration = _table(points, "accelerations", names)
+    assert position is not None
+    if any(len(point.effort) for point in points):
+        raise _invalid("its points have efforts; positions are controlled")
+    _check_limits(names, position, start)
+    if velocity is not None and np.abs(velocity[-1]).max() > STANDING:
+        k = int(np.argmax(np.abs(velocity[-1])))
+        raise _invalid(f"the velocity of {names[k]} at the last point is {velocity[-1, k]:g} rad/s, not 0")
+    return _segments(names, times, (position, velocity, acceleration), start)
+
+
+def _segments(
+    names: tuple[str, ...],
+    times: Array,
+    points: tuple[Array, Array | None, Array | None],
+    start: StartState,
+) -> Trajectory:
+    """Return the polynomials through points; times [s], shape (T,)."""
+    position, velocity, acceleration = points
+    if times[0] == 0.0 and len(times) > 1:  # where the robot should be now, beside where it is
+        times, position = times[1:], position[1:]
+        velocity = None if velocity is None else velocity[1:]
+        acceleration = None if acceleration is None else acceleration[1:]
+    elif times[0] == 0.0:  # as soon as the limits allow
+        times = np.array([1e-3])
+    step = np.diff(times, prepend=0.0)
+    place = np.vstack([start.position, position])
+    m, n = len(times), len(names)
+    coefficients = np.zeros((m, 6, n))
+    if velocity is not None and acceleration is not None:
+        slope = np.vstack([start.velocity, velocity])
+        bend = np.vstack([np.zeros(n), acceleration])
+        coefficients = quintic_hermite(step, place, slope, bend)
+    elif velocity is not None:
+        slope, h = np.vstack([start.velocity, velocity]), step[:, None]
+        mean = np.diff(place, axis=0) / h
+        coefficients[:, 0], coefficients[:, 1] = place[:-1], slope[:-1]
+        coefficients[:, 2] = (3 * mean - 2 * slope[:-1] - slope[1:]) / h
+        coefficients[:, 3] = (slope[:-1] + slope[1:] - 2 * mean) / h**2
+    else:
+        coefficients[:, 0], coefficients[:, 1] = place[:-1], np.diff(place, axis=0) / step[:, None]
+    if not np.isfinite(coefficients).all():
+        raise _invalid("its points are so near in time that no finite speeds lie between them")
+    return Trajectory(names, np.concatenate([[0.0], times]), coefficients)
+
+
+def _table(points: list[Any], field: str, names: tuple[str, ...], required: bool = False) -> Array | None:
+    """Return a field of all points, shape (T, n), or None where it is empty throughout."""
+    rows = [getattr(point, field) for point in points]
+    lengths = {len(row) for row in rows}
+    if lengths == {0} and not required:
+        return None
+    wrong = next((i for i, row in enumerate(rows) if len(row) != len(names)), None)
+    if wrong is not None:
+        raise _invalid(f"point {wrong} has {len(rows[wrong])} {field} for {len(names)} joints")
+    table = np.array(rows, dtype=float)
+    if not np.isfinite(table).all():
+        i, k = (int(x) for x in np.argwhere(~np.isfinite(table))[0])
+        raise _invalid(f"point {i}: {field} of {names[k]} is {table[i, k]}")
+    return table
+
+
+def _check_limits(names: tuple[str, ...], position: Array, start: StartState) -> None:
+    """Refuse positions [rad or m], shape (T, n), outside of the limits."""
+    outside = (position < start.lower - LIMIT_SLACK) | (position > start.upper + LIMIT_SLACK)
+    if outside.any():
+        i, k = (int(x) for x in np.argwhere(outside)[0])
+        raise _invalid(
+            f"point {i}: {names[k]} at {position[i, k]:g} is outside of its limits "
+            f"{start.lower[k]:g} ... {start.upper[k]:g} rad"
+        )
+
+
+def _invalid(reason: str) -> TrajectoryRefusedError:
+    return TrajectoryRefusedError(ErrorCode.INVALID_GOAL, reason)
+
+
+class Tolerance(NamedTuple):
+    """How far joints may be from what is wanted; infinity for any distance.
+
+    Attributes:
+        position: [rad or m], shape (n,).
+        velocity: [rad/s or m/s], shape (n,).
+    """
+
+    position: Array
+    velocity: Array
+
+    def violated(self, names: Sequence[str], error: Array, rate: Array) -> str:
+        """Return which joint violates it and by how much; "" where none does.
+
+        Args:
+            names: Joints.
+            error: Of the positions [rad or m], shape (n,).
+            rate: Of the velocities [rad/s or m/s], shape (n,).
+        """
+        for quantity, value, most, unit in (
+            ("position", error, self.position, "rad"),
+            ("velocity", rate, self.velocity, "rad/s"),
+        ):
+            over = np.abs(value) - most
+            k = int(np.argmax(over))
+            if over[k] > 0.0:
+                return (
+                    f"{quantity} error of {names[k]} is {abs(float(value[k])):.4f} {unit}, "
+                    f"its tolerance {float(most[k]):g} {unit}"
+                )
+        return ""
+
+
+def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) -> Tolerance:
+    """Return the tolerances of a goal: 0 stands for the default, a negative value for none.
+
+    Args:
+        messages: `control_msgs/msg/JointTolerance`.
+        names: Joints.
+        default: Of positions [rad or m]; velocities have none.
+
+    Raises:
+        TrajectoryRefusedError: with the code INVALID_GOAL, for other joints, or NaN.
+    """
+    position, velocity = np.full(len(names), default), np.full(len(names), math.inf)
+    for message in messages:
+        if message.name not in names:
+            known = ", ".join(names)
+            raise _invalid(f"tolerance of {shortened(repr(message.name))}; the trajectory has {known}")
+        k = list(names).index(message.name)
+        for limits, value in ((position, message.position), (velocity, message.velocity)):
+            if math.isnan(value):
+                raise _invalid(f"a tolerance of {message.name} is nan")
+            if value != 0.0:
+                limits[k] = value if value > 0.0 else math.inf
+    return Tolerance(position, velocity)
+
+
+def message_of(trajectory: Trajectory, step: float, joints: Sequence[str] | None = None) -> Any:
+    """Return trajectory_msgs/msg/JointTrajectory with positions, velocities and accelerations.
+
+    Followed by quintics between the points, it is the trajectory to the accuracy of its fourth derivative.
+
+    Args:
+        trajectory: The trajectory.
+        step: Time between points [s]; the last is at the end.
+        joints: Which of its joints the message has; None for all.
+    """
+    names = trajectory.joint_names if joints is None else tuple(joints)
+    rows = [trajectory.joint_names.index(name) for name in names]
+    point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
+    count = max(int(np.ceil(trajectory.duration / step - 1e-9)), 1)
+    times = np.minimum(step * np.arange(count + 1), trajectory.duration)
+    state = trajectory(times)
+    velocity = state.velocity[:, rows]
+    velocity[-1] = 0.0 if np.abs(velocity[-1]).max() < STANDING else velocity[-1]
+    points = [
+        point(positions=p, velocities=v, accelerations=a, time_from_start=duration_message(t))
+        for t, p, v, a in zip(
+            times.tolist(), state.position[:, rows], velocity, state.acceleration[:, rows], strict=True
+        )
+    ]
+    return message_type("trajectory_msgs/msg/JointTrajectory")(joint_names=list(names), points=points)

@@ -1,0 +1,79 @@
+"""Pictures of the node's cameras: drawn beside the cycles, when somebody listens."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.ros.sensor_messages import CameraMessages
+from pepper_kin.ros.transport import Publisher
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.node import RobotNode
+
+PERIOD_CYCLES = 5
+"""Cycles between two pictures: 10 Hz."""
+
+
+class Pictures:
+    """The cameras of a node.
+
+    In real time a thread draws, as fast as it can up to 10 Hz, so that no cycle waits for a picture;
+    otherwise pictures are drawn within the cycles, 10 in a second of the simulation.
+
+    Args:
+        node: What it belongs to.
+        cameras: Names in topics.
+        resolution: "VGA", "QVGA" or "QQVGA".
+    """
+
+    def __init__(self, node: RobotNode, cameras: Sequence[str], resolution: str) -> None:
+        self.node = node
+        self._cameras: list[tuple[CameraMessages, Publisher, Publisher]] = [
+            (
+                CameraMessages(node.body, name, resolution),
+                node.advertise(f"/camera/{name}/image_raw", "sensor_msgs/msg/Image"),
+                node.advertise(f"/camera/{name}/camera_info", "sensor_msgs/msg/CameraInfo"),
+            )
+            for name in cameras
+        ]
+        self._due, self._ended, self._cycle = threading.Event(), False, 0
+        self._thread: threading.Thread | None = None
+        if node.body.time.real_time and self._cameras:
+            self._thread = threading.Thread(target=self._run, name="ros-cameras", daemon=True)
+            self._thread.start()
+
+    def on_cycle(self) -> None:
+        """Draw, or let the thread draw, where a picture is due; called once a cycle."""
+        self._cycle += 1
+        if self._cycle % PERIOD_CYCLES:
+            return
+        if self._thread is None:
+            self._draw()
+        else:
+            self._due.set()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._due.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(100 * CYCLE)
+
+    def _run(self) -> None:
+        while True:
+            self._due.wait()
+            self._due.clear()
+            if self._ended:
+                return
+            self._draw()
+
+    def _draw(self) -> None:
+        for camera, image, info in self._cameras:
+            now = self.node.now
+            if info.subscription_count:
+                info.publish(camera.info(now))
+            if image.subscription_count and not self._ended:
+                image.publish(camera.image(camera.picture(), now))

@@ -1,0 +1,226 @@
+"""The planning service: MoveIt's `GetMotionPlan`, answered by our planner with its reasons."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import ik
+from pepper_kin.exceptions import PepperKinError, UnknownNameError
+from pepper_kin.motion import Plan, PlanStatus, plan
+from pepper_kin.naoqi.joint_names import ACTUATED
+from pepper_kin.ros.commands import world_pose
+from pepper_kin.ros.controllers import CONTROLLERS
+from pepper_kin.ros.joint_trajectory import message_of
+from pepper_kin.ros_messages import message_type
+from pepper_kin.trajectory import retime
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.node import RobotNode
+
+Array = NDArray[np.float64]
+
+SERVICE = "/plan_kinematic_path"
+"""Name that MoveIt gives this service."""
+
+TYPE = "moveit_msgs/srv/GetMotionPlan"
+CODES: Any = message_type("moveit_msgs/msg/MoveItErrorCodes")
+
+STEP = 0.05
+"""Time between the points of a planned trajectory [s]; with accelerations, it is followed as planned."""
+
+LONGEST, USUAL = 60.0, 5.0
+"""Greatest time that planning may take, and the time where a request states none [s]."""
+
+_STATUS_CODES = {
+    PlanStatus.START_IN_COLLISION: CODES.START_STATE_IN_COLLISION,
+    PlanStatus.START_TORQUE_LIMIT: CODES.START_STATE_INVALID,
+    PlanStatus.START_TIPS_OVER: CODES.START_STATE_INVALID,
+    PlanStatus.START_TOO_NEAR: CODES.START_STATE_INVALID,
+    PlanStatus.START_SHUT_IN: CODES.START_STATE_INVALID,
+    PlanStatus.GOAL_IN_COLLISION: CODES.GOAL_IN_COLLISION,
+    PlanStatus.GOAL_TORQUE_LIMIT: CODES.GOAL_STATE_INVALID,
+    PlanStatus.GOAL_TIPS_OVER: CODES.GOAL_STATE_INVALID,
+    PlanStatus.GOAL_TOO_NEAR: CODES.GOAL_STATE_INVALID,
+    PlanStatus.GOAL_SHUT_IN: CODES.GOAL_STATE_INVALID,
+    PlanStatus.NO_IK: CODES.NO_IK_SOLUTION,
+    PlanStatus.NO_PATH_IN_TIME: CODES.TIMED_OUT,
+}
+
+
+class _RefusedError(PepperKinError):
+    """A request that is not planned."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        self.code = code
+        super().__init__(reason)
+
+
+class PlanningService:
+    """Plans motions of the simulated robot, from where it is or from a state that a request gives.
+
+    A request gives `goal_constraints` of one kind: joint positions; or the position of a link, as the pose
+    of the first primitive of its region, perhaps with an orientation.  `group_name` names a group or a
+    controller whose joints may move; "" lets all joints that hold a position move.  The answer is a
+    trajectory that has passed its certificate, or the reason and the advice in `error_code.message`.
+
+    Args:
+        node: What it belongs to.
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        self.node = node
+        self._one = threading.Lock()
+        node.offer_service(SERVICE, TYPE, self.answer)
+
+    def answer(self, request: Any) -> Any:
+        """Return moveit_msgs/srv/GetMotionPlan_Response to a request."""
+        wanted = request.motion_plan_request
+        response = message_type("moveit_msgs/msg/MotionPlanResponse")(group_name=wanted.group_name)
+        begin = time.perf_counter()
+        try:
+            with self._one:
+                self._plan(wanted, response)
+        except _RefusedError as error:
+            _fail(response, error.code, str(error))
+        except PepperKinError as error:
+            _fail(response, CODES.PLANNING_FAILED, str(error))
+        response.planning_time = time.perf_counter() - begin
+        response.error_code.source = "pepper_kin"
+        return message_type(f"{TYPE}_Response")(motion_plan_response=response)
+
+    def _plan(self, wanted: Any, response: Any) -> None:
+        pepper, scene = self.node.body.pepper, self.node.body.scene
+        start, joints = self._start(wanted.start_state), self._joints(wanted.group_name)
+        goal = self._goal(wanted, start, joints)
+        timeout = min(wanted.allowed_planning_time or USUAL, LONGEST)
+        found = plan(pepper, start, goal, scene, joints=joints, timeout=max(timeout, 0.1))
+        if not found.success:
+            _fail(response, _STATUS_CODES.get(found.status, CODES.PLANNING_FAILED), found.report())
+            return
+        self._answer_with(found, start, joints, wanted, response)
+
+    def _answer_with(
+        self, found: Plan, start: Array, joints: tuple[str, ...], wanted: Any, response: Any
+    ) -> None:
+        """Time a plan, examine it and put it into the response; start: [rad or m], shape (n,)."""
+        pepper = self.node.body.pepper
+        rows = [pepper.joint_index(name) for name in joints]
+        response.trajectory_start.joint_state.name = list(joints)
+        response.trajectory_start.joint_state.position = start[rows]
+        response.error_code.val, response.error_code.message = CODES.SUCCESS, found.report()
+        if found.curve is None:
+            return
+        trajectory = retime(
+            pepper,
+            found,
+            velocity_scale=wanted.max_velocity_scaling_factor or 1.0,
+            acceleration_scale=wanted.max_acceleration_scaling_factor or 1.0,
+            hand_speed=wanted.max_cartesian_speed or None,
+        )
+        certificate = trajectory.check(pepper, self.node.body.scene)
+        if not certificate.success:
+            _fail(response, CODES.INVALID_MOTION_PLAN, certificate.report())
+            return
+        response.trajectory.joint_trajectory = message_of(trajectory, STEP, joints)
+
+    def _start(self, state: Any) -> Array:
+        """Return the configuration where a plan begins, shape (n,)."""
+        body = self.node.body
+        with body.time.lock:
+            q = body.configuration(False)
+        for name, value in zip(state.joint_state.name, state.joint_state.position, strict=False):
+            if name not in body.pepper.joint_names:
+                raise _RefusedError(CODES.INVALID_ROBOT_STATE, f"start_state: there is no joint {name!r}")
+            q[body.pepper.joint_index(name)] = value
+        return np.clip(q, body.pepper.lower_limits, body.pepper.upper_limits)
+
+    def _joints(self, group: str) -> tuple[str, ...]:
+        pepper = self.node.body.pepper
+        if not group:
+            return tuple(name for name in pepper.joint_names if name in ACTUATED)
+        if group in CONTROLLERS:
+            return CONTROLLERS[group]
+        try:
+            return tuple(name for name in pepper.joint_group(group) if name in ACTUATED)
+        except UnknownNameError as error:
+            raise _RefusedError(CODES.INVALID_GROUP_NAME, str(error)) from error
+
+    def _goal(self, wanted: Any, start: Array, joints: tuple[str, ...]) -> Any:
+        """Return the goal for `plan`, a configuration or tasks; start: [rad or m], shape (n,)."""
+        if len(wanted.goal_constraints) != 1:
+            raise _bad_goal(f"{len(wanted.goal_constraints)} goal_constraints, exactly 1 is planned for")
+        goal, way = wanted.goal_constraints[0], wanted.path_constraints
+        constrained = way.joint_constraints or way.position_constraints or way.orientation_constraints
+        if constrained or way.visibility_constraints or goal.visibility_constraints:
+            raise _bad_goal("path and visibility constraints are not offered by this service; use pk.plan")
+        if goal.joint_constraints and not (goal.position_constraints or goal.orientation_constraints):
+            return self._joint_goal(goal.joint_constraints, start, joints)
+        if len(goal.position_constraints) != 1 or len(goal.orientation_constraints) > 1:
+            raise _bad_goal("a goal has joint_constraints, or 1 position and 0 or 1 orientation constraint")
+        return [self._task(goal)]
+
+    def _joint_goal(self, constraints: Any, start: Array, joints: tuple[str, ...]) -> Array:
+        """Return the start with some joints elsewhere [rad or m], shape (n,) both."""
+        pepper, goal = self.node.body.pepper, start.copy()
+        for constraint in constraints:
+            if constraint.joint_name not in joints:
+                known = ", ".join(joints)
+                raise _bad_goal(f"joint {constraint.joint_name!r} is not one that may move: {known}")
+            goal[pepper.joint_index(constraint.joint_name)] = constraint.position
+        return goal
+
+    def _task(self, goal: Any) -> Any:
+        """Return the task of a pose."""
+        position, pepper = goal.position_constraints[0], self.node.body.pepper
+        region = position.constraint_region
+        if position.link_name not in pepper.frame_names:
+            raise _RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {position.link_name!r}")
+        if not region.primitive_poses:
+            raise _bad_goal("the position constraint has no primitive_poses; the first is the target")
+        offset = position.target_point_offset
+        if offset.x or offset.y or offset.z:
+            raise _bad_goal("target_point_offset is not 0; name a frame of the robot instead")
+        stamped = message_type("geometry_msgs/msg/PoseStamped")(
+            header=position.header, pose=region.primitive_poses[0]
+        )
+        tolerance = float(region.primitives[0].dimensions[0]) if _has_size(region) else 1e-3
+        if not goal.orientation_constraints:
+            return ik.FramePosition(
+                position.link_name, self._pose(stamped)[:3, 3], tolerance=max(tolerance, 1e-4)
+            )
+        turn = goal.orientation_constraints[0]
+        stamped.pose.orientation = turn.orientation
+        angles = (
+            turn.absolute_x_axis_tolerance,
+            turn.absolute_y_axis_tolerance,
+            turn.absolute_z_axis_tolerance,
+        )
+        return ik.FramePose(
+            position.link_name,
+            self._pose(stamped),
+            tolerance=max(tolerance, 1e-4),
+            orientation_tolerance=max(min(angles), 1e-3),
+        )
+
+    def _pose(self, stamped: Any) -> Array:
+        try:
+            return world_pose(self.node, stamped)
+        except UnknownNameError as error:
+            raise _RefusedError(CODES.FRAME_TRANSFORM_FAILURE, str(error)) from error
+
+
+def _has_size(region: Any) -> bool:
+    return bool(region.primitives) and len(region.primitives[0].dimensions) > 0
+
+
+def _bad_goal(reason: str) -> _RefusedError:
+    return _RefusedError(CODES.INVALID_GOAL_CONSTRAINTS, reason)
+
+
+def _fail(response: Any, code: int, reason: str) -> None:
+    response.error_code.val, response.error_code.message = code, reason

@@ -1,0 +1,187 @@
+"""Messages of sensors: laser, sonar, inertia, bumpers, touch and cameras, laid out as naoqi_driver2 does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.naoqi.body import Body
+from pepper_kin.ros.message_parts import QUATERNION, header, vector
+from pepper_kin.ros_messages import message_type
+from pepper_kin.twin.sensors import Camera, Intrinsics, Reading, SensorSuite, published_scan
+
+Array = NDArray[np.float64]
+
+LASER_ANGLE, LASER_STEP = 2.0944, 0.068669
+"""First angle, negated, and step of the published scan [rad]."""
+
+LASER_RANGE = (0.1, 3.0)
+"""Least and greatest distance of the published scan [m]."""
+
+BUMPERS = {"bumper_front_right": 0, "bumper_front_left": 1, "bumper_back": 2}
+HEAD_TOUCHES = {"head_touch_front": 1, "head_touch_middle": 2, "head_touch_rear": 3}
+HAND_TOUCHES = {"right_hand_touch": 0, "left_hand_touch": 3}
+"""Sensor of the twin -> number in the messages of naoqi_bridge_msgs."""
+
+CAMERAS = {
+    "front": ("camera_top", "CameraTop_optical_frame"),
+    "bottom": ("camera_bottom", "CameraBottom_optical_frame"),
+    "depth": ("camera_depth", "CameraDepth_optical_frame"),
+}
+"""Name in topics -> camera of the twin and its frame."""
+
+
+class SensorMessages:
+    """Messages of the sensors of a simulated body.
+
+    Args:
+        body: The simulated body.
+        noise: Whether readings are disturbed as those of the sensors are.
+    """
+
+    def __init__(self, body: Body, *, noise: bool = True) -> None:
+        self.body = body
+        self._suite = SensorSuite(body.pepper, noise=noise)
+        self._readings: dict[str, Reading] = {}
+        self._pressed: dict[str, bool] = {}
+
+    def read(self) -> None:
+        """Take the readings that are due now; called once a cycle, with the body's lock held."""
+        body, state = self.body, self.body.state
+        self._readings.update(
+            self._suite.read(
+                body.time.now,
+                state.position,
+                state.velocity,
+                state.acceleration,
+                state.torque,
+                scene=body.scene,
+            )
+        )
+
+    @property
+    def odometry(self) -> Array:
+        """Where the wheels say that the base is: x, y [m], yaw [rad], shape (3,)."""
+        return np.asarray(self._readings["wheel_odometry"].value, dtype=float)[:3]
+
+    def scan(self, time: float) -> Any:
+        """Return sensor_msgs/msg/LaserScan at a time [s]: 15 right, 8 blank, 15 front, 8 blank, 15 left."""
+        parts = [self._readings[f"laser_{side}"].value for side in ("right", "front", "left")]
+        ranges = published_scan(self.body.pepper, *parts)
+        return message_type("sensor_msgs/msg/LaserScan")(
+            header=header(time, "base_footprint"),
+            angle_min=-LASER_ANGLE,
+            angle_max=LASER_ANGLE,
+            angle_increment=LASER_STEP,
+            range_min=LASER_RANGE[0],
+            range_max=LASER_RANGE[1],
+            ranges=ranges.tolist(),
+        )
+
+    def sonar(self, side: str, time: float) -> Any:
+        """Return sensor_msgs/msg/Range of the "front" or "back" sonar at a time [s]."""
+        reading = self._readings[f"sonar_{side}"]
+        specification = self._suite.sensors[f"sonar_{side}"].specification
+        kind = message_type("sensor_msgs/msg/Range")
+        return kind(
+            header=header(time, reading.frame),
+            radiation_type=0,
+            field_of_view=specification.field_of_view,
+            min_range=specification.minimum,
+            max_range=specification.maximum,
+            range=float(reading.value),
+        )
+
+    def inertia(self, part: str, time: float) -> Any:
+        """Return sensor_msgs/msg/Imu of the "torso" or the "base" at a time [s]."""
+        turn = self._readings[f"imu_{part}_orientation"]
+        x, y, z, w = np.asarray(turn.value, dtype=float).tolist()
+        made = message_type("sensor_msgs/msg/Imu")(header=header(time, turn.frame))
+        made.orientation = QUATERNION(x=x, y=y, z=z, w=w)
+        made.angular_velocity = vector(self._readings[f"imu_{part}_gyroscope"].value)
+        made.linear_acceleration = vector(self._readings[f"imu_{part}_accelerometer"].value)
+        return made
+
+    def touches(self) -> list[tuple[str, Any]]:
+        """Return topic and message of each bumper and touch sensor that was pressed or released."""
+        changed = []
+        for topic, kind, field, sensors in (
+            ("bumper", "Bumper", "bumper", BUMPERS),
+            ("head_touch", "HeadTouch", "button", HEAD_TOUCHES),
+            ("hand_touch", "HandTouch", "hand", HAND_TOUCHES),
+        ):
+            for sensor, number in sensors.items():
+                pressed = bool(self._readings[sensor].value)
+                if pressed != self._pressed.get(sensor, False):
+                    self._pressed[sensor] = pressed
+                    made = message_type(f"naoqi_bridge_msgs/msg/{kind}")(
+                        **{field: number, "state": int(pressed)}
+                    )
+                    changed.append((topic, made))
+        return changed
+
+
+class CameraMessages:
+    """Messages of one camera.
+
+    Args:
+        body: The simulated body.
+        name: "front", "bottom" or "depth".
+        resolution: "VGA", "QVGA" or "QQVGA".
+    """
+
+    def __init__(self, body: Body, name: str, resolution: str = "QVGA") -> None:
+        camera, self.frame = CAMERAS[name][0], CAMERAS[name][1]
+        self.body, self.is_depth = body, name == "depth"
+        self._camera = Camera(body.pepper, camera, resolution)
+
+    def picture(self) -> NDArray[Any]:
+        """Return what the camera sees now: colors, or depths [mm]; takes the body's lock for a moment."""
+        body = self.body
+        with body.time.lock:
+            q = body.configuration(True)
+        if not self.is_depth:
+            return np.asarray(self._camera.color(q, body.scene))
+        depth = self._camera.depth(q, body.scene)
+        finite = np.where(np.isfinite(depth), depth, 0.0)
+        return np.clip(np.round(1000.0 * finite), 0, 65535).astype("<u2")
+
+    def image(self, picture: NDArray[Any], time: float) -> Any:
+        """Return sensor_msgs/msg/Image: rgb8, or 16UC1 in millimeters.
+
+        Args:
+            picture: Of this camera, shape (height, width, 3) or (height, width).
+            time: Of the stamp [s].
+        """
+        height, width = picture.shape[:2]
+        return message_type("sensor_msgs/msg/Image")(
+            header=header(time, self.frame),
+            height=height,
+            width=width,
+            encoding="16UC1" if self.is_depth else "rgb8",
+            is_bigendian=0,
+            step=picture.strides[0],
+            data=picture.tobytes(),
+        )
+
+    def info(self, time: float) -> Any:
+        """Return sensor_msgs/msg/CameraInfo at a time [s]."""
+        lens = self._camera.intrinsics
+        return camera_info(lens, time, self.frame)
+
+
+def camera_info(lens: Intrinsics, time: float, frame: str) -> Any:
+    """Return sensor_msgs/msg/CameraInfo of a lens at a time [s]."""
+    k = [lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0]
+    return message_type("sensor_msgs/msg/CameraInfo")(
+        header=header(time, frame),
+        height=lens.height,
+        width=lens.width,
+        distortion_model="plumb_bob",
+        d=[lens.k1, lens.k2, lens.p1, lens.p2, lens.k3],
+        k=k,
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[lens.fx, 0.0, lens.cx, 0.0, 0.0, lens.fy, lens.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )

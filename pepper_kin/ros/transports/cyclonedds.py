@@ -1,0 +1,343 @@
+"""Transport through Cyclone DDS: topics of the ROS graph, without an installed ROS.
+
+Services and actions need an installed ROS (rclpy) or rosbridge: their requests travel differently with each
+vendor's DDS.  Joint trajectories move a robot all the same: the topic `joint_trajectory` of its controllers.
+
+Source: ROS 2 design, "Topic and Service name mapping to DDS"; rmw_dds_common for `ros_discovery_info`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.ros.errors import NotCarriedError, TransportError
+from pepper_kin.ros.qos import LATCHED, RELIABLE, QoS
+from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
+from pepper_kin.ros.transports.cyclonedds_types import announced_type, topic_name
+from pepper_kin.ros_messages import decode, encode, message_type, type_hash
+from pepper_kin.ros_messages.messages import check_message
+
+logger = logging.getLogger(__name__)
+
+DISCOVERY = "ros_discovery_info"
+_GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_MOST_TAKEN = 64  # messages taken at a time
+_BLOCKED = 1.0  # longest time that a reliable publisher waits for a slow receiver [s]
+
+_CONFIGURATION = """<CycloneDDS><Domain>
+<General>{general}<AllowMulticast>true</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize></General>
+<Internal><SocketReceiveBufferSize min="default" max="4MB"/></Internal>
+<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>120</MaxAutoParticipantIndex>
+{peers}</Discovery>
+</Domain></CycloneDDS>"""
+"""Fast DDS 3 (vendor 1.15) describes sequences in types in a way that Cyclone takes for another type."""
+
+_LOCAL = ('<Interfaces><NetworkInterface address="127.0.0.1" multicast="true"/></Interfaces>',
+          '<Peers><Peer Address="127.0.0.1"/></Peers>')  # fmt: skip
+
+_domains: dict[int, tuple[Any, int]] = {}
+_domains_lock = threading.Lock()
+
+
+class CycloneTransport(Transport):
+    """Topics of a node of Cyclone DDS; services and actions are refused.
+
+    Args:
+        node_name: Name of the node in the ROS graph.
+        domain_id: DDS domain, 0 to 232; that of the variable ROS_DOMAIN_ID if omitted, else 0.
+        local: Whether to stay on this machine; if omitted, as ROS_AUTOMATIC_DISCOVERY_RANGE is LOCALHOST.
+
+    Raises:
+        MissingDependencyError: where `cyclonedds` is not installed.
+        InvalidValueError: for another domain.
+        TransportError: where the domain cannot be opened.
+    """
+
+    def __init__(
+        self, node_name: str = "pepper_kin", *, domain_id: int | None = None, local: bool | None = None
+    ) -> None:
+        try:
+            from cyclonedds.domain import DomainParticipant
+            from cyclonedds.qos import Policy, Qos
+        except ImportError as error:
+            command = 'pip install "pepper_kin[cyclonedds]"'
+            raise MissingDependencyError(
+                "cyclonedds", command, "the transport through Cyclone DDS"
+            ) from error
+        self.node_name, self._domain_id = node_name, _domain_number(domain_id)
+        if local is None:
+            local = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST"
+        _open_domain(self._domain_id, local)
+        self._lock, self._closed = threading.RLock(), False
+        self._parts: list[_Part] = []
+        self._topics: dict[str, Any] = {}
+        enclave = Qos(Policy.Userdata(b"enclave=/;"))
+        self.participant = DomainParticipant(self._domain_id, enclave)
+        graph = self._topic(DISCOVERY, _GRAPH_TYPE)
+        self._graph = _writer(self.participant, graph, LATCHED, _GRAPH_TYPE)
+        self._announce()
+
+    def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
+        """Return a publisher; see `Transport.advertise`."""
+        kind = message_type(type_name)
+        with self._lock:
+            made = self._topic(topic_name(topic), kind.type_name)
+            writer = _writer(self.participant, made, qos, kind.type_name)
+            return self._kept(CyclonePublisher(self, topic, kind, writer))
+
+    def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
+        """Call back with every message; see `Transport.subscribe`."""
+        from cyclonedds.sub import DataReader
+
+        kind = message_type(type_name)
+        with self._lock:
+            made = self._topic(topic_name(topic), kind.type_name)
+            reader = DataReader(self.participant, made, _quality(qos, kind.type_name))
+            return self._kept(CycloneSubscription(self, topic, kind, reader, callback))
+
+    def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
+        """Refuse: see the module."""
+        raise _not_carried(name)
+
+    def call_service(self, name: str, type_name: str, request: Any, timeout: float = SERVER_WAIT) -> Any:
+        """Refuse: see the module."""
+        raise _not_carried(name)
+
+    def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
+        """Refuse: see the module."""
+        raise _not_carried(name)
+
+    def send_goal(
+        self,
+        name: str,
+        type_name: str,
+        goal: Any,
+        feedback_callback: Callable[[Any], None] | None = None,
+        timeout: float = SERVER_WAIT,
+    ) -> GoalHandle:
+        """Refuse: see the module."""
+        raise _not_carried(name)
+
+    def close(self) -> None:
+        """Close everything and leave the graph."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            parts, self._parts = self._parts, []
+        for part in parts:
+            part.close()
+        del self._graph, self._topics, self.participant
+        _close_domain(self._domain_id)
+
+    def discard(self, part: _Part) -> None:
+        """Forget a part that was closed."""
+        with self._lock:
+            if not self._closed:
+                self._parts = [other for other in self._parts if other is not part]
+                self._announce()
+
+    def _topic(self, name: str, type_name: str) -> Any:
+        from cyclonedds.topic import Topic
+
+        if self._closed:
+            raise TransportError(name, "the transport is closed; make a new one")
+        if name not in self._topics:
+            self._topics[name] = type_name, Topic(self.participant, name, announced_type(type_name))
+        known, topic = self._topics[name]
+        if known != type_name:
+            raise TransportError(name, f"its type is {known}, not {type_name}")
+        return topic
+
+    def _kept(self, part: Any) -> Any:
+        self._parts.append(part)
+        self._announce()
+        return part
+
+    def _announce(self) -> None:
+        """Publish which readers and writers are the node's, for the tools that list nodes."""
+        gid, node, graph = (message_type(f"rmw_dds_common/msg/{name}") for name in _GRAPH_NAMES)
+        ends: dict[bool, list[Any]] = {True: [], False: []}
+        for part in self._parts:
+            ends[isinstance(part, CyclonePublisher)].append(gid(data=part.entity.get_guid().bytes))
+        listed = node(
+            node_namespace="/",
+            node_name=self.node_name,
+            reader_gid_seq=ends[False],
+            writer_gid_seq=ends[True],
+        )
+        own = gid(data=self.participant.get_guid().bytes)
+        _write(self._graph, encode(graph(gid=own, node_entities_info_seq=[listed])), DISCOVERY)
+
+
+_GRAPH_NAMES = ("Gid", "NodeEntitiesInfo", "ParticipantEntitiesInfo")
+
+
+class _Part(Closable):
+    """A reader or a writer that is open."""
+
+    def __init__(self, transport: CycloneTransport, entity: Any) -> None:
+        self._transport, self.entity, self.closed = transport, entity, False
+
+    def close(self) -> None:
+        """End it."""
+        if not self.closed:
+            self.closed = True
+            self._end()
+            self._transport.discard(self)
+            self.entity = None  # which deletes it
+
+    def _end(self) -> None:
+        pass
+
+
+class CyclonePublisher(_Part, Publisher):
+    """See `Publisher`."""
+
+    def __init__(self, transport: CycloneTransport, topic: str, kind: type[Any], writer: Any) -> None:
+        super().__init__(transport, writer)
+        self._topic, self._kind = topic, kind
+
+    def publish(self, message: Any) -> None:
+        """Send a message."""
+        entity = self.entity
+        if self.closed or entity is None:
+            raise TransportError(self._topic, "the publisher is closed; advertise the topic again")
+        if not isinstance(message, self._kind):
+            check_message(message, self._kind)
+        _write(entity, encode(message), self._topic)
+
+    @property
+    def subscription_count(self) -> int:
+        """Number of subscriptions that match."""
+        entity = self.entity
+        return 0 if entity is None else len(entity.get_matched_subscriptions())
+
+
+class CycloneSubscription(_Part):
+    """Calls back on a thread."""
+
+    def __init__(
+        self,
+        transport: CycloneTransport,
+        topic: str,
+        kind: type[Any],
+        reader: Any,
+        callback: Callable[[Any], None],
+    ) -> None:
+        from cyclonedds.core import (
+            GuardCondition,
+            InstanceState,
+            ReadCondition,
+            SampleState,
+            ViewState,
+            WaitSet,
+        )
+
+        super().__init__(transport, reader)
+        self._topic, self._kind, self._callback = topic, kind, callback
+        self._mask = SampleState.Any | ViewState.Any | InstanceState.Any
+        self._guard = GuardCondition(transport.participant)
+        self._condition = ReadCondition(reader, self._mask)
+        self._waiting = WaitSet(transport.participant)
+        self._waiting.attach(self._guard)
+        self._waiting.attach(self._condition)
+        self._thread = threading.Thread(target=self._run, name=f"cyclonedds {topic}", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        from cyclonedds._clayer import ddspy_take
+        from cyclonedds.util import duration
+
+        longest = duration(seconds=3600)
+        while not self.closed:
+            self._waiting.wait(longest)
+            taken = () if self.closed else ddspy_take(self.entity._ref, self._mask, _MOST_TAKEN)
+            if isinstance(taken, int):
+                logger.error("%s: reading failed, code %d", self._topic, taken)
+                return
+            for data, info in taken:
+                if info.valid_data and not self.closed:
+                    self._handle(data)
+
+    def _handle(self, data: bytes) -> None:
+        try:
+            self._callback(decode(self._kind, data))
+        except Exception:
+            logger.exception("%s: a message could not be handled", self._topic)
+
+    def _end(self) -> None:
+        self._guard.set(True)
+        if threading.current_thread() is not self._thread:
+            self._thread.join(SERVER_WAIT)
+        del self._waiting, self._condition, self._guard
+
+
+def _writer(participant: Any, topic: Any, qos: QoS, type_name: str) -> Any:
+    from cyclonedds.pub import DataWriter
+
+    return DataWriter(participant, topic, _quality(qos, type_name))
+
+
+def _write(writer: Any, data: bytes, name: str) -> None:
+    from cyclonedds._clayer import ddspy_write
+
+    code = ddspy_write(writer._ref, data + bytes(-len(data) % 4))
+    if code < 0:
+        raise TransportError(name, f"Cyclone DDS could not write, code {code}")
+
+
+def _quality(qos: QoS, type_name: str) -> Any:
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.util import duration
+
+    blocked = duration(seconds=_BLOCKED)
+    return Qos(
+        Policy.Reliability.Reliable(blocked) if qos.reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.latched else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={type_hash(type_name)};".encode()),
+    )
+
+
+def _domain_number(domain_id: int | None) -> int:
+    text = os.environ.get("ROS_DOMAIN_ID", "") if domain_id is None else str(domain_id)
+    if not (text or "0").isdecimal() or int(text or "0") > 232:
+        raise InvalidValueError("domain_id", text, "a whole number from 0 to 232")
+    return int(text or "0")
+
+
+def _open_domain(number: int, local: bool) -> None:
+    """Configure a domain for its first transport in this process."""
+    from cyclonedds.core import DDSException
+    from cyclonedds.domain import Domain
+
+    with _domains_lock:
+        domain, count = _domains.get(number, (None, 0))
+        if domain is None:
+            general, peers = _LOCAL if local else ("", "")
+            try:
+                domain = Domain(number, _CONFIGURATION.format(general=general, peers=peers))
+            except DDSException as error:
+                reason = f"it cannot be opened, perhaps another part of this program uses it: {error}"
+                raise TransportError(f"DDS domain {number}", reason) from error
+        _domains[number] = domain, count + 1
+
+
+def _close_domain(number: int) -> None:
+    with _domains_lock:
+        domain, count = _domains.pop(number)
+        if count > 1:
+            _domains[number] = domain, count - 1
+
+
+def _not_carried(name: str) -> NotCarriedError:
+    reason = "the transport through Cyclone DDS carries topics only; use rclpy or rosbridge for this"
+    return NotCarriedError(name, reason)

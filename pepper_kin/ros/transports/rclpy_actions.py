@@ -1,0 +1,285 @@
+"""Actions through rclpy: servers and clients."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from pepper_kin.ros.errors import TransportError
+from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, GoalHandle, GoalResult, GoalStatus, ServerGoal
+from pepper_kin.ros.transports.rclpy import wait
+from pepper_kin.ros.transports.rclpy_types import converter, ros_class, uuid_bytes
+from pepper_kin.ros_messages import action_type
+from pepper_kin.ros_messages.messages import check_message
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.rclpy import RclpyTransport
+
+logger = logging.getLogger(__name__)
+
+_LAST_ANSWERS = 0.1
+"""Time for results to leave before a server is destroyed [s]."""
+
+
+class _Types:
+    """Classes of an action and their converters."""
+
+    def __init__(self, type_name: str) -> None:
+        kinds = action_type(type_name)
+        self.ros = ros_class(kinds.goal.type_name.removesuffix("_Goal"))
+        self.goal, self.result, self.feedback = (converter(kind.type_name) for kind in kinds)
+
+
+class Server:
+    """An action on the graph.
+
+    Args:
+        transport: Of which node.
+        name: Name of the action.
+        type_name: Its type.
+        server: What it does.
+    """
+
+    def __init__(self, transport: RclpyTransport, name: str, type_name: str, server: ActionServer) -> None:
+        import rclpy.action
+
+        self.name, self.types, self._server = name, _Types(type_name), server
+        self._goals: dict[bytes, ExecutedGoal] = {}
+        self._lock, self._closed = threading.Lock(), False
+        self._made = rclpy.action.ActionServer(
+            transport.node,
+            self.types.ros,
+            name,
+            execute_callback=self._execute,
+            goal_callback=self._accept,
+            cancel_callback=self._cancel,
+            callback_group=transport.group(reentrant=True),
+        )
+
+    def close(self) -> None:
+        """Abort goals under way and offer the action no more."""
+        self._closed = True
+        with self._lock:
+            goals = list(self._goals.values())
+        for goal in goals:
+            goal.close()
+        for goal in goals:
+            goal.returned.wait(SERVER_WAIT)
+        if goals:
+            time.sleep(_LAST_ANSWERS)
+        self._made.destroy()
+
+    def _accept(self, message: Any) -> Any:
+        from rclpy.action import GoalResponse
+
+        try:
+            if not self._closed and self._server.on_goal(self.types.goal.from_ros(message)):
+                return GoalResponse.ACCEPT
+        except Exception:
+            logger.exception("%s: a goal could not be examined", self.name)
+        return GoalResponse.REJECT
+
+    def _cancel(self, handle: Any) -> Any:
+        from rclpy.action import CancelResponse
+
+        goal = self._goal(handle)
+        goal.announced = True  # before the server is notified, which may end the goal at once
+        try:
+            if not goal.status.terminal and self._server.on_cancel(goal):
+                return CancelResponse.ACCEPT
+        except Exception:
+            logger.exception("%s: a cancel request could not be examined", self.name)
+        goal.announced = False
+        return CancelResponse.REJECT
+
+    def _goal(self, handle: Any) -> ExecutedGoal:
+        goal_id = uuid_bytes(handle.goal_id)
+        with self._lock:
+            if goal_id not in self._goals:
+                self._goals[goal_id] = ExecutedGoal(self, goal_id, handle)
+            return self._goals[goal_id]
+
+    def _execute(self, handle: Any) -> Any:
+        goal = self._goal(handle)
+        try:
+            self._server.execute(goal)
+        except Exception:
+            if not goal.status.terminal:
+                logger.exception("%s: a goal failed", self.name)
+        finally:
+            with self._lock:
+                self._goals.pop(goal.goal_id, None)
+            goal.close()
+            goal.returned.set()
+        return goal.ros_result
+
+
+class ExecutedGoal(ServerGoal):
+    """A goal of a `Server`.
+
+    Attributes:
+        announced: Whether the server is examining a cancel request, or has accepted it.
+        returned: Set when its execution has returned.
+        ros_result: The result, as rclpy's message.
+    """
+
+    def __init__(self, server: Server, goal_id: bytes, handle: Any) -> None:
+        self.goal_id, self.goal = goal_id, server.types.goal.from_ros(handle.request)
+        self.announced, self.returned = False, threading.Event()
+        self._server, self._handle, self._lock = server, handle, threading.Lock()
+        self._closing, self._ended = False, GoalStatus.UNKNOWN
+        self.ros_result: Any = server.types.result.ros()
+
+    @property
+    def status(self) -> GoalStatus:
+        """State of the goal."""
+        return self._ended if self._ended.terminal else GoalStatus(self._handle.status)
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether a cancel request was accepted, or the action is being closed."""
+        return self._closing or bool(self._handle.is_cancel_requested)
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Send feedback to the client; nothing after the goal's end."""
+        types = self._server.types
+        check_message(feedback, types.feedback.kind)
+        if self._ended.terminal:
+            return
+        self._handle.publish_feedback(types.feedback.to_ros(feedback))
+
+    def succeed(self, result: Any) -> None:
+        """End the goal as reached."""
+        self._end(GoalStatus.SUCCEEDED, result)
+
+    def abort(self, result: Any) -> None:
+        """End the goal as failed."""
+        self._end(GoalStatus.ABORTED, result)
+
+    def canceled(self, result: Any) -> None:
+        """End the goal as canceled."""
+        until = time.monotonic() + SERVER_WAIT
+        while self.announced and not self._handle.is_cancel_requested and time.monotonic() < until:
+            time.sleep(0.001)  # the request was accepted, rclpy notes it after the callback
+        self._end(GoalStatus.CANCELED, result)
+
+    def close(self) -> None:
+        """Abort the goal if it is under way."""
+        with self._lock:
+            self._closing = True
+            if not self._ended.terminal:
+                self._ended = GoalStatus.ABORTED
+                self._handle.abort()
+
+    def _end(self, status: GoalStatus, result: Any) -> None:
+        check_message(result, self._server.types.result.kind)
+        message = self._server.types.result.to_ros(result)
+        ends: dict[GoalStatus, Callable[[], None]] = {
+            GoalStatus.SUCCEEDED: self._handle.succeed,
+            GoalStatus.ABORTED: self._handle.abort,
+            GoalStatus.CANCELED: self._handle.canceled,
+        }
+        with self._lock:
+            if self._ended.terminal:
+                raise TransportError(self._server.name, f"the goal has ended already: {self._ended.name}")
+            if status is GoalStatus.CANCELED and not self._handle.is_cancel_requested:
+                raise TransportError(
+                    self._server.name, "no cancel request was accepted; end the goal otherwise"
+                )
+            ends[status]()
+            self._ended, self.ros_result = status, message
+
+
+class Client:
+    """Sends goals to an action.
+
+    Args:
+        transport: Of which node.
+        name: Name of the action.
+        type_name: Its type.
+    """
+
+    def __init__(self, transport: RclpyTransport, name: str, type_name: str) -> None:
+        import rclpy.action
+
+        self.name, self.types = name, _Types(type_name)
+        group = transport.group()
+        self._made = rclpy.action.ActionClient(transport.node, self.types.ros, name, callback_group=group)
+        self._goals: list[SentGoal] = []
+
+    def send(self, goal: Any, feedback_callback: Callable[[Any], None] | None, timeout: float) -> SentGoal:
+        """Send a goal; see `Transport.send_goal`."""
+        check_message(goal, self.types.goal.kind)
+        message = self.types.goal.to_ros(goal)
+        if not self._made.wait_for_server(timeout):
+            raise TransportError(self.name, f"nobody offers this action within {timeout:g} s")
+
+        def receive(received: Any) -> None:
+            try:
+                if feedback_callback is not None:
+                    feedback_callback(self.types.feedback.from_ros(received.feedback))
+            except Exception:
+                logger.exception("%s: the callback of a goal failed", self.name)
+
+        future = self._made.send_goal_async(message, None if feedback_callback is None else receive)
+        if not wait(future, timeout):
+            raise TransportError(self.name, f"no answer within {timeout:g} s")
+        sent = SentGoal(self, future.result())
+        self._goals = [*(other for other in self._goals if not other.done), sent]
+        return sent
+
+    def close(self) -> None:
+        """End it; goals under way get no result."""
+        for goal in self._goals:
+            goal.lose()
+        self._made.destroy()
+
+
+class SentGoal(GoalHandle):
+    """A goal of a `Client`."""
+
+    def __init__(self, client: Client, handle: Any) -> None:
+        self._client, self._handle = client, handle
+        self.goal_id, self.accepted = uuid_bytes(handle.goal_id), bool(handle.accepted)
+        self._ended = threading.Event()
+        self._result: GoalResult | None = None
+        if self.accepted:
+            handle.get_result_async().add_done_callback(self._finish)
+
+    @property
+    def done(self) -> bool:
+        """Whether the result is there."""
+        return self._ended.is_set() or not self.accepted
+
+    def cancel(self, timeout: float = SERVER_WAIT) -> bool:
+        """Request the end of the goal."""
+        if self.done:
+            return False
+        future = self._handle.cancel_goal_async()
+        if not wait(future, timeout):
+            raise TransportError(self._client.name, f"no answer to the cancel request within {timeout:g} s")
+        return bool(future.result().goals_canceling)
+
+    def result(self, timeout: float | None = None) -> GoalResult:
+        """Wait for the result."""
+        if not self.accepted:
+            raise TransportError(self._client.name, "the goal was not accepted")
+        if not self._ended.wait(timeout):
+            raise TransportError(self._client.name, f"no result within {timeout:g} s")
+        if self._result is None:
+            raise TransportError(self._client.name, "the transport was closed before the result came")
+        return self._result
+
+    def lose(self) -> None:
+        """End it without a result."""
+        self._ended.set()
+
+    def _finish(self, future: Any) -> None:
+        answer = future.result()
+        if answer is not None and not self._ended.is_set():
+            result = self._client.types.result.from_ros(answer.result)
+            self._result = GoalResult(GoalStatus(answer.status), result)
+        self._ended.set()

@@ -1,0 +1,163 @@
+"""The rosbridge server: JSON over web sockets, for roslibpy, roslib and other clients."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.ros.transports.local import LocalTransport
+from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
+from pepper_kin.server_access import Access, is_loopback
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.rosbridge_session import Session
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_PORT = 9090
+"""Where rosbridge servers listen."""
+
+PING_SECONDS, PONG_SECONDS = 2.0, 2.0
+"""A client is asked for a sign of life this often, and is gone without one after this time [s]."""
+
+MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
+"""Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
+
+MOST_CLIENTS = 100
+"""Clients at a time."""
+
+RISK = "others could move the robot, plan on this machine, and see what its cameras see"
+
+
+class RosbridgeServer(LocalTransport):
+    """Topics, services and actions of this program for rosbridge clients, and theirs for this program.
+
+    Args:
+        host: Where to listen.
+        port: Where to listen; 0 for any free port.
+        allow_remote: Whether the host may be one that other machines reach; the address has a token then.
+        token: The token; None draws one where others can reach the server, and leaves it out elsewhere.
+
+    Attributes:
+        access: Who may connect.
+        port: Where it listens.
+
+    Raises:
+        InvalidValueError: for a port that is none, or a host beyond loopback without `allow_remote`.
+        InfeasibleError: where the port is taken.
+    """
+
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = DEFAULT_PORT,
+        *,
+        allow_remote: bool = False,
+        token: str | None = None,
+    ) -> None:
+        super().__init__()
+        self.access = Access.of(host, allow_remote, token, risk=RISK)
+        self._sockets = _bound(host, port)
+        self.port = int(self._sockets[0].getsockname()[1])
+        self.sessions: set[Session] = set()
+        self.executor = ThreadPoolExecutor(16, thread_name_prefix="rosbridge")
+        self._loop = asyncio.new_event_loop()
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="rosbridge", daemon=True)
+        self._thread.start()
+        self._started.wait()
+
+    @property
+    def url(self) -> str:
+        """Where clients connect, with the token where one is needed."""
+        token = "" if self.access.token is None else f"?token={self.access.token}"
+        return f"ws://{self.access.shown_host}:{self.port}/{token}"
+
+    def close(self) -> None:
+        """End the server and all that is open."""
+        if self._thread.is_alive():
+            super().close()
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join()
+            self.executor.shutdown(wait=False, cancel_futures=True)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        from tornado.httpserver import HTTPServer
+
+        from pepper_kin.ros.transports.rosbridge_socket import application
+
+        self._stop = asyncio.Event()
+        server = HTTPServer(application(self), max_header_size=65_536, max_body_size=65_536)
+        server.add_sockets(self._sockets)
+        self._started.set()
+        await self._stop.wait()
+        server.stop()
+        for session in tuple(self.sessions):
+            session.close()
+        await server.close_all_connections()
+        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+
+    def fault(self, host: str | None, origin: str | None, token: str | None) -> str | None:
+        """Say why a connection is refused, or None where it is not.
+
+        Pages may come from any port of this machine, as pages for robots do; others only from this server.
+
+        Args:
+            host: The header `Host`.
+            origin: The header `Origin`, None where there is none.
+            token: The token that it carries, None where there is none.
+        """
+        if len(self.sessions) >= MOST_CLIENTS:
+            return f"There are {MOST_CLIENTS} clients already."
+        try:
+            local = origin is not None and is_loopback(urlsplit(origin).hostname or "?")
+        except ValueError:
+            local = False
+        return self.access.fault(host, None if local else origin, token)
+
+
+class Allowance:
+    """How many messages of a client are read: so many a second."""
+
+    def __init__(self) -> None:
+        self._left, self._asked_at = AT_ONCE, time.monotonic()
+
+    def wait(self) -> float:
+        """Take one message; return the time until the next one may be read [s]."""
+        now = time.monotonic()
+        self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE) - 1.0
+        self._asked_at = now
+        return max(-self._left / MOST_PER_SECOND, 0.0)
+
+
+def _bound(host: str, port: Any) -> list[socket.socket]:
+    """Return sockets that listen on a port."""
+    from tornado.netutil import bind_sockets
+
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
+        raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
+    try:
+        return bind_sockets(port, host)
+    except OSError as error:
+        reason = f"{host} port {port} cannot be had: {error.strerror or error}"
+        raise InfeasibleError("rosbridge", reason, "choose another host or port, or port 0") from error
+
+
+__all__ = ["DEFAULT_PORT", "LARGEST_TEXT", "Allowance", "RosbridgeServer"]

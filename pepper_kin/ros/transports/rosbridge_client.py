@@ -1,0 +1,408 @@
+"""The rosbridge client: topics, services and actions of a robot or a simulator that serves rosbridge."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from pepper_kin.exceptions import PepperKinError, shortened
+from pepper_kin.ros.errors import TransportError
+from pepper_kin.ros.qos import RELIABLE, QoS
+from pepper_kin.ros.transport import (
+    SERVER_WAIT,
+    ActionServer,
+    Closable,
+    GoalHandle,
+    GoalResult,
+    GoalStatus,
+    Publisher,
+    Transport,
+)
+from pepper_kin.ros.transports.local import LocalTransport
+from pepper_kin.ros.transports.local_actions import Action, LocalGoal
+from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT, Fragments, parse, text_of
+from pepper_kin.ros.transports.rosbridge_pending import PendingAnswer, RosbridgeGoal
+from pepper_kin.ros_messages import action_type, message_type, service_type
+
+logger = logging.getLogger(__name__)
+
+PING_SECONDS, PONG_SECONDS = 2.0, 2.0
+"""The server is asked for a sign of life this often, and is gone without one after this time [s]."""
+
+
+class RosbridgeClient(Transport):
+    """A connection to a rosbridge server, ours or rosbridge_suite's.
+
+    Args:
+        url: Such as "ws://127.0.0.1:9090".
+        timeout: Time to connect [s].
+
+    Raises:
+        TransportError: where nobody answers there, or the server refuses.
+    """
+
+    def __init__(self, url: str, timeout: float = SERVER_WAIT) -> None:
+        self.url = url
+        self._numbers = itertools.count(1)
+        self._lock = threading.RLock()
+        self._heard: dict[str, list[_Heard]] = {}
+        self._answers: dict[str, PendingAnswer] = {}
+        self._goals: dict[str, RosbridgeGoal] = {}
+        self._offered: dict[str, Callable[[dict[str, Any]], None]] = {}
+        self._on_lost: list[Callable[[], object]] = []
+        self._fragments = Fragments()
+        self._executor = ThreadPoolExecutor(8, thread_name_prefix="rosbridge-client")
+        self._socket: Any = None
+        self._closed = False
+        self._loop = asyncio.new_event_loop()
+        self._connected, self._error = threading.Event(), ""
+        self._thread = threading.Thread(target=self._run, name="rosbridge-client", daemon=True)
+        self._thread.start()
+        if not self._connected.wait(timeout) or self._error:
+            self._closed = True
+            raise TransportError(url, self._error or f"no answer within {timeout:g} s; is a server there?")
+
+    @property
+    def connected(self) -> bool:
+        """Whether the connection stands."""
+        return self._socket is not None and not self._closed
+
+    def on_lost(self, callback: Callable[[], object]) -> None:
+        """Call back when the connection is lost."""
+        self._on_lost.append(callback)
+
+    def close(self) -> None:
+        """End the connection."""
+        self._closed = True
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._loop.call_soon_threadsafe(self._end)
+            self._thread.join(5.0)
+        self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def _end(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._converse())
+        except Exception as error:
+            self._error = f"cannot connect: {error}"
+        finally:
+            self._connected.set()
+            self._lost()
+            self._loop.close()
+
+    async def _converse(self) -> None:
+        from tornado.websocket import websocket_connect
+
+        self._socket = await websocket_connect(
+            self.url,
+            ping_interval=PING_SECONDS,
+            ping_timeout=PONG_SECONDS,
+            max_message_size=LARGEST_TEXT,
+        )
+        self._connected.set()
+        while (text := await self._socket.read_message()) is not None:
+            self._take(text)
+
+    def _lost(self) -> None:
+        """Release all who wait."""
+        was_open, self._socket = self._socket is not None and not self._closed, None
+        with self._lock:
+            answers, goals = list(self._answers.values()), list(self._goals.values())
+        for answer in answers:
+            answer.fail("the connection was lost")
+        for goal in goals:
+            goal.end(GoalStatus.UNKNOWN, goal.kind.result())
+        if was_open:
+            logger.warning("%s: the connection was lost", self.url)
+            for callback in self._on_lost:
+                callback()
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send a message of the protocol; from any thread.
+
+        Raises:
+            TransportError: where the connection is lost or closed.
+        """
+        socket, text = self._socket, text_of(message)
+        if socket is None or self._closed:
+            raise TransportError(self.url, "the connection is closed; connect again")
+        try:
+            self._loop.call_soon_threadsafe(self._write, text)
+        except RuntimeError as error:
+            raise TransportError(self.url, "the connection is closed; connect again") from error
+
+    def _write(self, text: str) -> None:
+        from tornado.websocket import WebSocketClosedError
+
+        if self._socket is not None:
+            try:
+                self._socket.write_message(text).add_done_callback(lambda future: future.exception())
+            except WebSocketClosedError:
+                logger.info("%s: a message was not sent: the connection is lost", self.url)
+
+    def _take(self, text: str | bytes) -> None:
+        try:
+            message = parse(text)
+            if message["op"] == "fragment":
+                whole = self._fragments.add(message)
+                if whole is not None:
+                    self._take(whole)
+                return
+            handler = getattr(self, f"_on_{message['op']}", None)
+            if handler is None:
+                logger.warning("%s: unknown op %s", self.url, shortened(message["op"]))
+            else:
+                handler(message)
+        except Exception:
+            logger.exception("%s: a message could not be handled", self.url)
+
+    # What arrives.
+
+    def _on_publish(self, message: dict[str, Any]) -> None:
+        with self._lock:
+            heard = list(self._heard.get(message["topic"], ()))
+        made: dict[Any, Any] = {}
+        for one in heard:
+            if one.kind not in made:
+                made[one.kind] = one.kind.from_dict(message.get("msg") or {})
+            one.publisher.publish(made[one.kind])
+
+    def _on_status(self, message: dict[str, Any]) -> None:
+        text = str(message.get("msg"))
+        logger.warning("%s: %s: %s", self.url, message.get("level"), text)
+        answer = self._answers.get(str(message.get("id")))
+        if answer is not None and message.get("level") == "error":
+            answer.fail(text)
+
+    def _on_service_response(self, message: dict[str, Any]) -> None:
+        answer = self._answers.get(str(message.get("id")))
+        if answer is None:
+            return
+        if message.get("result", True):
+            answer.succeed(message.get("values") or {})
+        else:
+            answer.fail(str(message.get("values")))
+
+    def _on_action_feedback(self, message: dict[str, Any]) -> None:
+        goal = self._goals.get(str(message.get("id")))
+        if goal is not None and goal.on_feedback is not None:
+            values = goal.kind.feedback.from_dict(message.get("values") or {})
+            self._executor.submit(_logged, goal.on_feedback, values)
+
+    def _on_action_result(self, message: dict[str, Any]) -> None:
+        goal = self._goals.pop(str(message.get("id")), None)
+        if goal is None:
+            return
+        values, status = message.get("values"), message.get("status", int(GoalStatus.UNKNOWN))
+        if not isinstance(values, dict):
+            goal.refuse(str(values))
+            return
+        goal.end(GoalStatus(status), goal.kind.result.from_dict(values))
+
+    def _on_call_service(self, message: dict[str, Any]) -> None:
+        self._offered_call(f"service {message.get('service')}", message)
+
+    def _on_send_action_goal(self, message: dict[str, Any]) -> None:
+        self._offered_call(f"action {message.get('action')}", message)
+
+    def _on_cancel_action_goal(self, message: dict[str, Any]) -> None:
+        self._offered_call(f"action {message.get('action')}", message)
+
+    def _offered_call(self, key: str, message: dict[str, Any]) -> None:
+        answer = self._offered.get(key)
+        if answer is not None:
+            self._executor.submit(_logged, answer, message)
+
+    # Topics.
+
+    def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
+        """Return a publisher; see `Transport.advertise`."""
+        return _RosbridgePublisher(self, topic, message_type(type_name), qos)
+
+    def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
+        """Call back with every message; see `Transport.subscribe`."""
+        heard = _Heard(self, topic, message_type(type_name), qos, callback)
+        with self._lock:
+            self._heard.setdefault(topic, []).append(heard)
+        subscribe = {"op": "subscribe", "id": heard.identifier, "topic": topic, "queue_length": qos.depth}
+        self.send({**subscribe, "type": heard.kind.type_name})
+        return heard
+
+    def forget(self, heard: _Heard) -> None:
+        """End a subscription."""
+        with self._lock:
+            if heard not in self._heard.get(heard.topic, ()):
+                return
+            self._heard[heard.topic].remove(heard)
+        if self.connected:
+            self.send({"op": "unsubscribe", "id": heard.identifier, "topic": heard.topic})
+
+    # Services.
+
+    def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
+        """Answer calls; see `Transport.offer_service`."""
+        kind = service_type(type_name)
+
+        def answer(message: dict[str, Any]) -> None:
+            response = {"op": "service_response", "service": name, "id": message.get("id")}
+            try:
+                values = callback(kind.request.from_dict(message.get("args") or {})).to_dict()
+                self.send({**response, "values": values, "result": True})
+            except Exception as error:
+                self.send({**response, "values": str(error)[:500], "result": False})
+
+        return self._offer("service", name, type_name, answer)
+
+    def _offer(
+        self, kind: str, name: str, type_name: str, answer: Callable[[dict[str, Any]], None]
+    ) -> Closable:
+        self._offered[f"{kind} {name}"] = answer
+        self.send({"op": f"advertise_{kind}", kind: name, "type": type_name})
+
+        def end() -> None:
+            if self._offered.pop(f"{kind} {name}", None) is not None and self.connected:
+                self.send({"op": f"unadvertise_{kind}", kind: name})
+
+        return _Ending(end)
+
+    def call_service(self, name: str, type_name: str, request: Any, timeout: float = SERVER_WAIT) -> Any:
+        """Call a service; see `Transport.call_service`."""
+        kind = service_type(type_name)
+        identifier = f"call:{next(self._numbers)}"
+        answer = self._answers[identifier] = PendingAnswer(identifier)
+        try:
+            call = {"op": "call_service", "id": identifier, "service": name, "type": type_name}
+            self.send({**call, "args": request.to_dict()})
+            return kind.response.from_dict(answer.wait(name, timeout))
+        finally:
+            self._answers.pop(identifier, None)
+
+    # Actions.
+
+    def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
+        """Offer an action; see `Transport.offer_action`."""
+        kind = action_type(type_name)
+        action = Action(lambda _: None, name, type_name, server)
+        goals: dict[Any, LocalGoal] = {}
+
+        def answer(message: dict[str, Any]) -> None:
+            key = message.get("id")
+            common = {"action": name, "id": key}
+            if message["op"] == "cancel_action_goal":
+                if key in goals:
+                    goals[key].request_cancel()
+                return
+
+            def feedback(values: Any) -> None:
+                self.send({"op": "action_feedback", **common, "values": values.to_dict()})
+
+            def end(result: GoalResult) -> None:
+                goals.pop(key, None)
+                values = {"values": result.result.to_dict(), "status": int(result.status)}
+                reached = result.status is GoalStatus.SUCCEEDED
+                if self.connected:
+                    self.send({"op": "action_result", **common, **values, "result": reached})
+
+            goal = kind.goal.from_dict(message.get("args") or {})
+            made = LocalGoal(action, goal, feedback, end)
+            goals[key] = made
+            if server.on_goal(goal):
+                made.begin()
+            else:
+                end(GoalResult(GoalStatus.ABORTED, kind.result()))
+
+        self._on_lost.append(action.close)
+        offered = self._offer("action", name, type_name, answer)
+
+        def close() -> None:
+            offered.close()
+            action.close()
+
+        return _Ending(close)
+
+    def send_goal(
+        self,
+        name: str,
+        type_name: str,
+        goal: Any,
+        feedback_callback: Callable[[Any], None] | None = None,
+        timeout: float = SERVER_WAIT,
+    ) -> GoalHandle:
+        """Send a goal; the protocol does not say when it is accepted, so `accepted` is True until refused."""
+        made = RosbridgeGoal(self, name, type_name, feedback_callback)
+        with self._lock:
+            self._goals[made.identifier] = made
+        message: dict[str, Any] = {"op": "send_action_goal", "action": name, "action_type": type_name}
+        message |= {"id": made.identifier, "feedback": feedback_callback is not None}
+        self.send({**message, "args": goal.to_dict()})
+        return made
+
+
+class _RosbridgePublisher(Publisher):
+    def __init__(self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS) -> None:
+        self._client, self._topic, self._kind, self._open = client, topic, kind, True
+        latch = {"latch": qos.latched, "queue_size": qos.depth}
+        client.send({"op": "advertise", "topic": topic, "type": kind.type_name, **latch})
+
+    @property
+    def subscription_count(self) -> int:
+        """Always 1: the protocol does not say who listens."""
+        return 1
+
+    def publish(self, message: Any) -> None:
+        """Send a message."""
+        if not self._open:
+            raise TransportError(self._topic, "the publisher is closed; advertise the topic again")
+        self._client.send({"op": "publish", "topic": self._topic, "msg": message.to_dict()})
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        if self._open and self._client.connected:
+            self._client.send({"op": "unadvertise", "topic": self._topic})
+        self._open = False
+
+
+class _Heard(Closable):
+    """A subscription: messages are called back on a separate thread."""
+
+    def __init__(
+        self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS, callback: Callable[[Any], None]
+    ) -> None:
+        self._client, self.topic, self.kind = client, topic, kind
+        self.identifier = f"subscribe:{next(client._numbers)}"
+        self._local = LocalTransport()
+        self.publisher = self._local.advertise(topic, kind.type_name)
+        self._local.subscribe(topic, kind.type_name, qos, callback)
+
+    def close(self) -> None:
+        """Take nothing more."""
+        self._client.forget(self)
+        self._local.close()
+
+
+class _Ending(Closable):
+    def __init__(self, end: Callable[[], None]) -> None:
+        self._end = end
+
+    def close(self) -> None:
+        """End it."""
+        self._end()
+
+
+def _logged(call: Callable[[Any], object], value: Any) -> None:
+    """Call, and log what that raises."""
+    try:
+        call(value)
+    except PepperKinError as error:
+        logger.warning("rosbridge: %s", error)
+    except Exception:
+        logger.exception("rosbridge: a callback failed")

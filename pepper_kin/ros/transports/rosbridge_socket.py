@@ -1,0 +1,90 @@
+"""Web sockets of the rosbridge server."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import tornado.web
+import tornado.websocket
+
+from pepper_kin.ros.transports.rosbridge import PING_SECONDS, PONG_SECONDS, Allowance, RosbridgeServer
+from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
+from pepper_kin.ros.transports.rosbridge_outbox import Outbox
+from pepper_kin.ros.transports.rosbridge_session import Session
+
+logger = logging.getLogger(__name__)
+
+
+def application(server: RosbridgeServer) -> tornado.web.Application:
+    """Return the application: a socket at every path, as rosbridge servers have it."""
+    return tornado.web.Application(
+        [(".*", ClientSocket, {"server": server})],
+        websocket_ping_interval=PING_SECONDS,
+        websocket_ping_timeout=PONG_SECONDS,
+        websocket_max_message_size=LARGEST_TEXT,
+        log_function=lambda handler: None,
+    )
+
+
+class ClientSocket(tornado.websocket.WebSocketHandler):
+    """The socket of one client."""
+
+    def initialize(self, server: RosbridgeServer) -> None:
+        """Take what the application hands to every handler."""
+        self._server = server
+        self._session: Session | None = None
+        self._allowance = Allowance()
+        self._sending: asyncio.Task[None] | None = None
+
+    def prepare(self) -> None:
+        """Refuse with a sentence, or go on."""
+        headers = self.request.headers
+        fault = self._server.fault(
+            headers.get("Host"), headers.get("Origin"), self.get_query_argument("token", None)
+        )
+        if fault is not None:
+            self.set_status(403)
+            self.finish(fault)
+
+    def check_origin(self, origin: str) -> bool:
+        """Whether a page may connect; `prepare` has checked the rules already."""
+        return True
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        """Begin a session."""
+        self.set_nodelay(True)
+        outbox = Outbox(self._send, self._overflow)
+        loop = asyncio.get_running_loop()
+        self._session = Session(self._server, outbox, loop, self._server.executor)
+        self._server.sessions.add(self._session)
+        self._sending = asyncio.ensure_future(self._send_all(outbox))
+
+    async def on_message(self, message: str | bytes) -> None:
+        """Do what the client sends; one that sends too much waits."""
+        if self._session is not None:
+            self._session.take(message)
+        wait = self._allowance.wait()
+        await asyncio.sleep(wait)
+
+    def on_close(self) -> None:
+        """End the session."""
+        if self._session is not None:
+            self._server.sessions.discard(self._session)
+            self._session.close()
+        if self._sending is not None:
+            self._sending.cancel()
+
+    async def _send_all(self, outbox: Outbox) -> None:
+        try:
+            await outbox.run()
+        except tornado.websocket.WebSocketClosedError:
+            return
+
+    async def _send(self, text: str) -> Any:
+        await self.write_message(text)
+
+    def _overflow(self) -> None:
+        logger.warning("rosbridge: a client does not read its answers; it is disconnected")
+        self.close(1008, "answers are not read")

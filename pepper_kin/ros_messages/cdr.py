@@ -1,0 +1,63 @@
+"""Messages as bytes and back: CDR of version 1, little-endian, as DDS and MCAP files carry ROS 2's messages.
+
+Source: OMG, Common Object Request Broker Architecture 3.3, part 2, section 9.3, and DDS Interoperability 2.5:
+four bytes of encapsulation, then the fields; numbers are aligned to their size; a string is its length with
+the final NUL, and UTF-8; a sequence is its length and its elements.
+
+For each type one function is written out and compiled by Python (`pepper_kin.ros_messages.cdr_functions`), so
+that numbers beside one another are read by one call of `struct`.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TypeVar
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ros_messages.cdr_functions import decoder, encoder
+from pepper_kin.ros_messages.errors import MessageError
+from pepper_kin.ros_messages.messages import Message, check_message
+
+_Message = TypeVar("_Message", bound=Message)
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+"""First bytes of a message in little-endian CDR of version 1."""
+
+
+def encode(message: Message) -> bytes:
+    """Return a message as bytes.
+
+    Raises:
+        InvalidValueError: naming the field, for a value that its type cannot hold.
+    """
+    out = bytearray(ENCAPSULATION)
+    try:
+        encoder(type(message))(message, out)
+    except (struct.error, TypeError, ValueError, AttributeError, OverflowError) as error:
+        check_message(message, type(message))
+        raise InvalidValueError(type(message).type_name, message, f"a valid message ({error})") from error
+    return bytes(out)
+
+
+def decode(kind: type[_Message], data: bytes | bytearray | memoryview) -> _Message:
+    """Return a message from bytes; its arrays are read-only views of them.
+
+    Bytes after the last field are ignored: middleware pads messages to the size that it has estimated.
+
+    Args:
+        kind: Class of the message.
+        data: The bytes, from any source: every length is checked before memory is reserved.
+
+    Raises:
+        MessageError: saying what is wrong and where, for bytes that do not hold such a message.
+    """
+    view = memoryview(data).toreadonly()
+    if view.nbytes < 4 or view[:2] != ENCAPSULATION[:2]:
+        got = bytes(view[:2]).hex() or "no bytes"
+        raise MessageError(kind.type_name, f"begins with {got}, expected 0001 (little-endian CDR)")
+    body = view[4:]
+    try:
+        message, _ = decoder(kind)(body, 0, body.nbytes)
+    except (struct.error, ValueError, IndexError) as error:  # UnicodeDecodeError is a ValueError
+        raise MessageError(kind.type_name, f"is cut off or damaged, {body.nbytes} bytes: {error}") from None
+    return message
