@@ -14,13 +14,13 @@ from pepper_kin.cli_terminal import Json, one_of, print_json
 if TYPE_CHECKING:
     from pepper_kin.ros import Transport
 
-TRANSPORTS = ("rosbridge",)
+TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds")
 
 
 def ros(
     transport: Annotated[
         str,
-        typer.Option(help="How messages travel: rosbridge.", autocompletion=one_of(TRANSPORTS)),
+        typer.Option(help="rosbridge, rclpy or cyclonedds.", autocompletion=one_of(TRANSPORTS)),
     ] = "rosbridge",
     port: Annotated[int, typer.Option(help="Of rosbridge: where to listen; 0 for any.")] = 9090,
     address: Annotated[str, typer.Option(help="Of rosbridge: address to listen on.")] = "127.0.0.1",
@@ -89,4 +89,12 @@ def _transport(
 
         server = RosbridgeServer(address, port, allow_remote=allow_remote, token=token)
         return server, server.url
+    if name == "rclpy":
+        from pepper_kin.ros.transports.rclpy import RclpyTransport
+
+        return RclpyTransport("pepper_kin"), "the graph of ROS_DOMAIN_ID"
+    if name == "cyclonedds":
+        from pepper_kin.ros.transports.cyclonedds import CycloneTransport
+
+        return CycloneTransport("pepper_kin"), "the graph of ROS_DOMAIN_ID"
     raise InvalidValueError("transport", repr(name), f"one of {', '.join(TRANSPORTS)}")
