@@ -19,7 +19,9 @@ from pepper_kin.cli_terminal import (
     Base,
     Hands,
     Json,
+    NoScene,
     Output,
+    SceneFile,
     Seed,
     complete_gesture,
     complete_posture,
@@ -28,6 +30,7 @@ from pepper_kin.cli_terminal import (
     print_json,
     print_written,
     progress,
+    scene_of,
     stages,
 )
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
@@ -239,9 +242,10 @@ def view(
     file: Annotated[
         Path | None, typer.Argument(help="Trajectory to show: .csv, .npz, .json, .yaml, .py or .mcap.")
     ] = None,
-    scene: Annotated[Path | None, typer.Option(help="Scene to show: JSON.")] = None,
+    scene: SceneFile = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only.")] = False,
     *,
+    no_scene: NoScene = False,
     port: Annotated[
         int | None, typer.Option(help="0 for any; the first free one from 7878 on if left out.")
     ] = None,
@@ -263,7 +267,6 @@ def view(
     import json
     import webbrowser
 
-    from pepper_kin.collision import Scene
     from pepper_kin.files import load
     from pepper_kin.model import load_pepper
     from pepper_kin.viewer.server import Access, serve
@@ -280,7 +283,7 @@ def view(
         pepper,
         access,
         port,
-        scene=None if scene is None else Scene.load(scene),
+        scene=scene_of(file, scene, no_scene),
         motion=None if file is None else load(file, pepper),
         on_start=announce,
     )

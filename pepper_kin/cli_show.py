@@ -14,11 +14,14 @@ from pepper_kin.cli_terminal import (
     Base,
     Hands,
     Json,
+    NoScene,
+    SceneFile,
     Seed,
     one_of,
     print_json,
     print_written,
     progress,
+    scene_of,
 )
 from pepper_kin.exceptions import InvalidValueError
 
@@ -64,8 +67,9 @@ def render(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Film (.mp4, .gif), picture (.png) or page (.html).")
     ],
-    scene: Annotated[Path | None, typer.Option(help="Scene to show around the robot: JSON.")] = None,
+    scene: SceneFile = None,
     *,
+    no_scene: NoScene = False,
     fps: Annotated[float | None, typer.Option(help="Frames per second of a film; 30 if left out.")] = None,
     size: Annotated[
         str | None,
@@ -95,7 +99,6 @@ def render(
 
     Example: pepper-kin render demo/run.csv -o demo/movie.mp4
     """
-    from pepper_kin.collision import Scene
     from pepper_kin.jobs import load_motion
     from pepper_kin.model import load_pepper
     from pepper_kin.viewer import Viewpoint, render_motion
@@ -106,7 +109,7 @@ def render(
     pixels = None if size is None else _size(size)
     pepper = load_pepper(base=base, hands=hands)
     motion = load_motion(file, pepper)
-    around = None if scene is None else Scene.load(scene)
+    around = scene_of(file, scene, no_scene)
     make_folder(output.parent)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)

@@ -8,9 +8,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from pepper_kin.exceptions import InvalidValueError
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 FAILED = 1
 MISUSED = 2
@@ -57,6 +62,28 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the fil
 Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 Base = Annotated[str, typer.Option(help="fixed or planar.", autocompletion=one_of(BASES))]
 Hands = Annotated[str, typer.Option(help="locked, mimic or independent.", autocompletion=one_of(HANDS))]
+SceneFile = Annotated[
+    Path | None,
+    typer.Option(help="Scene to show: JSON; scene.json in the motion's folder, if it is there, if left out."),
+]
+NoScene = Annotated[bool, typer.Option("--no-scene", help="Show no scene.")]
+
+
+def scene_of(motion: Path | None, scene: Path | None, no_scene: bool) -> Scene | None:
+    """Return the scene to show with a motion: the one that is named, else the one in the motion's folder.
+
+    Raises:
+        InvalidValueError: where one is named and none is to be shown.
+        FileFormatError: for a file that is not a scene.
+    """
+    from pepper_kin.collision import Scene
+    from pepper_kin.jobs import scene_beside
+
+    if no_scene and scene is not None:
+        raise InvalidValueError("--scene", str(scene), "to be left out with --no-scene")
+    if scene is None and motion is not None and not no_scene:
+        scene = scene_beside(motion)
+    return None if scene is None else Scene.load(scene)
 
 
 def print_json(value: Any) -> None:

@@ -2,7 +2,7 @@
 
     reach, ReachOutcome, save_outcome, run_demo, demo_scene
     make_gesture, MadeGesture, save_library_gesture, save_gesture
-    load_motion, save_export
+    load_motion, scene_beside, save_export
     check_dynamics, DynamicsCheck, DynamicsCheckRow
     check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
     run_bench, BenchResult, BenchRow, warm_up, WarmUp
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.dynamics_checking import check_dynamics
     from pepper_kin.jobs.export_files import save_export
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, save_library_gesture
-    from pepper_kin.jobs.motion_file import load_motion
+    from pepper_kin.jobs.motion_file import load_motion, scene_beside
     from pepper_kin.jobs.paper_check import PaperCheck, check_paper
     from pepper_kin.jobs.paper_files import save_paper_check
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
@@ -57,6 +57,7 @@ _MODULES = {
     "save_library_gesture": "gesture_job",
     "save_outcome": "result_files",
     "save_paper_check": "paper_files",
+    "scene_beside": "motion_file",
 }
 
 __all__ = [
@@ -83,6 +84,7 @@ __all__ = [
     "save_library_gesture",
     "save_outcome",
     "save_paper_check",
+    "scene_beside",
     "warm_up",
 ]
 

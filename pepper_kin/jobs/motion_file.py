@@ -11,6 +11,8 @@ from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import Run, load_recording, load_run
 
 _RUN_COLUMN = ".torque"
+SCENE_FILE = "scene.json"
+"""The scene of the motions in the same folder."""
 
 
 def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
@@ -37,6 +39,17 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
         return load_run(path, pepper)
     return load(path, pepper)
+
+
+def scene_beside(path: str | Path) -> Path | None:
+    """Return the file of the scene of a motion: `scene.json` in its folder; None without one.
+
+    Args:
+        path: As `load_motion` takes it.
+    """
+    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    file = folder / SCENE_FILE
+    return file if file.is_file() else None
 
 
 def _first_line(path: str | Path) -> str:

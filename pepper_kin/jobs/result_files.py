@@ -10,6 +10,7 @@ from typing import Any
 
 from pepper_kin import atomic_file
 from pepper_kin.files import save
+from pepper_kin.jobs.motion_file import SCENE_FILE
 from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
@@ -56,7 +57,9 @@ def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
 
 
 def save_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path) -> dict[str, Path]:
-    """Write `summary.json` and, where there is a motion, `trajectory.csv`, `run.csv` and `columns.json`.
+    """Write `summary.json`, `scene.json` and, where there is a motion, trajectory, run and their columns.
+
+    The motion's files are `trajectory.csv`, `run.csv` and `columns.json`.
 
     Args:
         pepper: The robot.
@@ -71,7 +74,10 @@ def save_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path)
     """
     moved = outcome.trajectory is not None and outcome.run is not None
     motion = (outcome.trajectory, outcome.run) if moved else (None, None)
-    return write_results(folder, summary(pepper, outcome), *motion)
+    files = write_results(folder, summary(pepper, outcome), *motion)
+    files[SCENE_FILE] = Path(folder) / SCENE_FILE
+    outcome.scene.save(files[SCENE_FILE])
+    return files
 
 
 def save_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:

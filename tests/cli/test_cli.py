@@ -25,7 +25,9 @@ def test_demo_prints_a_table_and_writes_all_files(demo):
     ):
         assert word in done.stdout
     names = sorted(path.name for path in (folder / "out").iterdir())
-    assert names == ["columns.json", "motion.html", "run.csv", "summary.json", "trajectory.csv"]
+    assert names == [
+        "columns.json", "motion.html", "run.csv", "scene.json", "summary.json", "trajectory.csv",
+    ]  # fmt: skip
 
 
 @pytest.mark.browser

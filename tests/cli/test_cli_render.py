@@ -59,6 +59,22 @@ def test_a_page_needs_no_browser_and_takes_the_scene(run, folder, tmp_path):
     assert "shelf-of-books" in name.read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("source", ["nod.npz", "run.csv"])
+def test_the_scene_in_the_folder_of_a_motion_is_shown(run, folder, tmp_path, source):
+    pk.Scene().add_box("shelf-of-books", size=(0.2, 0.2, 0.2), position=(1, 0, 1)).save(
+        tmp_path / "scene.json"
+    )
+    (tmp_path / source).write_bytes((folder / source).read_bytes())
+    name = tmp_path / "page.html"
+    for more, shown in (((), True), (("--no-scene",), False)):
+        done = run("render", f"{tmp_path.name}/{source}", "-o", str(name), *more, cwd=tmp_path.parent)
+        assert done.returncode == 0, done.stderr
+        assert ("shelf-of-books" in name.read_text(encoding="utf-8")) is shown
+    done = run("render", source, "-o", "b.html", "--no-scene", "--scene", "scene.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--scene: got scene.json, expected to be left out with --no-scene" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

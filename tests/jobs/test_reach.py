@@ -79,8 +79,9 @@ def test_files(demo, tmp_path):
     pepper, outcome = demo
     files = save_outcome(pepper, outcome, tmp_path / "new" / "folder")
     assert sorted(path.name for path in (tmp_path / "new" / "folder").iterdir()) == [
-        "columns.json", "run.csv", "summary.json", "trajectory.csv",
+        "columns.json", "run.csv", "scene.json", "summary.json", "trajectory.csv",
     ]  # fmt: skip
+    assert pk.Scene.load(files["scene.json"]).equals(outcome.scene)
     columns = json.loads(files["columns.json"].read_text())
     for name, quantities in (
         ("trajectory.csv", ("position", "velocity", "acceleration")),

@@ -8,21 +8,62 @@ function make(tag, properties = {}, ...children) {
   return element;
 }
 
-// Show what the server says, unless somebody is moving or typing into this very control.
+// Show what the server says; while somebody moves this very slider, once that is over.
 function showValue(input, value) {
-  if (input.dataset.edited || performance.now() - (input.touched ?? -Infinity) < 400) return;
-  if (input.type === "checkbox") input.checked = value;
+  clearTimeout(input.later);
+  const left = 400 - (performance.now() - (input.touched ?? -Infinity));
+  if (left > 0) input.later = setTimeout(() => showValue(input, value), left);
   else if (input.value === "" || Number(input.value) !== value) input.value = value;
 }
 
-// A number to type: sent when the typing is done, or at each step of the arrow keys.
+// Digits after the point, how near [m] a number is the same, how long a field counts as typed into after the last key,
+// and how long an answer may take [ms].
+const NUMBER = { digits: 3, same: 0.6e-3, typing: 3000, answer: 3000 };
+
+// A number to type: sent when the typing is done, or at each step of the arrow keys.  What the server says is shown
+// by its method `show`, but not while somebody types, nor between sending a number and the server's taking it over:
+// a message that was on its way meanwhile holds the number before.
 function numberInput(label, step, onChange) {
   const input = make("input", { type: "number", step: String(step), ariaLabel: label, title: label });
-  input.addEventListener("input", () => (input.dataset.edited = "1"));
-  input.addEventListener("blur", () => delete input.dataset.edited);
+  const state = { latest: null, sent: null, edited: false, used: -Infinity, timer: 0 };
+
+  function settle() {
+    clearTimeout(state.timer);
+    if (state.latest === null || state.edited || state.sent !== null) return;
+    const left = document.activeElement === input ? NUMBER.typing - (performance.now() - state.used) : 0;
+    const text = Axes.fixed(state.latest, NUMBER.digits);
+    if (left > 0) state.timer = setTimeout(settle, left);
+    else if (input.value !== text) input.value = text;
+  }
+
+  input.show = (value) => {
+    state.latest = value;
+    if (state.sent !== null && Math.abs(value - state.sent) <= NUMBER.same) state.sent = null;
+    settle();
+  };
+  for (const type of ["focus", "keydown", "pointerdown"]) {
+    input.addEventListener(type, () => (state.used = performance.now()));
+  }
+  input.addEventListener("input", () => (state.edited = true));
+  input.addEventListener("blur", () => {
+    state.edited = false;
+    settle();
+  });
   input.addEventListener("change", () => {
-    delete input.dataset.edited;
-    if (input.value !== "" && Number.isFinite(input.valueAsNumber)) onChange(input.valueAsNumber);
+    state.edited = false;
+    const value = input.valueAsNumber;
+    if (!Number.isFinite(value)) {
+      settle();
+      return;
+    }
+    state.sent = value;
+    onChange(value);
+    // A number that is refused, or changed, comes back as it was, or never.
+    setTimeout(() => {
+      if (state.sent !== value) return;
+      state.sent = null;
+      settle();
+    }, NUMBER.answer);
   });
   return input;
 }

@@ -1,6 +1,6 @@
 "use strict";
 // The link to the server.  When it breaks it tries again by itself, for ever; the server then sends everything
-// anew, so a page never has to remember what it missed.
+// again, so a page never has to remember what it missed.
 class Link {
   static POSES = 1;
   static DRAWING = 2;

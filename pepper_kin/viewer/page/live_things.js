@@ -7,7 +7,7 @@ class TargetRows {
     this.send = send;
     this.rows = new Map();
     this.stamp = 0;
-    this.sentAt = new Map(); // stamp -> time, for measuring how long a wish takes to be drawn
+    this.sentAt = new Map(); // stamp -> time, for measuring how long a target takes to be drawn
     document.getElementById("targets").replaceChildren(...robot.targets.map((name) => this.row(name)));
     const press = (id, action) => (document.getElementById(id).onclick = action);
     press("release", () => send({ do: "release" }));
@@ -46,7 +46,7 @@ class TargetRows {
     for (const [name, { position, on }] of Object.entries(targets)) {
       const row = this.rows.get(name);
       row.on.checked = on;
-      row.inputs.forEach((input, k) => showValue(input, Math.round(position[k] * 1000) / 1000));
+      row.inputs.forEach((input, k) => input.show(position[k]));
     }
   }
 }
@@ -111,8 +111,8 @@ class ObstacleRows {
       const { position, size, color } = this.rows.get(thing.name);
       const shade = `#${thing.color.map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("")}`;
       if (document.activeElement !== color && color.value !== shade) color.value = shade;
-      position.forEach((input, k) => showValue(input, Math.round(thing.position[k] * 1000) / 1000));
-      size.forEach((input, k) => showValue(input, Math.round(thing.size[k] * 1000) / 1000));
+      position.forEach((input, k) => input.show(thing.position[k]));
+      size.forEach((input, k) => input.show(thing.size[k]));
     }
   }
 }
