@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.exceptions import InvalidValueError
+
 from .problem import Problem
 from .vectors import FloatArray, finite_points, read_only, seed_number, whole_number
 
@@ -11,6 +13,7 @@ FRONTIER = 64
 """Most nodes of a stuck tree that planners return."""
 
 _STREAM = 0x5407
+_FAR = 1000.0  # diagonals
 _MOST = 1_000_000  # motions, for which there is memory
 
 
@@ -25,6 +28,9 @@ def motions_away(
     """Return where random motions away from states, shape (k, n), begin and lead to; (count, n) each."""
     rng = np.random.default_rng((_STREAM, seed_number(seed)))
     states, count = finite_points("states", states, problem.n), whole_number("count", count, 0, _MOST)
+    beyond = np.abs(states - np.clip(states, problem.lower, problem.upper)).max()
+    if beyond > _FAR * problem.diagonal:  # states may turn beyond the box, but steps have to be counted
+        raise InvalidValueError("states", states[np.abs(states).argmax() // problem.n], "states near the box")
     origins = states[rng.integers(len(states), size=count)]
     return origins, rng.uniform(problem.lower, problem.upper, (count, problem.n))
 
@@ -45,7 +51,7 @@ def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, se
         Shape (m, n), m <= count: of each motion that is stopped the first state that is not valid.
 
     Raises:
-        InvalidValueError: The states are not points of the problem's space, the count or the seed is not
+        InvalidValueError: The states are not points near the problem's box, the count or the seed is not
             allowed, or the checker answers in a wrong shape.
     """
     validator, found = problem.validator(), []

@@ -11,7 +11,7 @@ from pepper_kin import planners
 from pepper_kin.atomic_file import as_path, write_text
 from pepper_kin.base_placement import PlacementWeights, place_base
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.files import load_table, save_table
+from pepper_kin.files import load_table, read_naoqi_export, save_table
 from pepper_kin.motion.optimization.cost import Cost
 from pepper_kin.trajectory import Key, OnlineMotion, active_limits, check, phase_plane
 from pepper_kin.twin.base import (
@@ -62,6 +62,8 @@ WHOLE_NUMBERS = [
     ("candidates", lambda r: place_base(r, [hand()], candidates=HUGE)),
     ("count", lambda r: pk.TwinBatch(r, HUGE)),
     ("intervals", lambda r: pk.motion.optimize(r, [r.posture("Stand"), r.neutral()], intervals=HUGE)),
+    ("max_iterations", lambda r: pk.motion.optimize(r, bend(r), max_iterations=HUGE)),
+    ("max_iterations", lambda r: pk.motion.minimum_torque_trajectory(r, *bend(r), 2.0, max_iterations=HUGE)),
     ("edge", lambda r: moments_of(r, edge=2**63)),
     ("width", lambda r: Intrinsics(HUGE, 10, 60.0, 60.0, 5.0, 5.0)),
     ("max_iterations", lambda r: planners.rrt_connect(square(), max_iterations=HUGE)),
@@ -137,6 +139,11 @@ NUMBERS = [
     ("key", lambda r: Key([], 0.1)),
     ("weight of jerk", lambda r: Cost(jerk=RAGGED)),
     ("velocity_scale", lambda r: pk.motion.optimize(r, [r.neutral()] * 2, velocity_scale=RAGGED)),
+    ("seed", lambda r: pk.motion.optimize(r, bend(r), seed=-1)),
+    ("seed", lambda r: pk.motion.simplify_path(r, bend(r), seed=-1)),
+    ("duration", lambda r: pk.motion.optimize(r, bend(r), duration=1e300)),
+    ("margin", lambda r: pk.motion.validate(r, bend(r), margin=[])),
+    ("start", lambda r: pk.motion.PlanProblem(r, np.array("text"), r.neutral()).solve()),
     ("faces of a mesh", lambda r: pk.collision.TriangleMesh(np.eye(3), RAGGED)),
     ("points of a cloud", lambda r: pk.collision.PointCloud(RAGGED, 0.01)),
     ("objects", lambda r: pk.Scene("no such thing")),
@@ -149,6 +156,7 @@ NUMBERS = [
     ("weights", lambda r: planners.Path([[0.0], [1.0]], RAGGED)),
     ("groups", lambda r: line(groups=math.nan)),
     ("tolerances", lambda r: line(tolerances="")),
+    ("states", lambda r: planners.first_invalid_states(square(), [[0.5, 1e300]], 3)),
     ("states", lambda r: planners.first_invalid_states(square(), [[0.5, math.inf]], 3)),
     ("n", lambda r: planners.StateCost(lambda x: x, math.nan)),
     ("package_dirs", lambda r: pk.load_robot(r.urdf, package_dirs="x" * 5000)),
@@ -156,8 +164,12 @@ NUMBERS = [
 ]
 
 
+def bend(robot):
+    return [robot.posture("Stand"), robot.joint_vector({"RElbowRoll": 0.8})]
+
+
 def still_motion(robot):
-    return pk.retime(robot, [robot.posture("Stand"), robot.joint_vector({"RElbowRoll": 0.8})])
+    return pk.retime(robot, bend(robot))
 
 
 @pytest.mark.parametrize(("quantity", "call"), NUMBERS)
@@ -166,6 +178,12 @@ def test_what_is_no_number_or_no_list_of_its_shape_is_refused_by_name(robot, qua
         call(robot)
     assert refused.value.quantity.partition("[")[0] == quantity
     assert refused.value.allowed
+
+
+def test_names_of_columns_that_are_no_texts_are_refused(tmp_path):
+    path = save_table({"time": [0.0, 1.0]}, tmp_path / "table.csv")
+    with pytest.raises(InvalidValueError, match="expected: got "):
+        load_table(path, [None, 1.0])
 
 
 def test_jerk_limits_that_are_all_infinite_do_not_act(robot, motion):
@@ -211,7 +229,11 @@ def test_a_run_of_too_many_steps_is_refused(robot, motion):
         pk.Twin(robot).execute(motion, hold_time=1e9)
 
 
-def test_names_of_columns_that_are_no_texts_are_refused(tmp_path):
-    path = save_table({"time": [0.0, 1.0]}, tmp_path / "table.csv")
-    with pytest.raises(InvalidValueError, match="expected: got "):
-        load_table(path, [None, 1.0])
+def test_a_number_of_5000_digits_in_a_script_of_choregraphe_is_refused_by_the_file(tmp_path):
+    path = tmp_path / "export.py"
+    path.write_text(f'names.append("HeadYaw")\ntimes.append([{"9" * 4000}])\nkeys.append([0.5])\n')
+    with pytest.raises(FileFormatError, match=r"export.py: key of HeadYaw at 9+\.\.\. s"):
+        read_naoqi_export(path)
+    path.write_text(f'names.append("HeadYaw")\ntimes.append([0x{"9" * 5000}])\nkeys.append([0.5])\n')
+    with pytest.raises(FileFormatError, match=r"export.py: key of HeadYaw at a value of type int"):
+        read_naoqi_export(path)

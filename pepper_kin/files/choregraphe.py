@@ -135,7 +135,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
 
 
 def _naoqi_key(joint: str, time: Any, key: Any) -> Key:
-    what = f"key of {joint} at {time} s"
+    what = f"key of {joint} at {shortened(time)} s"
     plain = not isinstance(key, (list, tuple))
     parts = [key] if plain else list(key)
     if len(parts) not in (1, 3) or not all(isinstance(p, (list, tuple)) and len(p) == 3 for p in parts[1:]):

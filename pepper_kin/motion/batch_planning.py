@@ -17,7 +17,6 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
@@ -78,7 +77,9 @@ class PlanProblem:
         for name in ("start", "goal"):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, name, read_only(value.copy()))
+                copy = value.copy()  # whatever it holds
+                copy.setflags(write=False)
+                object.__setattr__(self, name, copy)
 
     def solve(self) -> Plan:
         """Return what `plan` returns, and raise what it raises."""

@@ -13,7 +13,7 @@ from pepper_kin import planners
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.driving import moves_base
@@ -74,6 +74,7 @@ def simplify_path(
     """
     checked_timeout(timeout)
     checked_margin(margin)
+    check_seed(seed)
     checks, followed = (
         checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
         checked_path(pepper, path),

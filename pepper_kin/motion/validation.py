@@ -13,6 +13,7 @@ from pepper_kin.collision.loads import load_torque
 from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
@@ -122,8 +123,8 @@ def validate(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    if not (np.isfinite(margin) and margin >= 0):
-        raise InvalidValueError("margin", margin, "a finite distance of 0 or more [m]")
+    if not 0 <= as_real(margin) < np.inf:
+        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
     checks, followed = (
         checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
         checked_path(pepper, path),

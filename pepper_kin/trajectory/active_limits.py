@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_batch
+from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
 from pepper_kin.trajectory.frame_speeds import hand_speeds
@@ -93,7 +93,10 @@ def active_limits(
         InvalidValueError: for times that are not finite numbers, or an option that is not allowed.
     """
     step = examination_step(trajectory.duration)
-    time = sample_times(trajectory.duration, step) if t is None else as_batch(t, "t", ())
+    if t is None:
+        time = sample_times(trajectory.duration, step)
+    else:
+        time = as_finite(np.atleast_1d(as_batch(t, "t", ())), "t", (None,))
     q, v, a = trajectory(time)
     held = loads_of(pepper, scene, payload)
     speeds, distance = hand_speeds(pepper, hand_speed), checked_balance(pepper, balance)

@@ -14,6 +14,7 @@ from pepper_kin import atomic_file
 from pepper_kin.dynamics.load import Load, Loads
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_reading import read_json
+from pepper_kin.twin.integrator import GREATEST_TIMESTEP
 from pepper_kin.twin.twin import FEEDFORWARDS
 
 HEADER = "recording.json"
@@ -59,8 +60,8 @@ _ENTRIES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "joints": (lambda value: _texts(value) and 0 < len(set(value)) == len(value), "the joints, each once"),
     "units": (lambda value: _texts(value) and set(value) <= {"rad", "m"}, '"rad" or "m" for each joint'),
     "timestep": (
-        lambda value: isinstance(value, float) and math.isfinite(value) and value > 0.0,
-        "a finite number above zero [s]",
+        lambda value: isinstance(value, float) and 0.0 < value <= GREATEST_TIMESTEP,
+        f"a number in (0, {GREATEST_TIMESTEP}] [s]",
     ),
     "substeps": (_whole(1), "a whole number from 1"),
     "feedforward": (lambda value: value in FEEDFORWARDS, f"one of {', '.join(FEEDFORWARDS)}"),

@@ -133,8 +133,13 @@ def calls_of(package: str, values: Values) -> Iterator[tuple[str, Callable[..., 
         ):
             continue
         for _, function, arguments in with_arguments(name, value, values):
-            use = CHECKED_LATER.get(name, lambda made, _: made)
-            yield name, lambda use=use, function=function, **given: use(function(**given), values), arguments
+            yield name, used(name, function, values), arguments
+
+
+def used(name: str, function: Callable[..., Any], values: Values) -> Callable[..., Any]:
+    """Return a function, or one that also uses the value that it makes."""
+    use = CHECKED_LATER.get(name)
+    return function if use is None else lambda **arguments: use(function(**arguments), values)
 
 
 def made_by_users(value: Any) -> bool:

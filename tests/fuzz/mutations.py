@@ -269,7 +269,7 @@ def changed_arrays(arrays: dict[str, Any], rng: Rng) -> dict[str, Any]:
             try:
                 found[name] = array.astype(pick(rng, kinds))
             except (ValueError, TypeError):
-                found[name] = array.astype("S4")
+                found[name] = np.frombuffer(array.tobytes(), "u1")
     elif kind == 5:
         found[name] = np.array(pick(rng, (np.nan, np.inf, -1, 1e308, 2**63 - 1, True, "text", "", "rad")))
     elif kind == 6:

@@ -14,7 +14,7 @@ import pepper_kin as pk
 from pepper_kin.files import save
 from pepper_kin.model import load_pepper, load_robot
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.twin import Recorder
+from pepper_kin.twin import Recorder, Run
 
 ROBOT = """<?xml version="1.0"?>
 <robot name="sample">
@@ -185,16 +185,12 @@ def trajectory_file(suffix: str) -> bytes:
 
 @cache
 def run_file() -> bytes:
-    """Return a run of the twin."""
-    names = [
-        f"{name}.{q}"
-        for q in ("position", "velocity", "torque", "reference", "reference_velocity")
-        for name in sample().joint_names
-    ]
-    rows = [",".join(["time", *names])] + [
-        ",".join([repr(0.1 * i), *(["0.25"] * len(names))]) for i in range(4)
-    ]
-    return ("\n".join(rows) + "\n").encode()
+    """Return a run of the small robot, as it is saved."""
+    names, rows = sample().joint_names, np.full((4, sample().n), 0.25)
+    limits = sample().effort_limits
+    run = Run(names, sample().joint_units, 0.1 * np.arange(4), rows, rows, rows, rows, rows, limits)
+    with tempfile.TemporaryDirectory() as folder:
+        return run.save(Path(folder) / "run.csv").read_bytes()
 
 
 @cache

@@ -5,11 +5,13 @@ import gc
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pepper_kin as pk
 from pepper_kin import collision, ik
 from pepper_kin.collision import PointCloud, TriangleMesh
+from pepper_kin.twin.sensors import RayCaster
 
 STATM = Path("/proc/self/statm")
 ALLOWED = 40e6
@@ -65,3 +67,23 @@ def test_memory_is_flat_over_many_scenes(pepper, rng, amount, tried, make):
     grown = resident() - before
     tried("scenes", first + rest, int(grown > ALLOWED))
     assert grown <= ALLOWED, f"{grown / 1e6:.0f} MB more after {rest} scenes"
+
+
+@pytest.mark.skipif(not STATM.exists(), reason="reads Linux's account of memory")
+def test_memory_is_flat_over_many_meshes_at_which_rays_are_cast(rng, amount, tried):
+    """Each has 2 MB of triangles and their tree; 256 MB are kept."""
+    first, rest = amount(130, 130, 200), amount(40, 200, 3000)
+
+    def cast():
+        vertices = rng.uniform((0.8, -1.0, 0.0), (2.0, 1.0, 1.5), (30_000, 3))
+        shape = TriangleMesh(vertices, rng.permutation(30_000).reshape(-1, 3))
+        RayCaster([shape], np.eye(4)[None]).distances(np.zeros(3), (1.0, 0.0, 0.5))
+
+    for _ in range(first):
+        cast()
+    before = resident()
+    for _ in range(rest):
+        cast()
+    grown = resident() - before
+    tried("meshes at which rays are cast", first + rest, int(grown > ALLOWED))
+    assert grown <= ALLOWED, f"{grown / 1e6:.0f} MB more after {rest} meshes"

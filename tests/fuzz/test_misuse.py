@@ -21,14 +21,12 @@ PACKAGES = (
     "motion", "planners", "servo", "trajectory", "twin", "twin.base", "twin.sensors", "twin.world",
 )  # fmt: skip
 IN_SMALL = ("kinematics", "kernels")
-IN_LONG_ONLY = ("motion", "twin")
-"""Packages that take long."""
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_wrong_arguments_are_refused_by_name(package, amount, rng, tried, request, tmp_path):
     size = request.config.getoption("--fuzz-size")
-    if (size == "small" and package not in IN_SMALL) or (size == "middle" and package in IN_LONG_ONLY):
+    if size == "small" and package not in IN_SMALL:
         pytest.skip("in a larger size")
     options = {"package": package, "count": amount(10, 12, 2000), "seed": int(rng.integers(2**31))}
     command = [sys.executable, str(HERE / "misuse_job.py"), json.dumps(options)]

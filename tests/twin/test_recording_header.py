@@ -26,7 +26,8 @@ def header(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 WRONG: list[tuple[str, Any, str]] = [
-    ("timestep", -1.0, "timestep is -1.0, expected a finite number above zero"),
+    ("timestep", 1e308, "timestep is 1e\\+308, expected a number in"),
+    ("timestep", -1.0, "timestep is -1.0, expected a number in \\(0, 0.05\\]"),
     ("timestep", float("nan"), "holds NaN, expected finite numbers"),
     ("timestep", True, "timestep is True"),
     ("substeps", 0, "substeps is 0, expected a whole number from 1"),

@@ -15,7 +15,13 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_joint_vectors,
+    check_choice,
+    check_positive,
+    check_whole,
+    check_within_limits,
+)
 from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
 from pepper_kin.status import ResultStatus
@@ -116,6 +122,7 @@ def minimum_torque_trajectory(
     begin = time.perf_counter()
     check_choice("solver", solver, SOLVERS)
     duration = check_positive("duration", duration, "s")
+    check_whole("max_iterations", max_iterations, 0)
     first, last = (_end(pepper, q, name) for q, name in ((start, "start"), (goal, "goal")))
     if np.abs(last - first).max() < 1e-9:
         raise InvalidValueError("goal", "the start", "start and goal that differ")

@@ -17,7 +17,14 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_real, check_choice, check_positive, check_whole, shown
+from pepper_kin.model.joint_vectors import (
+    as_real,
+    check_choice,
+    check_positive,
+    check_seed,
+    check_whole,
+    shown,
+)
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
 from pepper_kin.motion.optimization.cost import Cost, figures_of
@@ -42,6 +49,7 @@ Array = NDArray[np.float64]
 SOLVERS = ("newton", "ipopt", FATROP)
 _LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with
 MOST_STARTS = 10_000
+LONGEST = 86_400.0  # [s]
 MOST_INTERVALS = 1_000
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
@@ -125,7 +133,7 @@ def optimize(
 
     load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
     begin, scales = time.perf_counter(), _checked_scales(velocity_scale, acceleration_scale, torque_scale)
-    wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals)
+    wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
     limits = _scaled(pepper, *scales, balance, held)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints, held) if constraints else ()
@@ -139,7 +147,7 @@ def optimize(
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
     problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
-    search = _Search(wanted, max_iterations, begin + seconds, solver)
+    search = _Search(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
     best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
     return replace(best, time=time.perf_counter() - begin)
 
@@ -254,13 +262,22 @@ def _jerk_limits(pepper: PepperModel, jerk: JerkLike, solver: str) -> Array:
 
 
 def _checked(
-    margin: float, timeout: float | None, duration: float | None, solver: str, starts: int, intervals: int
+    margin: float,
+    timeout: float | None,
+    duration: float | None,
+    solver: str,
+    starts: int,
+    intervals: int,
+    seed: int,
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
     check_choice("solver", solver, SOLVERS)
     if not 0 <= as_real(margin) < np.inf:
         raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
     check_whole("starts", starts, 1, MOST_STARTS)
+    check_seed(seed)
+    if duration is not None and check_positive("duration", duration, "s") > LONGEST:
+        raise InvalidValueError("duration", duration, f"at most {LONGEST:g} s")
     check_whole("intervals", intervals, 4, MOST_INTERVALS)
     if timeout is not None:
         check_positive("timeout", timeout, "s")
