@@ -262,7 +262,22 @@ def long_twin(pepper):
     return TwinBatch(pepper, 512).execute(pk.retime(pepper, path))
 
 
-LONG = {"ik": long_ik, "twin": long_twin}
+def table():
+    return pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+
+
+def long_plan(pepper):
+    """Plan with a planner that shortens what it has found until its time is over."""
+    goal = [ik.HandPosition("left", (0.38, 0.22, 0.82))]
+    return pk.plan(pepper, pepper.posture("Stand"), goal, table(), planner="aorrtc", timeout=1.5)
+
+
+def long_optimize(pepper):
+    path = [pepper.posture("Stand"), pepper.joint_vector({"RShoulderPitch": 0.4, "RElbowRoll": 0.8})]
+    return pk.motion.optimize(pepper, path, table(), intervals=80, starts=4)
+
+
+LONG = {"ik": long_ik, "twin": long_twin, "plan": long_plan, "optimize": long_optimize}
 
 
 @pytest.mark.parametrize("name", LONG)
