@@ -237,3 +237,19 @@ def test_a_number_of_5000_digits_in_a_script_of_choregraphe_is_refused_by_the_fi
     path.write_text(f'names.append("HeadYaw")\ntimes.append([0x{"9" * 5000}])\nkeys.append([0.5])\n')
     with pytest.raises(FileFormatError, match=r"export.py: key of HeadYaw at a value of type int"):
         read_naoqi_export(path)
+
+
+def test_a_shaft_between_two_balls_at_one_place_is_no_capsule():
+    parts = "".join(
+        f'<collision name="a_{name}"><geometry>{shape}</geometry></collision>'
+        for name, shape in (
+            ("shaft", '<cylinder radius="0.05" length="0.3"/>'),
+            ("start", '<sphere radius="0.05"/>'),
+            ("end", '<sphere radius="0.05"/>'),
+        )
+    )
+    joint = (
+        '<joint name="j" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>'
+    )
+    urdf = f'<robot name="r"><link name="base"/><link name="a">{parts}</link>{joint}</robot>'
+    assert [shape.name for shape in pk.load_robot(urdf).collision_shapes] == ["a_shaft", "a_start", "a_end"]

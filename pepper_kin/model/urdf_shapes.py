@@ -137,12 +137,13 @@ def _merge_capsules(shapes: list[Shape]) -> list[Shape]:
             merged.append(shape)
             continue
         a, b = (e.transform_shape_to_link[:3, 3] for e in ends if e is not None)
-        if any(e is not None and e.geometry != Sphere(shaft.radius) for e in ends):
+        length = float(np.linalg.norm(b - a))
+        if length == 0.0 or any(e is not None and e.geometry != Sphere(shaft.radius) for e in ends):
             merged.append(shape)
             continue
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation_to_axis(b - a), (a + b) / 2
-        capsule = Capsule(shaft.radius, float(np.linalg.norm(b - a)))
+        capsule = Capsule(shaft.radius, length)
         merged.append(Shape(stem, shape.link, capsule, pose, shape.color))
         taken.update((f"{stem}_start", f"{stem}_end"))
     return [shape for shape in merged if shape.name not in taken]
