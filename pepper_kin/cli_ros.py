@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import Json, one_of, print_json
+from pepper_kin.cli_terminal import Json, ended_by_signals, one_of, print_json
 
 if TYPE_CHECKING:
     from pepper_kin.ros import Transport
@@ -22,8 +22,12 @@ def ros(
         str,
         typer.Option(help="rosbridge, rclpy or cyclonedds.", autocompletion=one_of(TRANSPORTS)),
     ] = "rosbridge",
-    port: Annotated[int, typer.Option(help="Of rosbridge: where to listen; 0 for any.")] = 9090,
-    address: Annotated[str, typer.Option(help="Of rosbridge: address to listen on.")] = "127.0.0.1",
+    port: Annotated[
+        int | None, typer.Option(help="Of rosbridge: where to listen; 0 for any, 9090 if left out.")
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(help="Of rosbridge: address to listen on; 127.0.0.1 if left out.")
+    ] = None,
     token: Annotated[
         str | None, typer.Option(help="Of rosbridge: what clients must state; drawn with --allow-remote.")
     ] = None,
@@ -32,11 +36,11 @@ def ros(
     ),
     resolution: Annotated[str, typer.Option(help="VGA, QVGA or QQVGA.")] = "QVGA",
     scene: Annotated[Path | None, typer.Option("--scene", help="What stands around the robot: JSON.")] = None,
-    record: Annotated[Path | None, typer.Option(help="Write the run there: .csv, .npz or .mcap.")] = None,
+    record: Annotated[Path | None, typer.Option(help="Write the run there: .csv.")] = None,
     *,
     view: Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")] = False,
     allow_remote: Annotated[
-        bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach.")
+        bool, typer.Option("--allow-remote", help="Let other machines reach it.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -44,57 +48,89 @@ def ros(
 
     Example: pepper-kin ros --transport rosbridge --view
     """
+    from pepper_kin.atomic_file import check_folder, make_folder
     from pepper_kin.body_page import BodyPage
     from pepper_kin.collision import Scene
+    from pepper_kin.exceptions import InvalidValueError
     from pepper_kin.naoqi.body import Body
     from pepper_kin.naoqi.run_log import RunLog
     from pepper_kin.ros.node import RobotNode
 
+    if record is not None:
+        if record.suffix.lower() != ".csv":
+            raise InvalidValueError("--record", repr(str(record)), "a file that ends in .csv")
+        check_folder(record.parent)
     chosen = () if cameras == "none" else tuple(cameras.split(","))
-    carrier, where = _transport(transport, address, port, allow_remote, token)
-    with carrier:
-        body = Body(scene=None if scene is None else Scene.load(scene))
-        log = None if record is None else RunLog(body)
-        body.time.start()
-        page = BodyPage(body) if view else None
-        if page is not None:
-            page.open()
-        try:
-            with RobotNode(body, carrier, cameras=chosen, resolution=resolution):
-                if as_json:
-                    print_json({"transport": transport, "url": where})
-                else:
-                    print(f"Pepper over {transport}: {where}; Ctrl-C ends it", flush=True)
-                sys.stdout.flush()
-                threading.Event().wait()
-        except KeyboardInterrupt:
-            print()
-        finally:
-            body.time.stop()
-            if log is not None and record is not None:
-                log.run().save(record)
-                print(f"Written: {record}", file=sys.stderr)
+    around = None if scene is None else Scene.load(scene)
+    with ended_by_signals():
+        carrier, where = _transport(transport, address, port, allow_remote, token)
+        with carrier:
+            body = Body(scene=around)
+            log = None if record is None else RunLog(body)
+            body.time.start()
+            page = BodyPage(body) if view else None
             if page is not None:
-                page.close()
+                page.open()
+            try:
+                with RobotNode(body, carrier, cameras=chosen, resolution=resolution):
+                    _print_start(transport, where, as_json)
+                    threading.Event().wait()
+            except KeyboardInterrupt:
+                print(file=sys.stderr)
+            finally:
+                body.time.stop()
+                if log is not None and record is not None:
+                    make_folder(record.parent)
+                    log.run().save(record)
+                    print(f"Written: {record}", file=sys.stderr)
+                if page is not None:
+                    page.close()
+
+
+def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json({"transport": transport, **where})
+    elif "url" in where:
+        print(f"Pepper over {transport}: {where['url']}; Ctrl-C ends it")
+    else:
+        reach = "this machine" if where["discovery_range"] == "LOCALHOST" else where["discovery_range"]
+        print(f"Pepper over {transport}: ROS_DOMAIN_ID {where['domain_id']}, {reach}; Ctrl-C ends it")
+        if transport == "cyclonedds":
+            print("Topics only: for services and actions use rclpy or rosbridge")
+    sys.stdout.flush()
 
 
 def _transport(
-    name: str, address: str, port: int, allow_remote: bool, token: str | None
-) -> tuple[Transport, str]:
+    name: str, address: str | None, port: int | None, allow_remote: bool, token: str | None
+) -> tuple[Transport, dict[str, Any]]:
     """Return a transport by name, and where clients find it."""
     from pepper_kin.exceptions import InvalidValueError
 
     if name == "rosbridge":
-        from pepper_kin.ros.transports.rosbridge import RosbridgeServer
+        from pepper_kin.ros.transports.rosbridge import DEFAULT_PORT, RosbridgeServer
 
-        server = RosbridgeServer(address, port, allow_remote=allow_remote, token=token)
-        return server, server.url
+        server = RosbridgeServer(
+            "127.0.0.1" if address is None else address,
+            DEFAULT_PORT if port is None else port,
+            allow_remote=allow_remote,
+            token=token,
+        )
+        return server, {"url": server.url}
+    if name not in TRANSPORTS:
+        raise InvalidValueError("transport", repr(name), f"one of {', '.join(TRANSPORTS)}")
+    for option, value in {"--address": address, "--port": port, "--token": token}.items():
+        if value is not None:
+            reason = "to be left out: only rosbridge has it; ROS_DOMAIN_ID names the graph"
+            raise InvalidValueError(option, value, reason)
+    from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number, stay_on_this_machine
+
+    if not allow_remote:
+        stay_on_this_machine()
+    where = {"domain_id": domain_number(), "discovery_range": discovery_range()}
     if name == "rclpy":
         from pepper_kin.ros.transports.rclpy import RclpyTransport
 
-        return RclpyTransport("pepper_kin"), "the graph of ROS_DOMAIN_ID"
-    if name == "cyclonedds":
-        from pepper_kin.ros.transports.cyclonedds import CycloneTransport
+        return RclpyTransport("pepper_kin"), where
+    from pepper_kin.ros.transports.cyclonedds import CycloneTransport
 
-        return CycloneTransport("pepper_kin"), "the graph of ROS_DOMAIN_ID"
-    raise InvalidValueError("transport", repr(name), f"one of {', '.join(TRANSPORTS)}")
+    return CycloneTransport("pepper_kin"), where

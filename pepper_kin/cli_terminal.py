@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -89,6 +90,16 @@ def scene_of(motion: Path | None, scene: Path | None, no_scene: bool) -> Scene |
 def print_json(value: Any) -> None:
     """Print plain values as JSON."""
     print(json.dumps(value, indent=2))
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM, by which services are ended, raise KeyboardInterrupt in the context, as Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def discard_output() -> None:

@@ -146,17 +146,21 @@ class RobotNode:
             logger.warning("no topic %s: %s", topic, error)
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> None:
-        """Offer an action until the node is closed; a warning where that is impossible: topics go on."""
+        """Offer an action until the node is closed; where that is impossible, topics go on: see the log."""
         try:
             self._open.append(self.transport.offer_action(name, type_name, server))
-        except (NotCarriedError, MissingDependencyError) as error:
+        except NotCarriedError as error:
+            logger.info("no action: %s", error)
+        except MissingDependencyError as error:
             logger.warning("no action %s: %s", name, error)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> None:
-        """Offer a service until the node is closed; a warning where that is impossible: topics go on."""
+        """Offer a service until the node is closed; where that is impossible, topics go on: see the log."""
         try:
             self._open.append(self.transport.offer_service(name, type_name, callback))
-        except (NotCarriedError, MissingDependencyError) as error:
+        except NotCarriedError as error:
+            logger.info("no service: %s", error)
+        except MissingDependencyError as error:
             logger.warning("no service %s: %s", name, error)
 
     def kill(self, tasks: Sequence[Task]) -> None:

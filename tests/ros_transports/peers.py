@@ -13,19 +13,24 @@ from pepper_kin.ros_messages import decode, encode
 FOLDER = Path(__file__).parent
 
 
+def environment_variables(**variables):
+    """Return the variables of a program with ROS 2, on this machine and in the domain of this process."""
+    common = {
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONPATH": str(ros_environment.ROOT),
+        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+    }
+    return ros_environment.clean_environment() | common | variables
+
+
 class Peer:
     """A program; `peer.publish(topic=..., data=message)` has it call its function of this name."""
 
-    def __init__(self, python, script, *arguments):
-        variables = {
-            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "PYTHONPATH": str(ros_environment.ROOT),
-            "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
-        }
+    def __init__(self, python, script, *arguments, **variables):
         self.process = subprocess.Popen(
             [str(python), str(FOLDER / script), *arguments],
-            env=ros_environment.clean_environment() | variables,
+            env=environment_variables(**variables),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -9,16 +9,16 @@ Source: ROS 2 design, "Topic and Service name mapping to DDS"; rmw_dds_common fo
 from __future__ import annotations
 
 import logging
-import os
 import threading
 from collections.abc import Callable
 from typing import Any
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.ros.errors import NotCarriedError, TransportError
 from pepper_kin.ros.qos import LATCHED, RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
 from pepper_kin.ros.transports.cyclonedds_types import announced_type, topic_name
+from pepper_kin.ros.transports.dds_domain import LOCALHOST, discovery_range, domain_number
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
 
@@ -70,9 +70,9 @@ class CycloneTransport(Transport):
             raise MissingDependencyError(
                 "cyclonedds", command, "the transport through Cyclone DDS"
             ) from error
-        self.node_name, self._domain_id = node_name, _domain_number(domain_id)
+        self.node_name, self._domain_id = node_name, domain_number(domain_id)
         if local is None:
-            local = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST"
+            local = discovery_range() == LOCALHOST
         _open_domain(self._domain_id, local)
         self._lock, self._closed = threading.RLock(), False
         self._parts: list[_Part] = []
@@ -305,13 +305,6 @@ def _quality(qos: QoS, type_name: str) -> Any:
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(f"typehash={type_hash(type_name)};".encode()),
     )
-
-
-def _domain_number(domain_id: int | None) -> int:
-    text = os.environ.get("ROS_DOMAIN_ID", "") if domain_id is None else str(domain_id)
-    if not (text or "0").isdecimal() or int(text or "0") > 232:
-        raise InvalidValueError("domain_id", text, "a whole number from 0 to 232")
-    return int(text or "0")
 
 
 def _open_domain(number: int, local: bool) -> None:

@@ -15,6 +15,7 @@ from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
+from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number
 from pepper_kin.ros.transports.rclpy_types import Converter, converter, ros_class
 from pepper_kin.ros_messages import message_type, service_type
 from pepper_kin.ros_messages.messages import check_message
@@ -39,6 +40,7 @@ class RclpyTransport(Transport):
 
     Raises:
         MissingDependencyError: where rclpy cannot be imported.
+        InvalidValueError: where a variable of the environment is no domain, or no range of discovery.
     """
 
     def __init__(self, node_name: str = "pepper_kin") -> None:
@@ -49,6 +51,8 @@ class RclpyTransport(Transport):
         except ImportError as error:
             command = "source /opt/ros/$ROS_DISTRO/setup.bash"
             raise MissingDependencyError("rclpy", command, "the transport through rclpy") from error
+        domain_number()  # rclpy's own refusals do not name the variables
+        discovery_range()
         self._context = rclpy.context.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(node_name, context=self._context, start_parameter_services=False)
