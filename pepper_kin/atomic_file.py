@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import BinaryIO, TypeAlias
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 
@@ -70,10 +71,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
-    """Write a file so that a reader sees the old content or the new, never a part.
-
-    The content goes to a temporary file in the same folder, which then takes the file's name in one step.
-    An existing file keeps its permissions; a new one gets the usual ones.
+    """Write a file at once; see `whole_file`.
 
     Args:
         path: The file; its folder must exist.
@@ -85,6 +83,25 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
     Raises:
         FileFormatError: naming the path and why it cannot be written; nothing is left behind.
     """
+    with whole_file(path) as file:
+        file.write(content)
+    return as_path(path)
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a file for writing so that a reader sees the old content or the new, never a part.
+
+    The content goes to a temporary file in the same folder, which takes the file's name in one step at the
+    end of the context, and is removed after an exception.  An existing file keeps its permissions; a new one
+    gets the usual ones.
+
+    Args:
+        path: The file; its folder must exist.
+
+    Raises:
+        FileFormatError: naming the path and why it cannot be written; nothing is left behind.
+    """
     target = as_path(path)
     temporary = None
     try:
@@ -92,7 +109,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
             raise IsADirectoryError(f"it is a folder: {target}")
         handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
         with os.fdopen(handle, "wb") as file:
-            file.write(content)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, _permissions(target))
@@ -107,7 +124,6 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
         raise
-    return target
 
 
 def _permissions(target: Path) -> int:

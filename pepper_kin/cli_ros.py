@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,7 @@ import typer
 from pepper_kin.cli_terminal import Json, ended_by_signals, one_of, print_json
 
 if TYPE_CHECKING:
-    from pepper_kin.ros import Transport
+    from pepper_kin.ros import RobotNode, Transport
 
 TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds")
 
@@ -36,7 +37,9 @@ def ros(
     ),
     resolution: Annotated[str, typer.Option(help="VGA, QVGA or QQVGA.")] = "QVGA",
     scene: Annotated[Path | None, typer.Option("--scene", help="What stands around the robot: JSON.")] = None,
-    record: Annotated[Path | None, typer.Option(help="Write the run there: .csv.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write the run (.csv) or the topics but pictures (.mcap) there.")
+    ] = None,
     *,
     view: Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")] = False,
     allow_remote: Annotated[
@@ -48,7 +51,7 @@ def ros(
 
     Example: pepper-kin ros --transport rosbridge --view
     """
-    from pepper_kin.atomic_file import check_folder, make_folder
+    from pepper_kin.atomic_file import make_folder
     from pepper_kin.body_page import BodyPage
     from pepper_kin.collision import Scene
     from pepper_kin.exceptions import InvalidValueError
@@ -57,22 +60,25 @@ def ros(
     from pepper_kin.ros.node import RobotNode
 
     if record is not None:
-        if record.suffix.lower() != ".csv":
-            raise InvalidValueError("--record", repr(str(record)), "a file that ends in .csv")
-        check_folder(record.parent)
+        if record.suffix.lower() not in (".csv", ".mcap"):
+            raise InvalidValueError("--record", repr(str(record)), "a file that ends in .csv or .mcap")
+        make_folder(record.parent)
     chosen = () if cameras == "none" else tuple(cameras.split(","))
     around = None if scene is None else Scene.load(scene)
     with ended_by_signals():
         carrier, where = _transport(transport, address, port, allow_remote, token)
         with carrier:
             body = Body(scene=around)
-            log = None if record is None else RunLog(body)
+            log = RunLog(body) if record is not None and record.suffix.lower() == ".csv" else None
             body.time.start()
             page = BodyPage(body) if view else None
             if page is not None:
                 page.open()
             try:
-                with RobotNode(body, carrier, cameras=chosen, resolution=resolution):
+                with (
+                    RobotNode(body, carrier, cameras=chosen, resolution=resolution) as node,
+                    _recorded(node, record if log is None else None),
+                ):
                     _print_start(transport, where, as_json)
                     threading.Event().wait()
             except KeyboardInterrupt:
@@ -80,11 +86,21 @@ def ros(
             finally:
                 body.time.stop()
                 if log is not None and record is not None:
-                    make_folder(record.parent)
                     log.run().save(record)
+                if record is not None and record.exists():
                     print(f"Written: {record}", file=sys.stderr)
                 if page is not None:
                     page.close()
+
+
+def _recorded(node: RobotNode, path: Path | None) -> AbstractContextManager[Any]:
+    """Return what writes all topics of a node but pictures to a bag."""
+    from pepper_kin.ros.bag_topics import BagRecorder
+
+    if path is None:
+        return nullcontext()
+    topics = {name: kind for name, kind in node.topics.items() if not name.endswith("image_raw")}
+    return BagRecorder(node.transport, path, topics)
 
 
 def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:

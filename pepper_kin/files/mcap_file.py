@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError, shortened
-from pepper_kin.file_reading import read_bytes
+from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.files.sampled_motion import (
     NANOSECONDS,
     check_joint_names,
@@ -23,47 +20,17 @@ from pepper_kin.files.sampled_motion import (
     units_for,
 )
 from pepper_kin.model import PepperModel
+from pepper_kin.ros_messages import message_type
+from pepper_kin.ros_messages.bags import Bag, BagMessage, BagWriter
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-_Content = TypeVar("_Content")
 
 STATES_TOPIC = "/joint_states"
 TRAJECTORY_TOPIC = "/joint_trajectory"
 STATE_TYPE = "sensor_msgs/msg/JointState"
 _TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
-
-_RULE = "=" * 80
-_HEADER = f"""{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-STATE_SCHEMA = f"""std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-{_HEADER}"""
-_TRAJECTORY_SCHEMA = f"""std_msgs/Header header
-string[] joint_names
-trajectory_msgs/JointTrajectoryPoint[] points
-{_HEADER}{_RULE}
-MSG: trajectory_msgs/JointTrajectoryPoint
-float64[] positions
-float64[] velocities
-float64[] accelerations
-float64[] effort
-builtin_interfaces/Duration time_from_start
-{_RULE}
-MSG: builtin_interfaces/Duration
-int32 sec
-uint32 nanosec
-"""
+_POINT_TYPE = "trajectory_msgs/msg/JointTrajectoryPoint"
 
 
 def write_mcap(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
@@ -79,43 +46,29 @@ def write_mcap(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path
         dt: Time between samples [s]; the last is at the duration, rounded to a nanosecond.
 
     Raises:
-        MissingDependencyError: where the package `mcap-ros2-support` is not installed.
+        MissingDependencyError: where the package `mcap` is not installed.
         InvalidValueError: for a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    try:
-        from mcap_ros2.writer import Writer
-    except ImportError as error:
-        raise _missing() from error
     stamps, samples = nanosecond_samples(trajectory, dt)
-    content = io.BytesIO()
-    writer = Writer(content)
-    state_schema = writer.register_msgdef(STATE_TYPE, STATE_SCHEMA)
-    trajectory_schema = writer.register_msgdef(_TRAJECTORY_TYPE, _TRAJECTORY_SCHEMA)
-    names = list(samples.joint_names)
-    points = [
-        {
-            "positions": samples.position[i].tolist(),
-            "velocities": samples.velocity[i].tolist(),
-            "accelerations": samples.acceleration[i].tolist(),
-            "effort": [],
-            "time_from_start": _time(stamp),
-        }
+    names, point = list(samples.joint_names), message_type(_POINT_TYPE)
+    whole = message_type(_TRAJECTORY_TYPE)(joint_names=names)
+    whole.points = [
+        point(
+            positions=samples.position[i],
+            velocities=samples.velocity[i],
+            accelerations=samples.acceleration[i],
+            time_from_start=_duration_of(stamp),
+        )
         for i, stamp in enumerate(stamps.tolist())
     ]
-    message: dict[str, Any] = {"header": message_header(0), "joint_names": names, "points": points}
-    writer.write_message(TRAJECTORY_TOPIC, trajectory_schema, message, log_time=0)
-    for i, stamp in enumerate(stamps.tolist()):
-        message = {
-            "header": message_header(stamp),
-            "name": names,
-            "position": samples.position[i].tolist(),
-            "velocity": samples.velocity[i].tolist(),
-            "effort": [],
-        }
-        writer.write_message(STATES_TOPIC, state_schema, message, log_time=stamp, sequence=i)
-    writer.finish()
-    return atomic_file.write_bytes(path, content.getvalue())
+    with BagWriter(path) as bag:
+        bag.write(TRAJECTORY_TOPIC, whole, 0)
+        for i, stamp in enumerate(stamps.tolist()):
+            bag.write(
+                STATES_TOPIC, state_message(stamp, names, samples.position[i], samples.velocity[i]), stamp
+            )
+    return Path(path)
 
 
 def read_mcap(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
@@ -126,42 +79,23 @@ def read_mcap(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         pepper: The robot whose joints it must have, in its order; any joints, in radians, if omitted.
 
     Raises:
-        MissingDependencyError: where the package `mcap-ros2-support` is not installed.
+        MissingDependencyError: where the package `mcap` is not installed.
         FileFormatError: naming path and point and what is wrong.
     """
-    message = _message(path)
-    names = check_joint_names(path, message.names, pepper)
-    time = np.array(message.stamps, dtype=float) / NANOSECONDS
+    message = _first(path)
+    names = check_joint_names(path, list(message.joint_names), pepper)
+    stamps = [_nanoseconds(point.time_from_start) for point in message.points]
+    time = np.array(stamps, dtype=float) / NANOSECONDS
     check_times(path, time, lambda _: None)
-    values = {name: _table(path, name, rows, len(names)) for name, rows in message.lists.items()}
-    position = values["positions"]
+    position, velocity, acceleration = (
+        _table(path, name, [getattr(point, name) for point in message.points], len(names))
+        for name in ("positions", "velocities", "accelerations")
+    )
     if position is None:
         raise FileFormatError(path, "points have no positions")
-    if values["velocities"] is None and values["accelerations"] is not None:
+    if velocity is None and acceleration is not None:
         raise FileFormatError(path, "points have accelerations but no velocities")
-    units = units_for(names, pepper)
-    return points_of_file(path, names, units, time, position, values["velocities"], values["accelerations"])
-
-
-class _Message(NamedTuple):
-    """Contents of a JointTrajectory as plain values."""
-
-    names: list[str]
-    stamps: list[int]  # [ns]
-    lists: dict[str, list[list[float]]]
-
-
-def _taken_apart(message: Any) -> _Message:
-    points = list(message.points)
-    times = [p.time_from_start for p in points]
-    return _Message(
-        list(message.joint_names),
-        [int(t.sec) * NANOSECONDS + int(t.nanosec) for t in times],
-        {
-            name: [list(getattr(p, name)) for p in points]
-            for name in ("positions", "velocities", "accelerations")
-        },
-    )
+    return points_of_file(path, names, units_for(names, pepper), time, position, velocity, acceleration)
 
 
 class StateMessage(NamedTuple):
@@ -184,63 +118,53 @@ def read_states(path: PathName) -> list[StateMessage]:
     """Return all `sensor_msgs/msg/JointState` of an MCAP recording that hold positions, in its order.
 
     Raises:
-        MissingDependencyError: where the package `mcap-ros2-support` is not installed.
+        MissingDependencyError: where the package `mcap` is not installed.
         FileFormatError: for a file that cannot be read, is damaged or has no such message.
     """
-    found = []
-    types: set[str] = set()
-    for topic, log_time, state in _messages(path, STATE_TYPE, types, _state_of):
-        if state.position:
-            found.append(state._replace(topic=topic, stamp=state.stamp or log_time))
+    bag, found = Bag(path), []
+    for topic, time, message in _messages(bag, STATE_TYPE):
+        if len(message.position):
+            stamp = _nanoseconds(message.header.stamp) or time
+            found.append(StateMessage(topic, stamp, tuple(message.name), message.position.tolist()))
     if not found:
-        raise FileFormatError(path, f"holds no positions in messages of {STATE_TYPE}, only: {_held(types)}")
+        raise FileFormatError(path, f"holds no positions in messages of {STATE_TYPE}, only: {_held(bag)}")
     return found
 
 
-def _state_of(message: Any) -> StateMessage:
-    stamp = int(message.header.stamp.sec) * NANOSECONDS + int(message.header.stamp.nanosec)
-    return StateMessage("", stamp, tuple(map(str, message.name)), list(message.position))
+def _first(path: PathName) -> Any:
+    """Return the first trajectory of a recording."""
+    bag = Bag(path)
+    for found in _messages(bag, _TRAJECTORY_TYPE):
+        return found.message
+    raise FileFormatError(path, f"holds no message of {_TRAJECTORY_TYPE}, only: {_held(bag)}")
 
 
-def _message(path: PathName) -> _Message:
-    types: set[str] = set()
-    for _, _, message in _messages(path, _TRAJECTORY_TYPE, types, _taken_apart):
-        return message
-    raise FileFormatError(path, f"holds no message of {_TRAJECTORY_TYPE}, only: {_held(types)}")
+def _messages(bag: Bag, type_name: str) -> Iterator[BagMessage]:
+    """Yield the messages of a type, which must have the fields that ROS 2 gives it."""
+    for found in bag.messages(types=[type_name]):
+        if not isinstance(found.message, message_type(type_name)):
+            reason = f"{shortened(found.topic)} has messages {type_name} with other fields than ROS 2's"
+            raise FileFormatError(bag.path, reason)
+        yield found
 
 
-def _held(types: set[str]) -> str:
-    return ", ".join(sorted(types)) or "no message"
+def _held(bag: Bag) -> str:
+    return ", ".join(sorted(set(bag.topics.values()))) or "no message"
 
 
-def _messages(
-    path: PathName, kind: str, types: set[str], read: Callable[[Any], _Content]
-) -> Iterator[tuple[str, int, _Content]]:
-    """Yield topic, time of recording [ns] and content of messages of a type; collect all types."""
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise _missing() from error
-    content = read_bytes(path)
-    factory = DecoderFactory()
-    try:
-        reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[factory])
-        summary = reader.get_summary()
-        for schema, channel, record in reader.iter_messages():
-            types.add("" if schema is None else schema.name)
-            if schema is not None and schema.name == kind and summary is not None:
-                decode = factory.decoder_for(channel.message_encoding, schema)
-                if decode is not None:
-                    yield channel.topic, int(record.log_time), read(decode(record.data))
-    except Exception as error:  # a damaged file makes the libraries fail in ways without a common base
-        raise FileFormatError(
-            path, f"is not a complete MCAP file: {type(error).__name__}: {shortened(error)}"
-        ) from error
+def _table(path: PathName, name: str, rows: list[Array], n: int) -> Array | None:
+    """Return T rows of n values as one array, shape (T, n); None where all rows are empty.
 
+    Args:
+        path: The file, for errors.
+        name: What the values are.
+        rows: T arrays, shape (n,) each.
+        n: Number of joints.
 
-def _table(path: PathName, name: str, rows: list[list[float]], n: int) -> Array | None:
-    if not any(rows):
+    Raises:
+        FileFormatError: naming the first row of another length, or with a value that is not finite.
+    """
+    if not any(len(row) for row in rows):
         return None
     for i, row in enumerate(rows):
         if len(row) != n:
@@ -250,15 +174,29 @@ def _table(path: PathName, name: str, rows: list[list[float]], n: int) -> Array 
     return np.array(rows, dtype=float)
 
 
-def message_header(stamp: int) -> dict[str, Any]:
-    """Return a std_msgs/msg/Header without a frame, at a time [ns]."""
-    return {"stamp": _time(stamp), "frame_id": ""}
+def state_message(
+    stamp: int, names: list[str], position: Array, velocity: Array, effort: Array | None = None
+) -> Any:
+    """Return a sensor_msgs/msg/JointState without a frame.
+
+    Args:
+        stamp: Time [ns].
+        names: Of the joints.
+        position: [rad or m], shape (n,).
+        velocity: [rad/s or m/s], shape (n,).
+        effort: [N m or N], shape (n,); none if omitted.
+    """
+    message = message_type(STATE_TYPE)(name=names, position=position, velocity=velocity, effort=effort)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANOSECONDS)
+    return message
 
 
-def _time(stamp: int) -> dict[str, int]:
+def _duration_of(stamp: int) -> Any:
+    """Return a builtin_interfaces/msg/Duration of a time [ns]."""
     seconds, nanoseconds = divmod(stamp, NANOSECONDS)
-    return {"sec": seconds, "nanosec": nanoseconds}
+    return message_type("builtin_interfaces/msg/Duration")(sec=seconds, nanosec=nanoseconds)
 
 
-def _missing() -> MissingDependencyError:
-    return MissingDependencyError("mcap-ros2-support", 'pip install "pepper_kin[mcap]"', "an MCAP file")
+def _nanoseconds(time: Any) -> int:
+    """Return a Time or Duration message [ns]."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)

@@ -2,6 +2,7 @@
 
 RobotNode                                 a simulated Pepper as a node, over any transport
 RobotClient, FollowResult, FollowStatus   certified motions on any robot with `follow_joint_trajectory`
+BagRecorder, play_bag                     topics as MCAP files, and back
 LocalTransport                            within this program
 RosbridgeServer, RosbridgeClient          JSON over web sockets
 Transport                                 interface that all transports share
@@ -26,6 +27,7 @@ from pepper_kin.ros.transport import (
 )
 
 if TYPE_CHECKING:
+    from pepper_kin.ros.bag_topics import BagRecorder, play_bag
     from pepper_kin.ros.client import FollowResult, FollowStatus, RobotClient
     from pepper_kin.ros.node import RobotNode
     from pepper_kin.ros.transports.local import LocalTransport
@@ -39,6 +41,7 @@ __all__ = [
     "SENSOR_DATA",
     "TRANSFORMS",
     "ActionServer",
+    "BagRecorder",
     "FollowResult",
     "FollowStatus",
     "GoalHandle",
@@ -54,11 +57,14 @@ __all__ = [
     "ServerGoal",
     "Transport",
     "TransportError",
+    "play_bag",
 ]
 
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "BagRecorder": "bag_topics",
+        "play_bag": "bag_topics",
         "FollowResult": "client",
         "FollowStatus": "client",
         "RobotClient": "client",

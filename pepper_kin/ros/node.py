@@ -52,6 +52,7 @@ class RobotNode:
         command_timeout: A velocity command holds this long [s].
 
     Attributes:
+        topics: Name -> type of the topics that it publishes.
         epoch: Time of the clock at the body's start [s]: seconds since 1970 in real time, otherwise 0.
 
     Raises:
@@ -78,6 +79,7 @@ class RobotNode:
                 raise UnknownNameError("camera", camera, CAMERAS)
         self.body, self.transport, self.robot = body, transport, robot
         self.epoch = time.time() - body.time.now if body.time.real_time else 0.0
+        self.topics: dict[str, str] = {}
         self._open: list[Closable] = []
         self._sent: dict[float, int] = {}
         self._states = StateMessages(body)
@@ -133,6 +135,7 @@ class RobotNode:
         except MissingDependencyError as error:
             logger.warning("no topic %s: %s", topic, error)
             return NoPublisher()
+        self.topics[topic] = type_name
         self._open.append(publisher)
         return publisher
 

@@ -5,9 +5,11 @@ Message, ServiceType, ActionType          what they return
 encode, decode                            messages as bytes (CDR) and back
 type_hash                                 the hash by which ROS 2 distinguishes versions of a type
 message_names, interface_names            what there is
+BagWriter, Bag, BagMessage                recordings of messages: MCAP files, as `ros2 bag` and Foxglove have
 MessageError                              bytes that do not hold a message
 """
 
+from pepper_kin.ros_messages.bags import Bag, BagMessage, BagWriter
 from pepper_kin.ros_messages.cdr import decode, encode
 from pepper_kin.ros_messages.definitions import interface_names, message_names
 from pepper_kin.ros_messages.errors import MessageError
@@ -23,6 +25,9 @@ from pepper_kin.ros_messages.type_hashes import type_hash
 
 __all__ = [
     "ActionType",
+    "Bag",
+    "BagMessage",
+    "BagWriter",
     "Message",
     "MessageError",
     "ServiceType",

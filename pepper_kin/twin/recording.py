@@ -197,7 +197,7 @@ class Recording:
 
         Raises:
             FileFormatError: for another suffix, or where it cannot be written.
-            MissingDependencyError: for .mcap where the package `mcap-ros2-support` is not installed.
+            MissingDependencyError: for .mcap where the package `mcap` is not installed.
         """
         from pepper_kin.twin.recording_files import save_recording
 

@@ -10,27 +10,16 @@ import numpy as np
 
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError
-from pepper_kin.files.mcap_file import STATE_SCHEMA, STATE_TYPE, STATES_TOPIC, message_header
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files.mcap_file import STATES_TOPIC, state_message
 from pepper_kin.files.sampled_motion import NANOSECONDS
+from pepper_kin.ros_messages import message_type
+from pepper_kin.ros_messages.bags import BagWriter
 from pepper_kin.twin.recording import Recording
 
 SUFFIXES = (".npz", ".csv", ".mcap")
 _LARGEST = 4096  # numbers in a sample; pictures have more and are left out of MCAP files
-_RULE = "=" * 80
 _ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
-_ARRAY_SCHEMA = f"""std_msgs/MultiArrayLayout layout
-float64[] data
-{_RULE}
-MSG: std_msgs/MultiArrayLayout
-std_msgs/MultiArrayDimension[] dim
-uint32 data_offset
-{_RULE}
-MSG: std_msgs/MultiArrayDimension
-string label
-uint32 size
-uint32 stride
-"""
 
 
 def save_recording(recording: Recording, path: PathName) -> Path:
@@ -50,7 +39,7 @@ def save_recording(recording: Recording, path: PathName) -> Path:
 
     Raises:
         FileFormatError: for another suffix, or where it cannot be written.
-        MissingDependencyError: for .mcap where the package `mcap-ros2-support` is not installed.
+        MissingDependencyError: for .mcap where the package `mcap` is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".csv":
@@ -84,37 +73,20 @@ def _write_npz(recording: Recording, path: PathName) -> Path:
 
 
 def _write_mcap(recording: Recording, path: PathName) -> Path:
-    try:
-        from mcap_ros2.writer import Writer
-    except ImportError as error:
-        raise MissingDependencyError(
-            "mcap-ros2-support", 'pip install "pepper_kin[mcap]"', "MCAP recordings"
-        ) from error
-    run, content = recording.run(), io.BytesIO()
-    writer = Writer(content)
-    schema = writer.register_msgdef(STATE_TYPE, STATE_SCHEMA)
-    names = list(run.joint_names)
-    for i, stamp in enumerate(np.round(run.time * NANOSECONDS).astype(np.int64).tolist()):
-        message: dict[str, Any] = {
-            "header": message_header(stamp),
-            "name": names,
-            "position": run.position[i].tolist(),
-            "velocity": run.velocity[i].tolist(),
-            "effort": run.torque[i].tolist(),
-        }
-        writer.write_message(STATES_TOPIC, schema, message, log_time=stamp, sequence=i)
-    array_schema = writer.register_msgdef(_ARRAY_TYPE, _ARRAY_SCHEMA)
+    run = recording.run()
+    names, array = list(run.joint_names), message_type(_ARRAY_TYPE)
     acting = (run.external_wrench != 0.0).any(axis=1)
     topics = [("/external_wrench", run.time[acting], run.external_wrench[acting])]
     for name, series in run.readings.items():
         if series.value[0].size <= _LARGEST:
             topics.append((f"/sensors/{name}", series.time, series.value))
             topics.append((f"/truth/{name}", series.time, series.truth))
-    for topic, times, values in topics:
-        for i, time in enumerate(times.tolist()):
-            data = np.asarray(values[i], dtype=float).ravel().tolist()
-            message = {"layout": {"dim": [], "data_offset": 0}, "data": data}
-            stamp = round(time * NANOSECONDS)
-            writer.write_message(topic, array_schema, message, log_time=stamp, sequence=i)
-    writer.finish()
-    return atomic_file.write_bytes(path, content.getvalue())
+    with BagWriter(path) as bag:
+        for i, stamp in enumerate(np.round(run.time * NANOSECONDS).astype(np.int64).tolist()):
+            values = (run.position[i], run.velocity[i], run.torque[i])
+            bag.write(STATES_TOPIC, state_message(stamp, names, *values), stamp)
+        for topic, times, rows in topics:
+            for i, time in enumerate(times.tolist()):
+                data = np.asarray(rows[i], dtype=float)
+                bag.write(topic, array(data=data), round(time * NANOSECONDS))
+    return Path(path)

@@ -310,7 +310,11 @@ def test_yaml_is_what_ros_takes(trajectory, tmp_path):
     import yaml
     from mcap_ros2._dynamic import serialize_dynamic
 
-    from pepper_kin.files.mcap_file import _TRAJECTORY_SCHEMA, _TRAJECTORY_TYPE
+    from pepper_kin.ros_messages import message_type
+    from pepper_kin.ros_messages.schemas import schema_text
+
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    text = schema_text(message_type(kind))
 
     for saved in (trajectory, short()):
         message = yaml.safe_load(save(saved, tmp_path / "motion.yaml").read_text())
@@ -318,7 +322,7 @@ def test_yaml_is_what_ros_takes(trajectory, tmp_path):
         for point in message["points"]:
             for name in ("positions", "velocities", "accelerations"):
                 assert all(type(value) is float for value in point[name])
-        assert len(serialize_dynamic(_TRAJECTORY_TYPE, _TRAJECTORY_SCHEMA)[_TRAJECTORY_TYPE](message)) > 100
+        assert len(serialize_dynamic(kind, text)[kind](message)) > 100
 
 
 def test_yaml_of_others_may_lack_accelerations(tmp_path):
@@ -340,7 +344,7 @@ def test_yaml_of_others_may_lack_accelerations(tmp_path):
 
 
 def test_mcap_without_its_package_says_how_to_install_it(tmp_path, monkeypatch):
-    for name in ("mcap_ros2", "mcap_ros2.writer", "mcap_ros2.decoder"):
+    for name in ("mcap", "mcap.writer", "mcap.reader"):
         monkeypatch.setitem(sys.modules, name, None)
     for act in (lambda: save(short(), tmp_path / "a.mcap"), lambda: load(tmp_path / "a.mcap")):
         with pytest.raises(pk.exceptions.MissingDependencyError, match=r"pip install \"pepper_kin\[mcap\]\""):

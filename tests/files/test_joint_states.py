@@ -9,7 +9,9 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, OvershootWarning, UnknownNameError
 from pepper_kin.files import read_joint_states
-from pepper_kin.files.mcap_file import STATE_SCHEMA, STATE_TYPE
+from pepper_kin.files.mcap_file import STATE_TYPE
+from pepper_kin.ros_messages import message_type
+from pepper_kin.ros_messages.schemas import schema_text
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -31,7 +33,7 @@ def write_states(path, messages, topic="/joint_states"):
 
     content = io.BytesIO()
     writer = Writer(content)
-    schema = writer.register_msgdef(STATE_TYPE, STATE_SCHEMA)
+    schema = writer.register_msgdef(STATE_TYPE, schema_text(message_type(STATE_TYPE)))
     for k, (stamp, names, positions) in enumerate(messages):
         sec, nanosec = divmod(round(stamp * 1e9), 10**9)
         header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": ""}

@@ -71,7 +71,11 @@ def test_mcap_without_a_trajectory_says_what_it_holds(tmp_path):
 def test_wrong_mcap(tmp_path, change, message):
     from mcap_ros2.writer import Writer
 
-    from pepper_kin.files.mcap_file import _TRAJECTORY_SCHEMA, _TRAJECTORY_TYPE
+    from pepper_kin.ros_messages import message_type
+    from pepper_kin.ros_messages.schemas import schema_text
+
+    name = "trajectory_msgs/msg/JointTrajectory"
+    text = schema_text(message_type(name))
 
     def point(sec):
         lists = {name: [float(sec)] for name in ("positions", "velocities", "accelerations")}
@@ -85,7 +89,7 @@ def test_wrong_mcap(tmp_path, change, message):
     change(content)
     with (tmp_path / "wrong.mcap").open("wb") as file:
         writer = Writer(file)
-        schema = writer.register_msgdef(_TRAJECTORY_TYPE, _TRAJECTORY_SCHEMA)
+        schema = writer.register_msgdef(name, text)
         writer.write_message("/t", schema, content, log_time=0)
         writer.finish()
     with pytest.raises(FileFormatError, match=message):

@@ -13,6 +13,7 @@ from typing import Any
 
 from mutations import Rng, changed_bytes, pick
 from reader_checks import (
+    bag,
     exports,
     mesh,
     motion,
@@ -28,6 +29,7 @@ from reader_checks import (
 )
 from reader_damage import (
     archive_damage,
+    bag_damage,
     chunk_damage,
     header_damage,
     json_damage,
@@ -71,6 +73,7 @@ from pepper_kin.files import (
 from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.model import audit, compare, load_pepper, load_robot, pepper_urdf
+from pepper_kin.ros_messages import Bag
 from pepper_kin.twin import load_run
 from pepper_kin.twin.recording_header import HEADER
 
@@ -211,6 +214,7 @@ READERS: dict[str, Reader] = {
     "MCAP": trajectory_reader(".mcap", mcap_damage),
     "joint states CSV": Reader("states.csv", states, _trajectory_text(".csv")),
     "joint states MCAP": Reader("states.mcap", states, mcap_damage),
+    "bag": Reader("bag.mcap", with_path(Bag, bag), bag_damage),
     "table": Reader("table.csv", with_path(load_table, table), _trajectory_text(".csv")),
     "columns": Reader(
         "columns.json",

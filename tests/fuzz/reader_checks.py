@@ -11,8 +11,10 @@ import numpy as np
 
 import pepper_kin as pk
 from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.model import FORMATS, load_robot
+from pepper_kin.ros_messages import Bag, decode, encode
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import load_recording
 
@@ -104,6 +106,19 @@ def table(columns: dict[str, Any]) -> None:
     """Require columns of one length."""
     finite(*columns.values())
     require(len({len(column) for column in columns.values()}) == 1, "lengths")
+
+
+def bag(found: Bag) -> None:
+    """Require messages that are written and read again as they are; strings with NUL cannot be written."""
+    require(isinstance(found.topics, dict), "topics")
+    for topic, time, message in found.messages():
+        require(isinstance(topic, str) and time >= 0, "a topic and its time")
+        try:
+            data = encode(message)
+        except InvalidValueError as error:
+            require("NUL" in str(error), "a refusal to write")
+            continue
+        require(encode(decode(type(message), data)) == data, f"a message {message.type_name}")
 
 
 def scene(found: Scene) -> None:

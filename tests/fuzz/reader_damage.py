@@ -110,12 +110,15 @@ def mcap_damage(rng: Rng) -> bytes:
         return changed_bytes(trajectory_file(".mcap"), rng)
     from mcap_ros2.writer import Writer
 
-    from pepper_kin.files import mcap_file
+    from pepper_kin.ros_messages import message_type
+    from pepper_kin.ros_messages.schemas import schema_text
 
     content = io.BytesIO()
     writer = Writer(content)
-    schema = writer.register_msgdef(mcap_file.STATE_TYPE, mcap_file.STATE_SCHEMA)
-    whole = writer.register_msgdef("trajectory_msgs/msg/JointTrajectory", mcap_file._TRAJECTORY_SCHEMA)
+    schema, whole = (
+        writer.register_msgdef(name, schema_text(message_type(name)))
+        for name in ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory")
+    )
     names = ["elbow", "rail", "roll"]
     odd = (math.nan, math.inf, -1.0, 1e308, 1e-320, 0.5)
     stamps = [0, 10**9, 2 * 10**9]
@@ -147,6 +150,32 @@ def mcap_damage(rng: Rng) -> bytes:
         )
     head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     writer.write_message("/joint_trajectory", whole, {"header": head, "joint_names": names, "points": points})
+    writer.finish()
+    found = content.getvalue()
+    return changed_bytes(found, rng) if rng.random() < 0.1 else found
+
+
+def bag_damage(rng: Rng) -> bytes:
+    """Return a recording of one message whose bytes, definition or both are damaged."""
+    from mcap.writer import Writer
+
+    from pepper_kin.ros_messages import encode, message_type
+    from pepper_kin.ros_messages.schemas import schema_text
+
+    kind = message_type("trajectory_msgs/msg/JointTrajectory")
+    message = kind(joint_names=["elbow", "rail"], points=[kind.nested["points"](positions=[0.1, 0.2])])
+    text, data = schema_text(kind).encode(), encode(message)
+    damaged = rng.random()
+    if damaged < 0.7:
+        text = changed_bytes(text, rng)
+    if damaged > 0.4:
+        data = changed_bytes(data, rng)
+    content = io.BytesIO()
+    writer = Writer(content)
+    writer.start(profile="ros2", library="test")
+    schema = writer.register_schema(kind.type_name, "ros2msg", text)
+    channel = writer.register_channel("/joint_trajectory", "cdr", schema)
+    writer.add_message(channel, log_time=0, data=data, publish_time=0)
     writer.finish()
     found = content.getvalue()
     return changed_bytes(found, rng) if rng.random() < 0.1 else found

@@ -27,9 +27,10 @@ STARTS_A_PROCESS = {"COLLADA", "PLY", "glTF"}
 READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
-    "joint states CSV", "joint states MCAP", "table", "columns", "columns of a CSV", "Choregraphe behavior",
-    "Choregraphe project", "Choregraphe export", "run", "motion", "recording header", "recording",
-    "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF", "Pepper's meshes",
+    "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
+    "Choregraphe behavior", "Choregraphe project", "Choregraphe export", "run", "motion",
+    "recording header", "recording", "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF",
+    "Pepper's meshes",
 )  # fmt: skip
 NO_READERS = {
     "collision.AttachedObject.load", "collision.load_torque", "collision.load_wrench", "collision.loads_of",

@@ -1,0 +1,98 @@
+"""Texts of message types as recordings hold them: a definition, then those of all types within it."""
+
+from __future__ import annotations
+
+import re
+from keyword import iskeyword
+
+from pepper_kin.ros_messages.definitions import (
+    BOUNDED,
+    FIXED,
+    Field,
+    definition_texts,
+    full_name,
+    message_names,
+    parse_message,
+)
+from pepper_kin.ros_messages.definitions import definition as own_definition
+from pepper_kin.ros_messages.errors import MessageError
+from pepper_kin.ros_messages.messages import Message, library_type, message_type
+
+_RULE = "=" * 80
+_PART = re.compile(r"^={8,}\s*\nMSG:\s*(\S+)[^\S\n]*\n?", re.MULTILINE)
+_TAKEN = {*dir(Message), *Message.__annotations__}  # names that every message's class has already
+
+
+def schema_text(kind: type[Message]) -> str:
+    """Return the text of a message type, without comments.
+
+    Args:
+        kind: Class of the message.
+    """
+    parts: dict[str, type[Message]] = {}
+    _collect(kind, parts)
+    texts = [_text(kind)]
+    for name in sorted(parts):
+        package, _, short = name.split("/")
+        texts.append(f"{_RULE}\nMSG: {package}/{short}\n{_text(parts[name])}")
+    return "".join(texts)
+
+
+def schema_type(type_name: str, text: str) -> type[Message]:
+    """Return the class of a message type from its text; the package's where they agree.
+
+    Args:
+        type_name: Full or short name.
+        text: The definition and those of the types within it; of others the package's are used.
+
+    Raises:
+        MessageError: with the line that cannot be read, or for a type that is nowhere defined.
+    """
+    name = full_name(type_name)
+    if not re.fullmatch(r"\w+/\w+/\w+", name):
+        raise MessageError(type_name, "is not the name of a message type, such as std_msgs/msg/String")
+    blocks = _PART.split(text)
+    library = {name: parse_message(name, blocks[0])}
+    for part, block in zip(blocks[1::2], blocks[2::2], strict=True):
+        if not re.fullmatch(r"\w+/(\w+/)?\w+", part):
+            raise MessageError(type_name, f"definition names a type {part!r}")
+        library.setdefault(full_name(part), parse_message(full_name(part), block))
+    waiting = list(library.values())
+    while waiting:
+        for field in waiting.pop().fields:
+            if iskeyword(field.name) or field.name in _TAKEN:
+                raise MessageError(type_name, f"has a field {field.name!r}, which a class cannot have here")
+            if field.nested and field.base not in library:
+                if field.base not in message_names():
+                    raise MessageError(type_name, f"definition lacks the type {field.base}")
+                library[field.base] = own_definition(field.base)
+                waiting.append(library[field.base])
+    return library_type(name, library)
+
+
+def _collect(kind: type[Message], parts: dict[str, type[Message]]) -> None:
+    for inner in kind.nested.values():
+        parts[inner.type_name] = inner
+        _collect(inner, parts)
+
+
+def _text(kind: type[Message]) -> str:
+    """Return the package's text of a type, or one with the fields of a type that was defined elsewhere."""
+    name = kind.type_name
+    if name in definition_texts() and kind is message_type(name):
+        return definition_texts()[name]
+    return "".join(map(_line, kind.definition.fields))
+
+
+def _line(field: Field) -> str:
+    base = field.base
+    if field.nested:
+        package, _, name = base.split("/")
+        base = f"{package}/{name}"
+    if field.string_length:
+        base += f"<={field.string_length}"
+    array = {None: "", FIXED: f"[{field.length}]", BOUNDED: f"[<={field.length}]"}.get(field.array, "[]")
+    default = field.default
+    if default is not None:
+        default = str(default).lower() if isinstance(default, bool) else repr(default)
+    return f"{base}{array} {field.name}{'' if default is None else f' {default}'}\n"
