@@ -1,17 +1,27 @@
 """Messages to the rosbridge server with something wrong in them: it answers the next client as before.
 
 The oracle: after all of them a client gets the answer of a service on the same connection, and another client
-on its own.
+on its own.  A robot that they were sent to was commanded within its limits all the time, and follows a goal.
 """
 
 import json
 import random
+import sys
+from pathlib import Path
 
 import pytest
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
+from pepper_kin.naoqi.body import Body
+from pepper_kin.ros import GoalStatus, RobotNode
 from pepper_kin.ros.transports.rosbridge import RosbridgeServer
+from pepper_kin.ros_messages import action_type, message_type, service_type
+from pepper_kin.ros_messages.json_text import to_json
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "ros_messages"))
+
+from random_messages import random_message
 
 LAST = json.dumps({"op": "call_service", "service": "/rosapi/get_time", "id": "last"})
 
@@ -90,3 +100,61 @@ def test_malformed_messages_do_not_end_the_server(server, amount, tried):
     wrong = sum(not answered(server, [malformed(random_numbers) for _ in range(size)]) for size in rounds)
     wrong += not answered(server, [])
     tried("malformed rosbridge messages", count, wrong)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    """A robot in real time behind a server."""
+    with RosbridgeServer(port=0) as made:
+        body = Body()
+        body.time.start()
+        with RobotNode(body, made, cameras=()) as node:
+            yield node
+        body.time.stop()
+
+
+def senseless(node, rng):
+    """Return a message of the right type for a topic, a service or an action, with random content."""
+    transport = node.transport
+    commands = sorted(set(transport.topics) - set(node.topics))
+    kind = int(rng.integers(6))
+    if kind == 0:
+        name = str(rng.choice(sorted(transport.actions)))
+        goal = action_type(transport.actions[name]).goal
+        values = to_json(random_message(goal, rng))
+        return f'{{"op":"send_action_goal","action":"{name}","id":"{rng.integers(1 << 40)}","args":{values}}}'
+    if kind == 1:
+        name = "/plan_kinematic_path"
+        values = to_json(random_message(service_type(transport.services[name]).request, rng))
+        return f'{{"op":"call_service","service":"{name}","args":{values}}}'
+    name = str(rng.choice(commands))
+    values = random_message(message_type(transport.topics[name]), rng)
+    if kind == 2 and hasattr(values, "joint_names"):
+        values.joint_names = [str(n) for n in rng.choice(node.body.pepper.joint_names, 2)]
+    return f'{{"op":"publish","topic":"{name}","msg":{to_json(values)}}}'
+
+
+def test_senseless_messages_leave_a_robot_that_works(robot, amount, rng, tried):
+    """Messages of the right type without sense to all topics, actions and the service of a robot."""
+    count, outside = amount(200, 1_000, 1_000_000), []
+    pepper, body = robot.body.pepper, robot.body
+
+    def look():
+        q = body.configuration(False)
+        if not ((q >= pepper.lower_limits - 1e-9) & (q <= pepper.upper_limits + 1e-9)).all():
+            outside.append(q)
+
+    body.listeners.append(look)
+    rounds = [min(500, count - k) for k in range(0, count, 500)]
+    wrong = sum(
+        not answered(robot.transport, [senseless(robot, rng) for _ in range(size)]) for size in rounds
+    )
+    body.listeners.remove(look)
+    goal = action_type("control_msgs/action/FollowJointTrajectory").goal()
+    point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")(positions=[0.3])
+    point.time_from_start.sec = 2
+    goal.trajectory.joint_names, goal.trajectory.points = ["HeadYaw"], [point]
+    name = "/Head_controller/follow_joint_trajectory"
+    found = robot.transport.send_goal(name, "control_msgs/action/FollowJointTrajectory", goal).result(60)
+    wrong += found.status is not GoalStatus.SUCCEEDED
+    tried("senseless messages to a robot", count, wrong + len(outside))

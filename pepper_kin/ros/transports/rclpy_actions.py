@@ -23,6 +23,11 @@ logger = logging.getLogger(__name__)
 _LAST_ANSWERS = 0.1
 """Time for results to leave before a server is destroyed [s]."""
 
+_LOOK_EVERY = 0.5
+"""Time between two looks at whether clients are still there [s]."""
+
+_FEEDBACK = "/_action/feedback"
+
 
 class _Types:
     """Classes of an action and their converters."""
@@ -48,7 +53,8 @@ class Server:
 
         self.name, self.types, self._server = name, _Types(type_name), server
         self._goals: dict[bytes, ExecutedGoal] = {}
-        self._lock, self._closed = threading.Lock(), False
+        self._lock, self._closed, self._node = threading.Lock(), False, transport.node
+        self._missed = 0
         self._made = rclpy.action.ActionServer(
             transport.node,
             self.types.ros,
@@ -58,6 +64,24 @@ class Server:
             cancel_callback=self._cancel,
             callback_group=transport.group(reentrant=True),
         )
+        group = transport.group()
+        self._timer = transport.node.create_timer(_LOOK_EVERY, self._look_for_clients, callback_group=group)
+
+    def _look_for_clients(self) -> None:
+        """Cancel the goals under way where no client of the action is left in the graph, in two looks.
+
+        Each client of an action subscribes to its feedback.  DDS notices at once that a node has ended, and
+        after its lease (Fast DDS: 20 s) that it was lost.
+        """
+        with self._lock:
+            goals = [goal for goal in self._goals.values() if not goal.status.terminal]
+        there = not goals or self._node.count_subscribers(self.name + _FEEDBACK)
+        self._missed = 0 if there else self._missed + 1
+        if self._missed == 2:
+            for goal in goals:
+                logger.warning("connection lost, goal of %s canceled", self.name)
+                goal.lost = True
+                self._server.on_cancel(goal)
 
     def close(self) -> None:
         """Abort goals under way and offer the action no more."""
@@ -70,6 +94,7 @@ class Server:
             goal.returned.wait(SERVER_WAIT)
         if goals:
             time.sleep(_LAST_ANSWERS)
+        self._node.destroy_timer(self._timer)
         self._made.destroy()
 
     def _accept(self, message: Any) -> Any:
@@ -122,13 +147,14 @@ class ExecutedGoal(ServerGoal):
 
     Attributes:
         announced: Whether the server is examining a cancel request, or has accepted it.
+        lost: Whether its client is gone, which cancels it.
         returned: Set when its execution has returned.
         ros_result: The result, as rclpy's message.
     """
 
     def __init__(self, server: Server, goal_id: bytes, handle: Any) -> None:
         self.goal_id, self.goal = goal_id, server.types.goal.from_ros(handle.request)
-        self.announced, self.returned = False, threading.Event()
+        self.announced, self.lost, self.returned = False, False, threading.Event()
         self._server, self._handle, self._lock = server, handle, threading.Lock()
         self._closing, self._ended = False, GoalStatus.UNKNOWN
         self.ros_result: Any = server.types.result.ros()
@@ -140,8 +166,8 @@ class ExecutedGoal(ServerGoal):
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether a cancel request was accepted, or the action is being closed."""
-        return self._closing or bool(self._handle.is_cancel_requested)
+        """Whether a cancel request was accepted, the client is gone, or the action is being closed."""
+        return self._closing or self.lost or bool(self._handle.is_cancel_requested)
 
     def publish_feedback(self, feedback: Any) -> None:
         """Send feedback to the client; nothing after the goal's end."""
@@ -160,7 +186,10 @@ class ExecutedGoal(ServerGoal):
         self._end(GoalStatus.ABORTED, result)
 
     def canceled(self, result: Any) -> None:
-        """End the goal as canceled."""
+        """End the goal as canceled; one without a client as failed, which rclpy needs no request for."""
+        if self.lost:
+            self._end(GoalStatus.ABORTED, result)
+            return
         until = time.monotonic() + SERVER_WAIT
         while self.announced and not self._handle.is_cancel_requested and time.monotonic() < until:
             time.sleep(0.001)  # the request was accepted, rclpy notes it after the callback
