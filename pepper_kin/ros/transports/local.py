@@ -33,10 +33,12 @@ class LocalTransport(Transport):
 
     Attributes:
         lock: Held while tables change.
+        written: The last message that was written for others, and its text.
     """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
+        self.written: tuple[Any, str] = (None, "")
         self._topics: dict[str, Topic] = {}
         self._services: dict[str, Service] = {}
         self._actions: dict[str, Action] = {}

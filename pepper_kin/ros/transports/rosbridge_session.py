@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
@@ -79,6 +80,8 @@ class Session:
         self._actions: dict[str, tuple[Closable, RemoteAction]] = {}
         self._goals: dict[str, LocalGoal] = {}
         self._calls: dict[str, PendingAnswer] = {}
+        self._queued: deque[tuple[Outgoing, str]] = deque()
+        self._woken = False
         self._level = LEVELS.index("error")
         self._count = 0
         self.faults = 0
@@ -188,18 +191,29 @@ class Session:
         self._heard[name, identifier] = (outgoing, taken)
 
     def _sender(self, topic: Topic, outgoing: Outgoing) -> Callable[[Any], None]:
-        """Return what takes messages of a topic, on any thread."""
-        loop = self._loop
+        """Return what takes messages of a topic, on any thread.
 
-        def queue(text: str) -> None:
-            outgoing.add(text)
-            self.outbox.wake()
+        The event loop is woken once for all messages that come before it runs: each time costs a system call,
+        during which other threads take the interpreter from the cycle of the robot.
+        """
 
         def take(message: Any) -> None:
-            if not self.ended:
-                loop.call_soon_threadsafe(queue, encoded(topic, message))
+            if self.ended:
+                return
+            self._queued.append((outgoing, encoded(self.transport, topic, message)))
+            if not self._woken:
+                self._woken = True
+                self._loop.call_soon_threadsafe(self._hand_over)
 
         return take
+
+    def _hand_over(self) -> None:
+        """Give the messages that have come to their subscriptions; on the event loop."""
+        self._woken = False  # first, so that a message that comes from now on wakes the loop again
+        while self._queued:
+            outgoing, text = self._queued.popleft()
+            outgoing.add(text)
+        self.outbox.wake()
 
     def _unsubscribe(self, message: dict[str, Any]) -> None:
         name, identifier = entry(message, "topic", str), entry(message, "id", str, None)
@@ -374,11 +388,15 @@ class Session:
         logger.info("rosbridge: a client reports: %s", shortened(str(message.get("msg"))))
 
 
-def encoded(topic: Topic, message: Any) -> str:
-    """Return the `publish` of a message, written once for all clients."""
+def encoded(transport: LocalTransport, topic: Topic, message: Any) -> str:
+    """Return the `publish` of a message, written once for all clients, its content once for all topics."""
     known, text = topic.encoded
     if known is not message:
-        text = f'{{"op":"publish","topic":{json.dumps(topic.name)},"msg":{to_json(message)}}}'
+        written, content = transport.written
+        if written is not message:
+            content = to_json(message)
+            transport.written = message, content
+        text = f'{{"op":"publish","topic":{json.dumps(topic.name)},"msg":{content}}}'
         topic.encoded = message, text
     return text
 
