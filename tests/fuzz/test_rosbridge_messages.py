@@ -7,6 +7,7 @@ on its own.  A robot that they were sent to was commanded within its limits all 
 import json
 import random
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -86,11 +87,16 @@ def answered(server, texts):
         socket.close()
         return found
 
-    loop = IOLoop(make_current=False)
-    try:
-        return loop.run_sync(converse, timeout=3600)
-    finally:
-        loop.close()
+    def converse_in_a_loop():
+        loop = IOLoop(make_current=False)
+        try:
+            return loop.run_sync(converse, timeout=3600)
+        finally:
+            loop.close()
+
+    # In a separate thread: where a browser is driven by the same process, this one has a running loop.
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(converse_in_a_loop).result()
 
 
 def test_malformed_messages_do_not_end_the_server(server, amount, tried):
