@@ -23,6 +23,7 @@ from pepper_kin import dynamics, kinematics
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import shown
 
 if TYPE_CHECKING:
     from pepper_kin.collision.scene import Scene
@@ -85,6 +86,20 @@ def loads_of(
         if item.load is not None:
             pepper.frame_id(item.frame)
             loads.append(item.load)
+    return tuple(loads)
+
+
+def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
+    """Return loads that are given as such, as a tuple.
+
+    Raises:
+        InvalidValueError: for anything but a sequence of `Load`.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    if not isinstance(loads, (tuple, list)) or not all(isinstance(load, Load) for load in loads):
+        raise InvalidValueError("loads", shown(loads), "Loads, such as collision.loads_of(pepper, scene)")
+    for load in loads:
+        pepper.frame_id(load.frame)
     return tuple(loads)
 
 
