@@ -126,6 +126,20 @@ def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array)
     return total
 
 
+def inverse_dynamics_with(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
+    """Return the torques of a robot with what it carries [N m or N], shape (..., n).
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+    """
+    torque = np.asarray(dynamics.inverse_dynamics(pepper, q, v, a))
+    return torque + load_torque(pepper, loads, q, v, a) if loads else torque
+
+
 def load_wrench(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
     """Return what loads add to the wrench of the floor about the world's origin.
 
