@@ -108,8 +108,8 @@ def cbirrt(
     Args:
         problem: What to plan; with goals, not with a sampler of them.
         manifold: The constraints.
-        seed: Seed of the samples; the same seed gives the same result, however loaded the machine is, unless time
-            runs out.
+        seed: Seed of the samples; the same seed gives the same result, however loaded the machine is, unless
+            time runs out.
         timeout: Time budget [s]; overrun by one step and its check.
         max_iterations: Greatest number of samples.
 
