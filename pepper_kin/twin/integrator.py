@@ -319,6 +319,8 @@ class Integrator:
         """
         tables, world = self._simulator.tables, self._alone if world is None else world
         shape = steps, n = command.position.shape
+        if steps == 1 and every == 1:
+            return self._one_step(q, v, command, load, world)
         if not (
             n == self._pepper.n
             and getattr(q, "shape", None) == getattr(v, "shape", None) == (n,)
@@ -329,8 +331,6 @@ class Integrator:
         ):
             got = _shapes((q, v, *command, load), every)
             raise InvalidValueError("state, command and load", got, _shapes_wanted(self._pepper.n))
-        if steps == 1:
-            return self._one_step(q, v, command, load, world)
         inputs = Inputs(*(np.ascontiguousarray(x, np.float64).reshape(1, -1, n) for x in (*command, load)))
         shape = (1 + steps // every, n)
         position, velocity, torque = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -352,8 +352,13 @@ class Integrator:
             world: What the robot meets.
         """
         single = self._single
-        for row, values in zip(single.rows, (q, v, *command, load), strict=True):
-            row[:] = values
+        try:
+            for row, values in zip(single.rows, (q, v, *command, load), strict=True):
+                row[:] = values
+        except (TypeError, ValueError, OverflowError):  # NumPy compares the shapes
+            got = _shapes((q, v, *command, load), 1)
+            wanted = _shapes_wanted(self._pepper.n)
+            raise InvalidValueError("state, command and load", got, wanted) from None
         single.log.good[0] = 1
         outcome = rollout(
             _ONE, self._simulator.tables, self._space, single.inputs, single.state, single.log, world

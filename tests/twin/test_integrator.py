@@ -351,6 +351,7 @@ def test_gains_are_copied_and_read_only():
     "change",
     [
         {"q": np.zeros(14)},
+        {"q": np.zeros(14), "command": Command(*np.zeros((3, 1, 15))), "every": 1},
         {"command": Command(np.zeros((4, 15)), np.zeros((3, 15)), np.zeros((4, 15)))},
         {"command": Command(*np.zeros((3, 4, 14)))},
         {"load": np.zeros((3, 15))},
