@@ -16,6 +16,7 @@ import importlib
 import inspect
 import json
 import math
+import os
 import re
 import resource
 import signal
@@ -33,6 +34,9 @@ from misuse_values import Values
 faulthandler.enable()
 MOST_MEMORY = 6 << 30
 MOST_SECONDS = 20
+"""For a call; 20 times as much where indices are checked, as machine code is then made in calls."""
+if os.environ.get("NUMBA_BOUNDSCHECK"):
+    MOST_SECONDS, MOST_MEMORY = 20 * MOST_SECONDS, 2 * MOST_MEMORY
 OURS = re.compile(r"/(pepper_kin|planners)/")
 
 
