@@ -16,10 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
-from .vectors import FloatArray, finite_vector, positive_number, read_only
+from .vectors import FloatArray, finite_vector, positive_number, read_only, real_numbers
 
 PIECES = 5
 """Most pieces of a shortest curve."""
@@ -47,14 +48,32 @@ class CarCurve:
     lengths: FloatArray
     radius: float
 
+    def __post_init__(self) -> None:
+        """Refuse arrays of other shapes, which machine code reads.
+
+        Raises:
+            InvalidValueError: naming the array.
+        """
+        finite_vector("start", self.start, 3)
+        positive_number("radius", self.radius)
+        count = len(finite_vector("turns", self.turns)) if np.size(self.turns) else 0
+        if count or np.size(self.lengths):
+            finite_vector("lengths", self.lengths, count)
+
     @property
     def length(self) -> float:
         """Length of the curve [m]."""
         return float(np.abs(self.lengths).sum())
 
     def __call__(self, s: ArrayLike) -> FloatArray:
-        """Return the poses at lengths along the curve [m], shape (...); yaw is continuous, shape (..., 3)."""
-        places = np.ascontiguousarray(s, dtype=np.float64)
+        """Return the poses at lengths along the curve [m], shape (...); yaw is continuous, shape (..., 3).
+
+        Raises:
+            InvalidValueError: for anything but numbers, or NaN.
+        """
+        places = np.ascontiguousarray(real_numbers("s", s))
+        if np.isnan(places).any():
+            raise InvalidValueError("s", math.nan, "lengths along the curve [m]")
         poses = np.empty((places.size, 3))
         poses_on_curve(self.start.copy(), self.segments, self.radius, places.reshape(-1), poses)
         return poses.reshape(*np.shape(s), 3)
@@ -65,7 +84,14 @@ class CarCurve:
         return np.ascontiguousarray(np.stack([self.turns, self.lengths]))
 
     def part(self, begin: float, end: float) -> CarCurve:
-        """Return the part between two lengths along the curve [m]."""
+        """Return the part between two lengths along the curve [m].
+
+        Raises:
+            InvalidValueError: for lengths that are not finite numbers.
+        """
+        for name, place in (("begin", begin), ("end", end)):
+            if real_numbers(name, place).shape != () or not np.isfinite(place):
+                raise InvalidValueError(name, place, "a finite length along the curve [m]")
         ends = np.cumsum(np.abs(self.lengths))
         starts = ends - np.abs(self.lengths)
         kept = np.clip(np.minimum(ends, end) - np.maximum(starts, begin), 0.0, None)

@@ -108,7 +108,8 @@ def cbirrt(
     Args:
         problem: What to plan; with goals, not with a sampler of them.
         manifold: The constraints.
-        seed: Seed of the samples; the same seed gives the same result unless time runs out.
+        seed: Seed of the samples; the same seed gives the same result, however loaded the machine is, unless
+            time runs out.
         timeout: Time budget [s]; overrun by one step and its check.
         max_iterations: Greatest number of samples.
 
@@ -221,7 +222,8 @@ def _search(
                 _with_capacity(trees[0], len(workspace.chain)),
                 _with_capacity(trees[1], len(workspace.chain)),
             )
-        ended = grow(explorer.space, explorer.surface, *trees, workspace, deadline.time_slice, key, most)
+        seconds = np.array([deadline.time_slice, deadline.left])
+        ended = grow(explorer.space, explorer.surface, *trees, workspace, seconds, key, most)
     if ended != _FOUND:
         return _failed(trees, int(workspace.counters[_ITERATIONS]), ended == _TIME_UP)
     to_start = _branch(trees[0], workspace.counters[_START_NODE])
@@ -359,14 +361,14 @@ def _extend(
     return (node if count > 0 else -1), reached
 
 
-@compiled("int64(SearchSpace, Surface, Tree, Tree, Workspace, float64, uint64, int64)")
+@compiled("int64(SearchSpace, Surface, Tree, Tree, Workspace, float64[::1], uint64, int64)")
 def grow(
     space: SearchSpace,
     surface: Surface,
     start: Tree,
     goal: Tree,
     workspace: Workspace,
-    seconds: float,
+    seconds: Floats1,
     key: np.uint64,
     iterations: int,
 ) -> int:
@@ -378,7 +380,8 @@ def grow(
         start: The tree of the start, which grows in even iterations.
         goal: That of the goals.
         workspace: Its counters hold the iterations, and the nodes at which the trees have met.
-        seconds: Time budget [s].
+        seconds: Time after which no iteration begins, and time after which walks end too, shape (2,) [s]: a
+            walk cut by the first would make the trees depend on the machine's load.
         key: Of the stream of random numbers.
         iterations: Number of samples in all, those of earlier calls included.
 
@@ -387,10 +390,10 @@ def grow(
         nodes of one more iteration.
     """
     place, counters, n = np.empty(2, np.int64), workspace.counters, space.lower.size
-    end = seconds_now(space.clock, place) + seconds
+    begin = seconds_now(space.clock, place)
     while counters[_ITERATIONS] < iterations:
-        left = end - seconds_now(space.clock, place)
-        if left <= 0.0 or counters[STOP] != 0 or surface.stop[0] != 0:
+        spent = seconds_now(space.clock, place) - begin
+        if spent >= min(seconds[0], seconds[1]) or counters[STOP] != 0 or surface.stop[0] != 0:
             return _TIME_UP
         spare = min(start.lanes.shape[0] * LANES - start.size[0], goal.lanes.shape[0] * LANES - goal.size[0])
         if spare < workspace.chain.shape[0]:
@@ -399,12 +402,13 @@ def grow(
         first = counters[_ITERATIONS] % 2 == 0
         counters[_ITERATIONS] += 1
         growing, other = (start, goal) if first else (goal, start)
+        left = seconds[1] - spent
         new, _ = _extend(space, surface, growing, workspace, left, workspace.rows[_SAMPLE], False)
         if new < 0:
             continue
         for i in range(n):
             workspace.rows[_TARGET, i] = growing.states[new, i]
-        left = end - seconds_now(space.clock, place)
+        left = seconds[1] - (seconds_now(space.clock, place) - begin)
         meeting, reached = _extend(space, surface, other, workspace, left, workspace.rows[_TARGET], True)
         if reached:
             counters[_START_NODE], counters[_GOAL_NODE] = (new, meeting) if first else (meeting, new)

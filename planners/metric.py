@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 
-from .vectors import FloatArray, finite_vector
+from .vectors import FloatArray, finite_vector, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +54,21 @@ class Metric:
         return int(self.weights.size)
 
     def distance(self, a: ArrayLike, b: ArrayLike) -> FloatArray:
-        """Return d(a, b) [length unit] of states of shape (..., n), broadcast; shape (...,)."""
-        scaled = (np.asarray(b, dtype=np.float64) - np.asarray(a, dtype=np.float64)) * self.weights
-        return np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
+        """Return d(a, b) [length unit] of states of shape (..., n), broadcast; shape (...,).
+
+        Raises:
+            InvalidValueError: for anything but numbers of shapes that go together, or NaN.
+        """
+        first, second = real_numbers("a", a), real_numbers("b", b)
+        try:
+            scaled = (second - first) * self.weights
+        except ValueError:
+            shapes = f"shapes {first.shape} and {second.shape}"
+            raise InvalidValueError("a and b", shapes, f"states of shape (..., {self.n})") from None
+        distances: FloatArray = np.sqrt(np.einsum("...i,...i->...", scaled, scaled))
+        if np.isnan(distances).any():
+            raise InvalidValueError("a and b", math.nan, "finite numbers")
+        return distances
 
     def arc_lengths(self, points: FloatArray) -> FloatArray:
         """Return the length [length unit] of a polyline from its first to each of its points.
@@ -65,10 +78,17 @@ class Metric:
 
         Returns:
             Shape (k,), starting at 0, never decreasing.
+
+        Raises:
+            InvalidValueError: for another shape, or NaN.
         """
+        if not isinstance(points, np.ndarray) or points.ndim != 2 or points.shape[1] != self.n:
+            raise InvalidValueError("points", points, f"an array of shape (k, {self.n})")
         lengths = np.zeros(len(points))
         scaled = points[1:] - points[:-1]
         scaled *= self.weights
         scaled *= scaled
         np.sqrt(scaled.sum(axis=1)).cumsum(out=lengths[1:])
+        if len(lengths) and math.isnan(lengths[-1]):
+            raise InvalidValueError("points", math.nan, "finite numbers")
         return lengths

@@ -24,7 +24,7 @@ from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2
 from .deadline import Deadline
 from .metric import Metric
 from .search_space import CALLS, STATES, STOP
-from .vectors import BoolArray, FloatArray, positive_number
+from .vectors import BoolArray, FloatArray, positive_number, real_numbers, whole_number
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -194,9 +194,12 @@ class MotionValidator:
             Shape (m,), True where valid.
 
         Raises:
-            InvalidValueError: The checker answered with something else than (m,) booleans.
+            InvalidValueError: The states have another shape, or the checker answered with something else than
+                (m,) booleans.
         """
-        states = np.ascontiguousarray(states, dtype=np.float64)
+        states = np.ascontiguousarray(real_numbers("states", states))
+        if states.ndim != 2 or states.shape[1] != self.metric.n:
+            raise InvalidValueError("states", f"shape {states.shape}", f"shape (m, {self.metric.n})")
         answer = np.asarray(self._valid(states))
         self.calls += 1
         self.states += len(states)
@@ -212,7 +215,14 @@ class MotionValidator:
             a: Start of the edge, shape (n,).
             b: End of the edge, shape (n,).
             steps: Number of steps, one or more.
+
+        Raises:
+            InvalidValueError: for ends of another shape or a number of steps that is none.
         """
+        steps, shape = whole_number("steps", steps, 1), (self.metric.n,)
+        for name, end in (("a", a), ("b", b)):
+            if not isinstance(end, np.ndarray) or end.shape != shape:
+                raise InvalidValueError(name, end, f"an array of shape {shape}")
         difference = b - a
         for batch in self._batches(steps):
             fractions = np.arange(batch.start + 1, batch.stop + 1) / steps

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.exceptions import InvalidValueError
 
 from .metric import Metric
-from .vectors import FloatArray, finite_points, positive_number, read_only
+from .vectors import FloatArray, finite_points, positive_number, read_only, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class Path:
         Raises:
             InvalidValueError: An arc length is NaN or outside [0, length].
         """
-        lengths = np.asarray(s, dtype=np.float64)
+        lengths = real_numbers("s", s)
         slack = 1e-12 * self.length
         if not np.all((lengths >= -slack) & (lengths <= self.length + slack)):
             raise InvalidValueError("s", s, f"arc lengths within [0, {self.length:g}]")
@@ -102,10 +102,13 @@ class Path:
         return np.where(fraction[..., None] >= 1.0, last, first + fraction[..., None] * (last - first))
 
     def edge_index(self, s: FloatArray) -> np.ndarray:
-        """Return the edges on which arc lengths lie: 0 .. k - 2, the later one at a way-point; shape of s."""
-        return np.clip(
-            np.searchsorted(self.arc_lengths, s, side="right") - 1, 0, max(0, len(self.points) - 2)
-        )
+        """Return the edges on which arc lengths lie: 0 .. k - 2, the later one at a way-point; shape of s.
+
+        Raises:
+            InvalidValueError: for anything but numbers.
+        """
+        after = np.searchsorted(self.arc_lengths, real_numbers("s", s), side="right")
+        return np.clip(after - 1, 0, max(0, len(self.points) - 2))
 
     def reversed(self) -> Path:
         """Return the path from its end to its start."""

@@ -142,8 +142,15 @@ class Problem:
         return self._with(resolution=_checked_resolution(resolution, self.diagonal))
 
     def begun_at(self, start: FloatArray, goals: FloatArray) -> Problem:
-        """Return the same problem with other ends inside the box, shapes (n,) and (k, n)."""
-        return self._with(start=read_only(start.copy()), goals=read_only(goals.copy()), goal_sampler=None)
+        """Return the same problem with other ends inside the box, shapes (n,) and (k, n).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        start = finite_vector("start", start, self.n, self.labels)
+        return self._with(
+            start=start, goals=finite_points("goals", goals, self.n, self.labels), goal_sampler=None
+        )
 
     def _with(self, **fields: Any) -> Problem:
         """Return a copy with other fields that are known to be sound."""

@@ -36,6 +36,7 @@ from .vectors import (
     FloatArray,
     finite_points,
     finite_vector,
+    real_numbers,
     require_inside,
     seed_number,
     whole_number,
@@ -276,9 +277,8 @@ class Roadmap:
             if len(problem.goals) == 0:
                 raise InvalidValueError("goals", "a sampler", "goal states: a roadmap does not draw goals")
             return problem.goals
-        states = finite_points(
-            "goals", np.asarray(goals)[None, :] if np.ndim(goals) == 1 else goals, problem.n, problem.labels
-        )
+        table = real_numbers("goals", goals)
+        states = finite_points("goals", np.atleast_2d(table), problem.n, problem.labels)
         for k, state in enumerate(states):
             require_inside(f"goals[{k}]", state, problem.lower, problem.upper, problem.labels)
         return states

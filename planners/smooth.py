@@ -14,7 +14,16 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 from .motion_validator import MotionValidator
 from .path import Path
 from .problem import Problem
-from .vectors import BoolArray, FloatArray, finite_vector, positive_number, read_only, whole_number
+from .vectors import (
+    MOST_COUNT,
+    BoolArray,
+    FloatArray,
+    finite_vector,
+    positive_number,
+    read_only,
+    real_numbers,
+    whole_number,
+)
 
 _MOST_SEGMENTS = 1_000_000
 _ROUNDS = 20  # halvings of the spacing before giving up: a millionth of it
@@ -101,7 +110,7 @@ class SmoothPath:
         """
         if derivative not in (0, 1, 2, 3):
             raise InvalidValueError("derivative", derivative, "0, 1, 2 or 3")
-        values = np.asarray(s, dtype=np.float64)
+        values = real_numbers("s", s)
         slack = 1e-12 * self.length
         if not np.all((values >= -slack) & (values <= self.length + slack)):
             raise InvalidValueError("s", s, f"parameters within [0, {self.length:g}]")
@@ -121,8 +130,9 @@ class SmoothPath:
         Raises:
             InvalidValueError: The spacing is not above zero.
         """
-        if not spacing > 0.0:
-            raise InvalidValueError("spacing", spacing, "a number above 0")
+        spacing = positive_number("spacing", spacing)
+        if self.length > MOST_COUNT * spacing:
+            raise InvalidValueError("spacing", spacing, f"at least {self.length / MOST_COUNT:.1e}")
         segments = [
             np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing))), endpoint=False)
             for a, b in zip(self.breaks[:-1], self.breaks[1:], strict=True)

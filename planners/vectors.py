@@ -41,6 +41,17 @@ def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
     return np.array(array, dtype=np.float64, order="C")
 
 
+def real_numbers(quantity: str, value: ArrayLike) -> FloatArray:
+    """Return numbers of any shape as float64; what are such numbers already is not copied.
+
+    Raises:
+        InvalidValueError: for anything but real numbers in equal rows.
+    """
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value
+    return _numbers(quantity, value, "real numbers")
+
+
 def finite_vector(
     quantity: str, value: ArrayLike, n: int | None = None, labels: Sequence[str] | None = None
 ) -> FloatArray:

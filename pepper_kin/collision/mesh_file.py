@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.mesh_process import mesh_of_other_format
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_reading import plain_number, plain_whole, read_bytes
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_numbers
 
 _HEADER = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -50,7 +50,7 @@ def read_colored_mesh(
         opacity of 0 to 255. Shape (0, 4) where the file names none, or is STL or OBJ.
     """
     file = Path(path)
-    factors = np.broadcast_to(as_finite(scale, "scale", np.shape(scale)), 3)
+    factors = scale_factors(scale, "scale")
     suffix = file.suffix.lower()
     check_is_file(file)
     colors = np.empty((0, 4), np.uint8)
@@ -99,6 +99,16 @@ def file_state(path: Path) -> tuple[str | int, ...]:
     return (str(path.resolve()), state.st_mtime_ns, state.st_ctime_ns, state.st_size, state.st_ino)
 
 
+def scale_factors(scale: ArrayLike, quantity: str) -> NDArray[np.float64]:
+    """Return factors along x, y and z, shape (3,), of three numbers, shape (3,), or of one for all.
+
+    Raises:
+        InvalidValueError: for another shape, NaN or infinity.
+    """
+    factors = as_numbers(scale, quantity)
+    return np.broadcast_to(as_finite(factors, quantity, factors.shape and (3,)), 3)
+
+
 def points_of(
     name: str, vertices: ArrayLike | str | os.PathLike[str], scale: ArrayLike
 ) -> NDArray[np.float64]:
@@ -110,14 +120,16 @@ def points_of(
     """
     if isinstance(vertices, str | os.PathLike):
         return read_mesh(vertices, scale)[0]
-    factors = as_finite(scale, f"scale of {name!r}", np.shape(scale))
-    return as_finite(vertices, f"vertices of {name!r}", (None, 3)) * np.broadcast_to(factors, 3)
+    factors = scale_factors(scale, f"scale of {name!r}")
+    return as_finite(vertices, f"vertices of {name!r}", (None, 3)) * factors
 
 
 def triangles_of(
     name: str, vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | None, scale: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[Any]]:
+) -> tuple[NDArray[np.float64], Any]:
     """Return points, shape (k, 3) [m], and faces, shape (f, 3), given as arrays or as a mesh file.
+
+    Faces that are given are examined where a mesh is made of them.
 
     Raises:
         InvalidValueError: for missing faces, faces beside a file, a wrong shape, NaN or infinity.
@@ -129,7 +141,7 @@ def triangles_of(
         raise InvalidValueError(f"faces of {name!r}", type(faces).__name__, wanted)
     if isinstance(vertices, str | os.PathLike):
         return read_mesh(vertices, scale)
-    return points_of(name, vertices, scale), np.asarray(faces)
+    return points_of(name, vertices, scale), faces
 
 
 def _stl(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

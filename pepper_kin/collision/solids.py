@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,7 +149,7 @@ class PointCloud:
             InvalidValueError: for NaN, a wrong shape, a radius below 0, a voxel of 0 or less, or points so
                 far apart that their cubes cannot be counted.
         """
-        full = cls(np.asarray(points), radius)
+        full = cls(cast("NDArray[np.float64]", points), radius)
         edge = float(as_finite(voxel, "voxel", ()))
         if edge <= 0:
             raise InvalidValueError("voxel", voxel, "a finite length above 0 [m]")

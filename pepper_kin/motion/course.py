@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -145,11 +146,14 @@ def _begin_shortening(course: Course, size: int) -> None:
 
 
 @compiled
-def _compare_goals(course: Course, seconds: float, key: np.uint64) -> None:
-    """Let the path end at another goal where that makes it shorter; see `rejoin`."""
+def _compare_goals(course: Course, key: np.uint64) -> None:
+    """Let the path end at another goal where that makes it shorter; see `rejoin`.
+
+    The few short-cuts are all tried, however slow the machine is: the path must not depend on its load.
+    """
     line, space, size = course.line, course.space, course.line.counters[SIZE]
     _begin_shortening(course, size)
-    shorten(space, line, seconds, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, SHORTCUTS_TO_COMPARE, False)
+    shorten(space, line, math.inf, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, SHORTCUTS_TO_COMPARE, False)
     size = line.counters[SIZE]
     measure(line.points, size, space.weights, line.lengths[0])
     order, tried = course.order, 0
@@ -234,7 +238,7 @@ def run(course: Course, seconds: float, key: np.uint64, shortcut_key: np.uint64)
         if line.counters[SIZE] == 0:
             return SEARCH_ENDED
         if progress[COMPARED] != 0 and course.goals.shape[0] > 1:
-            _compare_goals(course, seconds, shortcut_key)
+            _compare_goals(course, shortcut_key)
         progress[FOUND_SIZE] = line.counters[SIZE]
         for k in range(progress[FOUND_SIZE]):
             _copy_row(line.points[k], course.found[k])

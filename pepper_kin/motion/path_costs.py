@@ -16,6 +16,7 @@ from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
 from pepper_kin.ik.tasks.task import checked_weight
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.motion.constraints import SOURCES, InPython, as_constraints, kind_of, structure_of_kind
 from pepper_kin.motion.constraints import residuals as residual_expressions
 from pepper_kin.trajectory.path import CubicPath
@@ -80,9 +81,14 @@ class PathCost:
         )
 
     def values(self, q: Array) -> Array:
-        """Return w c at configurations, shape (m, n); shape (m,)."""
+        """Return w c at configurations, shape (m, n); shape (m,).
+
+        Raises:
+            InvalidValueError: for another shape, NaN or infinity.
+        """
         evaluate = values_and_slopes(self.source)
-        return np.array([self.weight * max(float(evaluate(x)[0][0]), 0.0) for x in q])
+        states = as_finite(q, "q", (None, len(self.joint_names)))
+        return np.array([self.weight * max(float(evaluate(x)[0][0]), 0.0) for x in states])
 
 
 class CostAlong(NamedTuple):

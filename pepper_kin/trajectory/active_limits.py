@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.model.shapes import read_only
@@ -90,8 +91,11 @@ def active_limits(
         Time, names and shares.
 
     Raises:
-        InvalidValueError: for times that are not finite numbers, or an option that is not allowed.
+        InvalidValueError: for another robot's trajectory, times that are not finite numbers, or an option
+            that is not allowed.
     """
+    if trajectory.joint_names != pepper.joint_names:
+        raise InvalidValueError("joints", trajectory.joint_names, f"{pepper.joint_names}, the robot's joints")
     step = examination_step(trajectory.duration)
     if t is None:
         time = sample_times(trajectory.duration, step)

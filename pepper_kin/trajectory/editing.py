@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.joint_vectors import as_real, check_positive, shown
 from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
 
 Array = NDArray[np.float64]
@@ -33,8 +35,8 @@ def backward(trajectory: Trajectory) -> Trajectory:
 def between(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     """Return the part from one time to another; see `Trajectory.between`."""
     for name, time in (("start", start), ("end", end)):
-        if isinstance(time, bool) or not np.isfinite(time):
-            raise InvalidValueError(name, time, "a finite time [s]")
+        if not math.isfinite(as_real(time)):
+            raise InvalidValueError(name, shown(time), "a finite time [s]")
     duration = trajectory.duration
     if not (start >= -TIME_TOLERANCE and end <= duration + TIME_TOLERANCE and end - start > TIME_TOLERANCE):
         allowed = f"0 <= start < end <= {duration:.9g} s"

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.core.splines import derivatives_on_segments, evaluate_at_times
+from pepper_kin.core.splines import evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.samples import Samples, names_and_units
+from pepper_kin.trajectory.segment_values import checked_derivatives
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -210,8 +211,12 @@ class Trajectory:
 
         Returns:
             Arrays of shape (..., n).
+
+        Raises:
+            InvalidValueError: for a piece that does not exist, a time that is not a finite number, or shapes
+                that do not go together.
         """
-        state = derivatives_on_segments(self.coefficients, segment, local_time, 3)
+        state = checked_derivatives(self.coefficients, segment, local_time, 3)
         return State(state[0], state[1], state[2])
 
     @property
@@ -296,8 +301,12 @@ class Trajectory:
         return self._derivatives(t, 4)[3]
 
     def jerk_at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> Array:
-        """Return d3q/dt3 of chosen pieces, as `at_segments` does the state, shape (..., n)."""
-        return np.asarray(derivatives_on_segments(self.coefficients, segment, local_time, 4)[3])
+        """Return d3q/dt3 of chosen pieces, as `at_segments` does the state, shape (..., n).
+
+        Raises:
+            InvalidValueError: as `at_segments`.
+        """
+        return np.asarray(checked_derivatives(self.coefficients, segment, local_time, 4)[3])
 
     def scaled(self, factor: float) -> Trajectory:
         """Return the trajectory that takes `factor` times as long along the same path, q(t / factor).
@@ -389,7 +398,8 @@ class Trajectory:
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
-        time = np.array(t, dtype=float)
+        floats = isinstance(t, float) or getattr(t, "dtype", None) == np.float64
+        time = np.array(t if floats else as_numbers(t, "t"))
         if time.size and not (
             time.min() >= -TIME_TOLERANCE and time.max() <= self.duration + TIME_TOLERANCE
         ):  # NaN is in the least and the greatest of all

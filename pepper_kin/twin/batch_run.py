@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import check_whole
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
@@ -88,6 +88,4 @@ def recorded_steps(steps: int, every: int | None) -> int:
     """
     if every is None:
         return max(steps, 1)
-    if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
-        raise InvalidValueError("every", repr(every), "an integer of at least 1, or None")
-    return int(every)
+    return check_whole("every", every)

@@ -12,7 +12,13 @@ from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_tor
 from pepper_kin.core.simulation.rollout import Inputs
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice, check_whole, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_joint_vectors,
+    check_choice,
+    check_whole,
+    check_within_limits,
+    shown,
+)
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
@@ -313,10 +319,13 @@ class TwinBatch:
 
     def _rows(self, rows: ArrayLike) -> NDArray[np.int64]:
         """Return the numbers of some robots, shape (k,)."""
-        array = np.asarray(rows)
+        allowed = f"numbers from 0 to {self.count - 1}, each once, or a mask of shape ({self.count},)"
+        try:
+            array = np.asarray(rows)
+        except (ValueError, OverflowError, RecursionError):  # ragged rows, lists without end
+            raise InvalidValueError("rows", shown(rows), allowed) from None
         if array.dtype == bool and array.shape == (self.count,):
             return np.flatnonzero(array)
-        allowed = f"numbers from 0 to {self.count - 1}, each once, or a mask of shape ({self.count},)"
         if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
             raise InvalidValueError("rows", f"{array.dtype} of shape {array.shape}", allowed)
         places = array.astype(np.int64)

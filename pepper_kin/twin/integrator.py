@@ -14,7 +14,7 @@ from pepper_kin.core.simulation.rollout import DONE, Inputs, Log, Span, lineariz
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
@@ -24,6 +24,17 @@ Array = NDArray[np.float64]
 
 GREATEST_TIMESTEP = 0.05  # [s]
 _ONE = Span(1, 1, 0, 1)
+
+
+def _shapes(arrays: tuple[Array, ...], every: int) -> str:
+    """Return the shapes of state, commands and load, of any shape, in words."""
+    shapes = ", ".join(str(getattr(part, "shape", type(part).__name__)) for part in arrays)
+    return f"shapes {shapes}, and states every {every} steps"
+
+
+def _shapes_wanted(n: int) -> str:
+    rows = f"commands of shape (T, {n}), a load of shape (T, {n}) or (1, {n})"
+    return f"a state of shape ({n},), {rows}, and a divisor of T"
 
 
 class Series(NamedTuple):
@@ -161,10 +172,26 @@ class Integrator:
 
         Returns:
             Torques [N m or N], shape (n,).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        torque, state = np.empty(self._pepper.n), np.stack([q, v, q_ref, v_ref])
-        present_torques(self._table, state, self._actuators.strength * feedforward, torque)
+        *state, effort = self._vectors(q=q, v=v, q_ref=q_ref, v_ref=v_ref, feedforward=feedforward)
+        torque = np.empty(self._pepper.n)
+        present_torques(self._table, np.stack(state), self._actuators.strength * effort, torque)
         return torque
+
+    def _vectors(self, **values: Array) -> list[Array]:
+        """Return joint vectors, shape (n,) each, given by their names in messages.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        vectors = [as_joint_vectors(self._pepper, value, name) for name, value in values.items()]
+        for name, vector in zip(values, vectors, strict=True):
+            if vector.ndim != 1:
+                raise InvalidValueError(name, f"shape {vector.shape}", f"shape ({self._pepper.n},)")
+        return vectors
 
     def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
         """Return the torques that the actuators demand at the end of a step with zero velocity, unclipped.
@@ -176,9 +203,15 @@ class Integrator:
             feedforward: Feed-forward [N m or N], shape (n,).
 
         Returns:
-            Torques [N m or N], shape (n,).
+            Torques [N m or N], shape (n,); those of a state that diverged are infinite or NaN.
+
+        Raises:
+            InvalidValueError: for a wrong shape.
         """
-        servo = self._actuators
+        servo, shape = self._actuators, (self._pepper.n,)
+        for name, value in (("q", q), ("q_ref", q_ref), ("v_ref", v_ref), ("feedforward", feedforward)):
+            if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
+                raise InvalidValueError(name, np.shape(value), f"an array of float64 of shape {shape}")
         with np.errstate(over="ignore", invalid="ignore"):
             return servo.kp * (q_ref - q) + servo.kd * v_ref + servo.strength * feedforward
 
@@ -203,10 +236,15 @@ class Integrator:
             load: Torque from elsewhere, not limited [N m or N], shape (n,).
 
         Returns:
-            Position and velocity at the end of the step, and the actuators' torque during it [N m or N].
+            Position and velocity at the end of the step, and the actuators' torque during it [N m or N]; NaN
+            where they diverge.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        command = Command(q_ref, v_ref, feedforward).as_rows()
-        series = self.run(q, v, command, self._nothing if load is None else load[np.newaxis])
+        q, v, *wanted = self._vectors(q=q, v=v, q_ref=q_ref, v_ref=v_ref, feedforward=feedforward)
+        outer = self._nothing if load is None else self._vectors(load=load)[0][np.newaxis]
+        series = self.run(q, v, Command(*wanted).as_rows(), outer)
         return series.position[0], series.velocity[0], series.torque[0]
 
     def linearized(
@@ -233,11 +271,17 @@ class Integrator:
 
         Returns:
             mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
         """
         n = self._pepper.n
         tables = self._simulator.tables
         space = self._space
-        inputs = (q, v, q_ref, v_ref, self._actuators.strength * feedforward, 0.0 if load is None else load)
+        *inputs, effort = self._vectors(q=q, v=v, q_ref=q_ref, v_ref=v_ref, feedforward=feedforward)
+        inputs += [self._actuators.strength * effort, self._nothing[0]]
+        if load is not None:
+            inputs[-1] = self._vectors(load=load)[0]
         for row, values in enumerate(inputs):
             space.step_input[row * n : (row + 1) * n] = values
         space.step_input[6 * n :] = tables.constant[0]
@@ -257,7 +301,7 @@ class Integrator:
     ) -> Series:
         """Advance by one step for each command.
 
-        Nothing is checked here: this is the hot path.
+        Only shapes are checked here, which machine code relies on: this is the hot path.
 
         Args:
             q: Position [rad or m], shape (n,).
@@ -269,11 +313,24 @@ class Integrator:
 
         Returns:
             The states.
+
+        Raises:
+            InvalidValueError: for a wrong shape, or an `every` that is no divisor of T.
         """
         tables, world = self._simulator.tables, self._alone if world is None else world
-        steps, n = command.position.shape
-        if steps == 1:
+        shape = steps, n = command.position.shape
+        if steps == 1 and every == 1:
             return self._one_step(q, v, command, load, world)
+        if not (
+            n == self._pepper.n
+            and getattr(q, "shape", None) == getattr(v, "shape", None) == (n,)
+            and shape == command.velocity.shape == command.feedforward.shape
+            and load.shape in ((1, n), shape)
+            and every > 0
+            and steps % every == 0
+        ):
+            got = _shapes((q, v, *command, load), every)
+            raise InvalidValueError("state, command and load", got, _shapes_wanted(self._pepper.n))
         inputs = Inputs(*(np.ascontiguousarray(x, np.float64).reshape(1, -1, n) for x in (*command, load)))
         shape = (1 + steps // every, n)
         position, velocity, torque = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -295,8 +352,13 @@ class Integrator:
             world: What the robot meets.
         """
         single = self._single
-        for row, values in zip(single.rows, (q, v, *command, load), strict=True):
-            row[:] = values
+        try:
+            for row, values in zip(single.rows, (q, v, *command, load), strict=True):
+                row[:] = values
+        except (TypeError, ValueError, OverflowError):  # NumPy compares the shapes
+            got = _shapes((q, v, *command, load), 1)
+            wanted = _shapes_wanted(self._pepper.n)
+            raise InvalidValueError("state, command and load", got, wanted) from None
         single.log.good[0] = 1
         outcome = rollout(
             _ONE, self._simulator.tables, self._space, single.inputs, single.state, single.log, world

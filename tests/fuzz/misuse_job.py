@@ -16,6 +16,7 @@ import importlib
 import inspect
 import json
 import math
+import os
 import re
 import resource
 import signal
@@ -27,11 +28,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from misuse_methods import methods_of
 from misuse_values import Values
 
 faulthandler.enable()
 MOST_MEMORY = 6 << 30
 MOST_SECONDS = 20
+"""For a call; 20 times as much where indices are checked, as machine code is then made in calls."""
+if os.environ.get("NUMBA_BOUNDSCHECK"):
+    MOST_SECONDS, MOST_MEMORY = 20 * MOST_SECONDS, 2 * MOST_MEMORY
 OURS = re.compile(r"/(pepper_kin|planners)/")
 
 
@@ -67,6 +72,7 @@ def wrong_values(valid: Any) -> Iterator[Any]:
             yield changed
         yield valid[..., :-1]
         yield np.concatenate([valid, valid], axis=-1)
+        yield from (valid[:-1], valid[:1], valid[:0], valid[1:2], np.concatenate([valid, valid]))
         yield from (valid.astype(complex), valid.astype(str), valid.astype(object), valid[None][None])
         yield np.ma.masked_array(valid, np.ones(valid.shape, bool))
 
@@ -106,6 +112,9 @@ LEFT_OUT = {
 """Processes, clocks, caches; values that only the library makes; readers, which have separate fuzz tests."""
 
 
+NAN_MEANS_NOTHING = {"PlacementMap.score_at", "Camera.project", "Integrator.step", "Integrator.run"}
+"""Where the documentation says so: outside of a map or a picture, or of a state that diverges."""
+
 CHECKED_LATER: dict[str, Callable[[Any, Values], Any]] = {
     "PlanProblem": lambda problem, _: problem.solve(),
     "Leg": lambda leg, values: plan_leg(leg, values),
@@ -121,7 +130,10 @@ def plan_leg(leg: Any, values: Values) -> Any:
 
 
 def calls_of(package: str, values: Values) -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
-    """Yield name, function and valid arguments by name of what a package offers."""
+    """Yield name, function and valid arguments by name of what a package offers, or of methods of objects."""
+    if package.startswith("of_"):
+        yield from methods_of(package, values.samples)
+        return
     module = importlib.import_module(f"pepper_kin.{package}")
     for name in module.__all__:
         value = getattr(module, name)
@@ -231,6 +243,8 @@ def is_about_type(kind: str, error: Any, wrong: Any) -> bool:
         return isinstance(wrong, np.ndarray) and "truth value of an" in str(error)
     if kind != "AttributeError" or "has no attribute" not in str(error):
         return False
+    if isinstance(wrong, np.ndarray):
+        wrong = wrong.ravel().tolist()
     parts = [wrong, *(list(wrong)[:3] if isinstance(wrong, (list, tuple, str, bytes, dict, range)) else ())]
     return any((part if inspect.isclass(part) else type(part)).__name__ in str(error) for part in parts)
 
@@ -267,7 +281,9 @@ def main(options: dict[str, Any]) -> None:
             continue
         functions += 1
         nan_before = has_nan(result)
-        cases = [(p, w) for p, valid in arguments.items() for w in wrong_values(valid)]
+        cases = [
+            (p, w) for p, valid in arguments.items() for w in (*wrong_values(valid), *values.others(valid))
+        ]
         chosen = rng.permutation(len(cases))[: options["count"]]
         for place in sorted(chosen):
             parameter, wrong = cases[place]
@@ -277,7 +293,8 @@ def main(options: dict[str, Any]) -> None:
             tried += 1
             if is_about_type(kind, result, wrong):
                 kind = "refused"
-            if kind == "result" and is_number(arguments[parameter]) and not nan_before and has_nan(result):
+            nan_is_new = not nan_before and name not in NAN_MEANS_NOTHING and has_nan(result)
+            if kind == "result" and is_number(arguments[parameter]) and nan_is_new:
                 kind = "silent NaN"
             if kind not in ("result", "refused"):
                 where = ""

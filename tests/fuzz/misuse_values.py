@@ -12,6 +12,13 @@ from misuse_calls import SUBJECTS
 
 import pepper_kin as pk
 
+ONE_JOINT = """<robot name="arm"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="LArm_effector"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="HeadYaw" type="revolute"><parent link="base"/><child link="LArm_effector"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="10"/></joint></robot>"""
+
 
 class Samples:
     """Objects that arguments are made of: a robot, a scene, a motion, a problem of the planners, files."""
@@ -30,6 +37,7 @@ class Samples:
         self.still = np.tile(self.stand, (5, 1))
         self.timeline = pk.files.naoqi_timeline(["HeadYaw"], [[0.5, 1.0]], [[0.1, 0.2]])
         self._make_problem()
+        self._make_others()
         self._write_files()
 
     def _make_problem(self) -> None:
@@ -44,6 +52,21 @@ class Samples:
         )
         self.price = planners.StateCost(lambda x: (x[:, :1] ** 2, 2 * x[:, None, :] * [1.0, 0.0]), 2)
         self.on_line = planners.Path(np.linspace(0.1, 0.9, 17)[:, None] * [1.0, 1.0])
+
+    def _make_others(self) -> None:
+        """Make a robot of one joint, and objects of other robots and of other numbers of coordinates."""
+        self.arm = pk.load_robot(ONE_JOINT)
+        driven = pk.retime(self.drive, [self.drive.posture("Stand"), 0.9 * self.drive.posture("Stand")])
+        planners, cube = pk.planners, ([0.0] * 3, [1.0] * 3, [0.1] * 3, [0.9] * 3)
+        self.others: dict[type, list[Any]] = {
+            type(self.motion): [driven, pk.retime(self.arm, [[0.0], [1.0]], acceleration_limits=1.0)],
+            type(self.problem): [planners.Problem(*cube, self.free, resolution=0.05)],
+            type(self.path): [planners.Path([[0.1] * 3, [0.9] * 3]), planners.Path([[0.1], [0.9]])],
+            type(self.line): [planners.ConstraintManifold(lambda x: (x[:, :1], x[:, None, :] * 0 + 1), 3, 1)],
+            type(self.price): [planners.StateCost(lambda x: (x[:, :1] ** 2, 2 * x[:, None, :]), 3)],
+            type(self.monitor): [pk.twin.base.BalanceMonitor(self.drive)],
+            type(self.timeline): [pk.files.naoqi_timeline(["none"], [[0.5, 1.0]], [[0.1, 0.2]])],
+        }
 
     def _write_files(self) -> None:
         """Write a motion and a table into a folder that is removed with this object."""
@@ -155,6 +178,13 @@ class Values:
         if parameter.default is not parameter.empty and parameter.name not in KEEP_SHORT:
             return parameter.default
         return self.named.get(parameter.name, parameter.default)
+
+    def others(self, valid: Any) -> list[Any]:
+        """Return objects of the kind of a valid argument, but of other sizes: of another robot, say."""
+        samples = self.samples
+        if valid is samples.robot or valid is samples.drive:
+            return [robot for robot in (samples.drive, samples.robot, samples.arm) if robot is not valid]
+        return [other for kind, others in samples.others.items() if type(valid) is kind for other in others]
 
 
 KEEP_SHORT = ("samples", "candidates", "restarts", "starts", "timeout", "iterations", "max_iterations")

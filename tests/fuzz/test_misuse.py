@@ -1,6 +1,7 @@
-"""Public functions with one wrong argument: an error of the library, or a result without NaN.
+"""Public functions and methods with one wrong argument: an error of the library, or a result without NaN.
 
-NaN, infinities, huge and negative numbers, texts, bytes, wrong shapes and types, None, for each argument.
+NaN, infinities, huge and negative numbers, texts, bytes, wrong shapes and types, None, objects of another
+robot or of another number of coordinates, for each argument.
 A TypeError or an AttributeError is right only about an object of another type.  Children make the calls
 (`misuse_job.py`), so that a crash or a call without end is a finding too.
 """
@@ -16,14 +17,16 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
+METHODS = ("of_models_and_scenes", "of_motions", "of_planners", "of_twins")
+"""Groups of public objects whose methods are called (`misuse_methods.py`)."""
 PACKAGES = (
     "base_placement", "batch", "collision", "dynamics", "files", "ik", "kernels", "kinematics", "model",
     "motion", "planners", "servo", "trajectory", "twin", "twin.base", "twin.sensors", "twin.world",
 )  # fmt: skip
-IN_SMALL = ("kinematics", "kernels")
+IN_SMALL = ("kinematics", "kernels", "of_models_and_scenes")
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", PACKAGES + METHODS)
 def test_wrong_arguments_are_refused_by_name(package, amount, rng, tried, request, tmp_path):
     size = request.config.getoption("--fuzz-size")
     if size == "small" and package not in IN_SMALL:

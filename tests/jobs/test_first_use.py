@@ -22,3 +22,17 @@ def test_the_demo_compiles_nothing(tmp_path):
     assert done.stdout.startswith("True False"), done.stdout
     assert not list(tmp_path.glob("kernels/*"))
     assert done.stderr == ""
+
+
+ANSWER = """
+import sys
+import pepper_kin as pk
+
+found = pk.ik.solve(pk.load_pepper(), pk.ik.HandPosition("left", (0.38, 0.22, 0.82)), collisions=False)
+print(found.success, sorted({"pinocchio", "coal", "casadi", "numba"} & set(sys.modules)))
+"""
+
+
+def test_a_first_answer_without_collisions_does_not_wait_for_pinocchio():
+    done = subprocess.run([sys.executable, "-c", ANSWER], capture_output=True, text=True, check=True)
+    assert done.stdout == "True []\n"

@@ -119,3 +119,17 @@ def test_margins_are_halved_until_coal_says_that_both_ends_keep_them():
         assert kept == halved(scene)
         found.add(kept[0])
     assert {0.0, 0.01} < found
+
+
+@pytest.mark.parametrize("seconds", [1e-5, 3e-5, 1e-4, 3e-4, 60.0])
+def test_a_way_does_not_depend_on_how_long_machine_code_runs_at_once(monkeypatch, seconds):
+    goals = np.array([HIGH, HIGH])
+    goals[0, ARM[1]] += 0.6
+    problem = path_problem(Checks(PEPPER, TABLE), LOW, goals, ARM, 0.01, COARSE)
+    usual = [Pipeline(problem, seed, 60.0).searched(True) for seed in range(6)]
+    monkeypatch.setattr(planners.deadline, "TIME_SLICE", seconds)
+    for seed, (found, way) in enumerate(usual):
+        again, other = Pipeline(problem, seed, 60.0).searched(True)
+        assert again.goal_index == found.goal_index
+        np.testing.assert_array_equal(again.path.points, found.path.points)
+        np.testing.assert_array_equal(other.points, way.points)

@@ -22,6 +22,7 @@ from pepper_kin.planners import (
     cbirrt,
     constrained_shortcut,
     constrained_smooth,
+    deadline,
     project,
 )
 
@@ -226,6 +227,16 @@ def test_the_same_seed_gives_the_same_path(through_the_hole):
     np.testing.assert_array_equal(short[0].points, short[1].points)
     other = cbirrt(problem, manifold, seed=8, timeout=60.0)
     assert not np.array_equal(other.path.points[:50], runs[0].path.points[:50])
+
+
+@pytest.mark.parametrize("seconds", [1e-5, 1e-4, 3e-4, 1e-3, 60.0])
+def test_a_path_does_not_depend_on_how_long_machine_code_runs_at_once(through_the_hole, monkeypatch, seconds):
+    problem, manifold = through_the_hole
+    usual = cbirrt(problem, manifold, seed=7, timeout=60.0)
+    monkeypatch.setattr(deadline, "TIME_SLICE", seconds)
+    other = cbirrt(problem, manifold, seed=7, timeout=60.0)
+    assert other.iterations == usual.iterations > 10
+    np.testing.assert_array_equal(other.path.points, usual.path.points)
 
 
 def test_a_closed_belt_ends_by_iterations_or_by_time():

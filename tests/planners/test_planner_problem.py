@@ -133,3 +133,14 @@ def test_another_validity_leaves_the_rest_alone() -> None:
         other.goals[0, 0] = 3.0
     with pytest.raises(InvalidValueError, match="validity"):
         problem.with_validity(None)
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [([0.2], [[0.8, 0.8]]), ([0.2, np.nan], [[0.8, 0.8]]), ([0.2, 0.2], [[0.8]]), ([0.2, 0.2], [0.8, 0.8])],
+)
+def test_other_ends_have_the_shape_that_searches_read(ends):
+    problem = Problem([0, 0], [1, 1], [0.1, 0.1], [0.9, 0.9], lambda x: np.ones(len(x), dtype=bool))
+    np.testing.assert_array_equal(problem.begun_at([0.2, 0.2], [[0.8, 0.8]]).start, [0.2, 0.2])
+    with pytest.raises(InvalidValueError, match=r"start|goals"):
+        problem.begun_at(*ends)

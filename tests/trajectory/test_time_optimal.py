@@ -269,7 +269,7 @@ def test_many_times_are_checked_as_few_are():
         times[200] = wrong
         with pytest.raises(InvalidValueError, match=rf"t: got {wrong} s, expected times within \[0, 1\] s"):
             trajectory(times)
-    with pytest.raises(IndexError):
+    with pytest.raises(InvalidValueError, match=r"segment: got 1\.0, expected whole numbers from 0 to 0"):
         trajectory.at_segments(np.full(400, 1), np.zeros(400))
 
 

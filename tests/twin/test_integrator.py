@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.twin import ActuatorParameters, Integrator, Twin, actuator_parameters
+from pepper_kin.twin.command import Command
 
 PENDULUM = """
 <robot name="pendulum">
@@ -344,3 +345,24 @@ def test_gains_are_copied_and_read_only():
     assert params.stiffness == 1.0
     with pytest.raises(ValueError, match="read-only"):
         params.stiffness[0] = 2.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"q": np.zeros(14)},
+        {"q": np.zeros(14), "command": Command(*np.zeros((3, 1, 15))), "every": 1},
+        {"command": Command(np.zeros((4, 15)), np.zeros((3, 15)), np.zeros((4, 15)))},
+        {"command": Command(*np.zeros((3, 4, 14)))},
+        {"load": np.zeros((3, 15))},
+        {"every": 3},
+        {"every": 0},
+    ],
+)
+def test_arrays_too_short_for_machine_code_are_refused(pepper, change):
+    integrator = pk.twin.Integrator(pepper, 0.001, pk.Twin(pepper).actuators)
+    rest = {"q": np.zeros(15), "v": np.zeros(15), "load": np.zeros((1, 15)), "every": 2}
+    given = {**rest, "command": Command(*np.zeros((3, 4, 15)))}
+    assert integrator.run(**given).good == 2
+    with pytest.raises(InvalidValueError, match=r"state, command and load: got shapes .* \(T, 15\)"):
+        integrator.run(**{**given, **change})

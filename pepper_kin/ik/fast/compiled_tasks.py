@@ -318,8 +318,8 @@ def _compiled(
         work_size=work,
         task_joints=index.size,
         joints=joints,
-        # By its kernel: a first answer does not wait for Pinocchio to load.
-        scale=scale_of(np.asarray(kernel(pepper, "mass_matrix")(pepper.neutral())))[joints] ** 2,
+        # By its kernel, which drops an axis of length 1: a first answer does not wait for Pinocchio to load.
+        scale=scale_of(np.reshape(kernel(pepper, "mass_matrix")(pepper.neutral()), (n, n)))[joints] ** 2,
         effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
     )
     return CompiledTasks(

@@ -190,7 +190,7 @@ class Camera:
         Raises:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
         """
-        pose = frame_pose(self.pepper, q, self.frame)
+        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,)), self.frame)
         distance = self._rays.distances(q, scene, pose[:3, 3], self._plane @ pose[:3, :3].T)
         return np.asarray(distance * self._cosine)
 
@@ -207,7 +207,7 @@ class Camera:
         Raises:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
         """
-        pose = frame_pose(self.pepper, q, self.frame)
+        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,)), self.frame)
         directions = self._plane @ pose[:3, :3].T
         sight = self._rays.look(q, scene, pose[:3, 3], directions)
         aim = directions * self._cosine[..., None]
@@ -234,7 +234,7 @@ class Camera:
         Raises:
             InvalidValueError: for wrong shapes, NaN or infinity.
         """
-        pose = frame_pose(self.pepper, q, self.frame)
+        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,)), self.frame)
         place = (as_finite(points, "points", (None, 3)) - pose[:3, 3]) @ pose[:3, :3]
         depth = place[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):

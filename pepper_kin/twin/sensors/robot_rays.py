@@ -12,7 +12,7 @@ from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_choice
+from pepper_kin.model.joint_vectors import MOST, as_finite, check_choice
 from pepper_kin.twin.sensors.raycast import RayCaster, RayHits, Rays, rays_of
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ class RobotRays:
             InvalidValueError: for NaN, infinity, or wrong shapes.
             UnknownNameError: for an attached object on a frame that the robot lacks.
         """
-        self._place(as_joint_vectors(self.pepper, q, "q"), _EMPTY if scene is None else scene)
+        self._place(as_finite(q, "q", (self.pepper.n,), MOST), _EMPTY if scene is None else scene)
         rays = rays_of(origins, directions)
         other = self._world.cast_checked(rays)
         own = self._robot.cast_checked(rays._replace(most=other.distance))
@@ -115,7 +115,7 @@ class RobotRays:
             origins: Where the rays start, in the world [m], shape (..., 3).
             directions: Their directions in the world, shape (..., 3).
         """
-        self._place(as_joint_vectors(self.pepper, q, "q"), _EMPTY if scene is None else scene)
+        self._place(as_finite(q, "q", (self.pepper.n,), MOST), _EMPTY if scene is None else scene)
         rays = rays_of(origins, directions)
         other = self._world.distances_checked(rays)
         own = self._robot.distances_checked(rays._replace(most=other))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.joint_vectors import MOST, as_joint_vectors, as_real, shown
 from pepper_kin.model.shapes import kept_read_only
 from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
 from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
@@ -220,8 +220,9 @@ class SensorSuite:
             vectors: "q" [rad or m], "v", "a" and "torque" [N m or N], shape (n,) each; None for zero.
             world: What is around the robot.
         """
-        if not (math.isfinite(time) and time >= self._time):
-            raise InvalidValueError("time", time, f"a finite time of at least {self._time:.9g} s")
+        least = max(self._time, -MOST)
+        if not least <= as_real(time) <= MOST:
+            raise InvalidValueError("time", shown(time), f"at least {least:.9g} s, at most {MOST:g} s")
         checked = [self._vector(name, value) for name, value in vectors.items()]
         due = [(group, group.count_due(time)) for group in self._groups]
         due = [(group, sample) for group, sample in due if sample >= 0]
