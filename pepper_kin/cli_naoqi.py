@@ -39,28 +39,33 @@ def serve(
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach.")
     ] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(help="What clients need to move anything; made and printed with --allow-remote."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Host the modules for any qi client, in real time.  Ctrl-C ends it.
+    """Host the modules for any qi client, in real time.  Ctrl-C or SIGTERM ends it.
 
     Needs: pip install 'pepper_kin[naoqi]'
 
     Example: pepper-kin naoqi serve --view
     """
-    from pepper_kin.naoqi.host import Host
+    from pepper_kin.naoqi.host import Host, ended_by_signals
 
-    with _broker(mode, True, scene, view, record) as broker, Host(
-        broker, address, port, allow_remote=allow_remote
-    ) as host:  # fmt: skip
+    with (
+        ended_by_signals() as ended,
+        _broker(mode, True, scene, view, record) as broker,
+        Host(broker, address, port, allow_remote=allow_remote, token=token) as host,
+    ):
         if as_json:
-            print_json({"url": host.url, "modules": list(broker.module_names)})
+            print_json({"url": host.url, "modules": list(broker.module_names), "token": host.token})
         else:
             print(f"{host.url}: {len(broker.module_names)} modules; Ctrl-C ends it", flush=True)
+            if host.token is not None:
+                print(f"token: {host.token}", flush=True)
         sys.stdout.flush()
-        try:
-            host.wait()
-        except KeyboardInterrupt:
-            print()
+        host.wait(ended)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

@@ -6,22 +6,39 @@ run_script, ScriptResult                  runs an unmodified script
 RunLog                                    a run of the twin from what happened
 coverage                                  which methods are simulated
 NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
+Robot, RobotState                         a robot from outside: state, motions with a certificate
+FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
+RobotConnectionError                      there is no connection
 """
 
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.coverage import Covered, coverage
-from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError
+from pepper_kin.naoqi.errors import (
+    NaoqiError,
+    NotSimulatedError,
+    RefusedByRobotError,
+    RobotConnectionError,
+)
+from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult, RobotMotionStatus
 from pepper_kin.naoqi.host import Host
+from pepper_kin.naoqi.robot import Robot
+from pepper_kin.naoqi.robot_state import RobotState
 from pepper_kin.naoqi.run_log import RunLog
 from pepper_kin.naoqi.scripts import ScriptResult, run_script
 
 __all__ = [
     "Broker",
     "Covered",
+    "FollowOptions",
     "Host",
     "NaoqiError",
     "NotSimulatedError",
     "RefusedByRobotError",
+    "Robot",
+    "RobotConnectionError",
+    "RobotMotionResult",
+    "RobotMotionStatus",
+    "RobotState",
     "RunLog",
     "ScriptResult",
     "coverage",
