@@ -8,6 +8,7 @@ coverage                                  which methods are simulated
 NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
 Robot, RobotState                         a robot from outside: state, motions with a certificate
 FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
+Mirror, states_of_run                     a twin beside a robot, live or recorded, and how they differ
 RobotConnectionError                      there is no connection
 """
 
@@ -21,6 +22,7 @@ from pepper_kin.naoqi.errors import (
 )
 from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult, RobotMotionStatus
 from pepper_kin.naoqi.host import Host
+from pepper_kin.naoqi.mirror import Mirror, states_of_run
 from pepper_kin.naoqi.robot import Robot
 from pepper_kin.naoqi.robot_state import RobotState
 from pepper_kin.naoqi.run_log import RunLog
@@ -31,6 +33,7 @@ __all__ = [
     "Covered",
     "FollowOptions",
     "Host",
+    "Mirror",
     "NaoqiError",
     "NotSimulatedError",
     "RefusedByRobotError",
@@ -43,4 +46,5 @@ __all__ = [
     "ScriptResult",
     "coverage",
     "run_script",
+    "states_of_run",
 ]

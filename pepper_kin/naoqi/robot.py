@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.link import ANSWER, Link
 from pepper_kin.naoqi.robot_state import BASE, RobotState, StateReader
+from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.trajectory import Trajectory
 
 METHODS = ("stream", "bezier")
@@ -98,6 +100,25 @@ class Robot:
             RobotConnectionError: where no answer comes.
         """
         return self._reader.read()
+
+    def states(self, seconds: float | None = None, period: float = CYCLE) -> Iterator[RobotState]:
+        """Yield what the robot measures, again and again.
+
+        Args:
+            seconds: How long [s]; without an end if omitted.
+            period: Time between two states [s]; a late one delays the next.
+
+        Raises:
+            RobotConnectionError: where no answer comes.
+            InvalidValueError: for a time that is not above zero.
+        """
+        check_positive("period", period, "s")
+        end = math.inf if seconds is None else time.monotonic() + check_positive("seconds", seconds, "s")
+        due = time.monotonic()
+        while time.monotonic() < end:
+            yield self.state()
+            due = max(due + period, time.monotonic())
+            time.sleep(max(due - time.monotonic(), 0.0))
 
     def wake_up(self) -> None:
         """Switch the motors on; the robot stands up."""
