@@ -54,6 +54,9 @@ def serve(
 
     Example: pepper-kin naoqi serve --view
     """
+    from pepper_kin.qi_library import libqi
+
+    libqi()  # before all others
     from pepper_kin.naoqi.host import Host, ended_by_signals
 
     with (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import hmac
-import os
 import secrets
 import signal
 import threading
@@ -13,21 +12,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.wire import Wire
-
-SETTINGS = {
-    "QI_LOG_LEVEL": "2",  # warnings; libqi logs each service that it registers
-    "QI_EVENTLOOP_THREAD_COUNT": "24",
-    "QI_EVENTLOOP_MAX_THREADS": "256",
-}
-"""Environment of libqi, read as it is loaded.
-
-A call that blocks keeps one of its threads, of which it has three at first; with all of them kept, others
-wait for a second or two.
-"""
+from pepper_kin.qi_library import libqi
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -38,29 +27,15 @@ WRONG_TOKEN = 0.5
 """Time until a wrong token is answered [s]."""
 
 
-def libqi() -> Any:
-    """Return the module `qi`.
-
-    Raises:
-        MissingDependencyError: where it is not installed.
-    """
-    for name, value in SETTINGS.items():
-        os.environ.setdefault(name, value)
-    try:
-        import qi
-    except ImportError as error:
-        raise MissingDependencyError(
-            "qi", "pip install 'pepper_kin[naoqi]'", "a connection by NAOqi's messages"
-        ) from error
-    return qi
-
-
 class Host:
     """A server of libqi with all modules of a broker.
 
     With a token, sessions may read, and whatever changes something is refused.  The service "Access" opens
     the rest: `session.service("Access").unlock(token).service("ALMotion")`.  Nothing is encrypted, the
     token neither.
+
+    Where other parts of this library were used before `qi` was imported, bytes that are no messages of libqi
+    may end the process; see `pepper_kin.qi_library`.  `pepper-kin naoqi serve` imports it first.
 
     Args:
         broker: The simulated robot.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
-from pepper_kin.naoqi.host import libqi
+from pepper_kin.qi_library import libqi
 
 ANSWER = 5.0
 """The longest time that an answer takes [s]."""

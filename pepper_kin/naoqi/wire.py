@@ -107,7 +107,7 @@ class Wire:
             call = getattr(module, name)
             if locked and not only_reads(name):
                 call = _locked(module.name, name)
-            bound = self._caller(call, len(signature), returns)
+            bound = self._caller(call, len(signature), returns, f"{module.name}::{name}")
             bound.__qi_name__ = name
             bound.__qi_signature__ = f"({''.join(signature)})"
             bound.__qi_return_signature__ = returns
@@ -125,7 +125,7 @@ class Wire:
         """Return an object that a call can return: functions by name, which take one text each."""
         bound = {}
         for method, call in methods.items():
-            function = self._caller(call, 1, "o")
+            function = self._caller(call, 1, "o", f"{name}::{method}")
             function.__qi_name__, function.__qi_signature__ = method, "(s)"
             function.__qi_return_signature__ = "o"
             bound[method] = function
@@ -171,8 +171,11 @@ class Wire:
         while len(objects) and time.monotonic() < end:
             time.sleep(0.005)
 
-    def _caller(self, method: Callable[..., Any], count: int, returns: str) -> Any:
-        """Return a function with exactly so many arguments, which libqi can bind; errors keep their text."""
+    def _caller(self, method: Callable[..., Any], count: int, returns: str, where: str) -> Any:
+        """Return a function with exactly so many arguments, which libqi can bind.
+
+        Errors keep their text; those that do not name the method get its name, `where`, before it.
+        """
 
         def call(*arguments: Any) -> Any:
             with self._lock:
@@ -184,8 +187,10 @@ class Wire:
                 if returns == PICTURE:
                     return tuple(value)
                 return None if returns == "v" else self.value(value)
-            except Exception as error:
+            except NaoqiError as error:
                 return self._failed(str(error))
+            except Exception as error:
+                return self._failed(f"{where}\n\t{error}")
             finally:
                 with self._lock:
                     self._running -= 1
