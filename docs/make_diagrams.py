@@ -68,7 +68,8 @@ ROWS = (
     ),
     (("motion/", "planning, gestures, optimization"),),
     (("twin/", "simulation, contacts, sensors"),),
-    (("jobs/  viewer/  cli", "commands and page"),),
+    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin"), ("jobs/  viewer/", "whole jobs, pages, films")),
+    (("qibullet/  cli", "qiBullet's classes; the commands"),),
 )
 """Packages from the top down, side by side where neither imports the other: name and contents."""
 FROM_CORE = (2, 3, 4, 5, 6, 7)
@@ -77,7 +78,7 @@ FROM_CORE = (2, 3, 4, 5, 6, 7)
 
 def packages() -> None:
     """Draw the packages: lower ones import higher ones."""
-    d = Drawing(960, 750)
+    d = Drawing(960, 824)
     left, right, height, step = 40, 620, 52, 74
     for k, row in enumerate(ROWS):
         y, width = 20 + step * k, (right - left - 20 * (len(row) - 1)) // len(row)
@@ -114,10 +115,10 @@ def packages() -> None:
         d.arrow((700, 201), (660, 201), (660, y), (right, y))
     d.arrow((700, 502), (right, 502))
     d.text(
-        480, 706, "An arrow points to a package that imports; packages import only what is above them.", 13
+        480, 780, "An arrow points to a package that imports; packages import only what is above them.", 13
     )
     d.text(
-        480, 728, "Orange: independent of robots. The certificate uses dynamics/ and coal, never core/.", 13
+        480, 802, "Orange: independent of robots. The certificate uses dynamics/ and coal, never core/.", 13
     )
     d.save("packages.svg", "The packages of pepper_kin and the direction of imports")
 

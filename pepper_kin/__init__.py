@@ -23,6 +23,7 @@ Packages, imported at their first use; `help(pk.ik)` lists the contents of one:
     viewer           pages, pictures and films; within it `viewer.server`
     planners         motion planners for any space
     jobs             the work of the commands
+    naoqi, qibullet, ros, ros_messages   NAOqi, qiBullet's classes and ROS 2, all on the twin
     kernels, batch   machine code and batches
     exceptions, status   errors on misuse; outcomes of calls
 

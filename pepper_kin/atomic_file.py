@@ -28,9 +28,9 @@ def as_path(path: object, quantity: str = "path") -> Path:
         raise InvalidValueError(quantity, repr(path), "a name as a text or a path, not as bytes")
     try:
         if b"\0" in os.fsencode(name):
-            raise FileFormatError(ascii(name), "is no name of a file: it holds a null character")
+            raise FileFormatError(ascii(name), "cannot be the name of a file: it holds a null character")
     except UnicodeEncodeError as error:
-        reason = f"is no name of a file: character {error.start} is half of a surrogate pair"
+        reason = f"cannot be the name of a file: character {error.start} is half of a surrogate pair"
         raise FileFormatError(ascii(name), reason) from error
     return Path(name)
 

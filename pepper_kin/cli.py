@@ -53,7 +53,6 @@ app = typer.Typer(
 
 app.add_typer(cli_check.app, name="check")
 app.add_typer(cli_naoqi.app, name="naoqi")
-app.command()(cli_ros.ros)
 app.add_typer(cli_show.app)
 
 Point = tuple[float, float, float]
@@ -296,6 +295,9 @@ def _refuse_options(gesture: str, **options: object) -> None:
             raise InvalidValueError(
                 f"--{option}", value, f"to be omitted: {gesture!r} is replayed as published"
             )
+
+
+app.command()(cli_ros.ros)  # here, since the order of commands is that of the help
 
 
 def _scene(boxes: list[str]) -> Any:

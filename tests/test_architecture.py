@@ -1,6 +1,7 @@
 """The direction of imports: each package imports only those above it."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -211,3 +212,13 @@ def test_heavy_libraries_are_not_loaded_by_importing_a_package(package):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_design_page_has_a_row_for_every_package():
+    page = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    table = page.partition("| package or module | contents |")[2].partition("\n\n")[0]
+    named = {
+        cell.strip(" `").rstrip("/").removesuffix(".py") for cell in re.findall(r"^\|(.*?)\|", table, re.M)
+    }
+    lines = {name for name in ORDER if name.startswith("cli_")}  # one row for all
+    assert not set(ORDER) - named - lines - {"cli"}

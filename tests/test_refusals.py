@@ -203,7 +203,7 @@ def test_a_text_that_no_file_can_be_named_is_refused_as_a_file(name, tmp_path):
         lambda: load_table(name),
         lambda: pk.load_pepper(meshes=name),
     ):
-        with pytest.raises(FileFormatError, match="is no name of a file"):
+        with pytest.raises(FileFormatError, match="cannot be the name of a file"):
             call()
     assert not list(tmp_path.iterdir())
 

@@ -77,7 +77,7 @@ def test_results_are_finite_up_to_the_limit(function: Callable[..., Any]) -> Non
 def test_forces_beyond_the_range_are_refused_by_frame() -> None:
     q = PEPPER.neutral()
     for value in (1e10, 1e200, 1e308, np.inf):
-        with pytest.raises(InvalidValueError, match=r"force at Head: .*none beyond"):
+        with pytest.raises(InvalidValueError, match=r"force at Head: .*(from -1e\+09 to 1e\+09|finite)"):
             pk.dynamics.external_torque(PEPPER, q, {"Head": [0, 0, value, 0, 0, 0]})
     for wrong in ([True, 0, 0, 0, 0, 0], ["1", 0, 0, 0, 0, 0], [[0] * 6, [0] * 5], None):
         with pytest.raises(InvalidValueError, match="force at Head"):

@@ -385,7 +385,7 @@ def solved_rows(result: pk.ik.BatchResult) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SETS)
 def test_batches_of_all_kinds_of_tasks(name, amount, rng, tried):
-    count, wrong, missed, could = amount(12, 1500, 70_000), [], 0, 0
+    count, wrong, missed, could = amount(12, 1500, 76_000), [], 0, 0
     for begin in range(0, count, 2000):
         case = problem(name, rng, min(2000, count - begin))
         start = postures(case.pepper, rng, 1)[0]

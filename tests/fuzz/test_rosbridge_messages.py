@@ -6,6 +6,7 @@ on its own.
 
 import json
 import random
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from tornado.ioloop import IOLoop
@@ -76,11 +77,16 @@ def answered(server, texts):
         socket.close()
         return found
 
-    loop = IOLoop(make_current=False)
-    try:
-        return loop.run_sync(converse, timeout=3600)
-    finally:
-        loop.close()
+    def converse_in_a_loop():
+        loop = IOLoop(make_current=False)
+        try:
+            return loop.run_sync(converse, timeout=3600)
+        finally:
+            loop.close()
+
+    # In a separate thread: where a browser is driven by the same process, this one has a running loop.
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(converse_in_a_loop).result()
 
 
 def test_malformed_messages_do_not_end_the_server(server, amount, tried):

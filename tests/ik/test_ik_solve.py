@@ -146,7 +146,7 @@ TASK = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
         ({"joints": []}, InvalidValueError, ["joints", "at least one"]),
         ({"joints": "both_hands"}, InvalidValueError, ["joints", "both_hands", "at least one moving"]),
         ({"seed": -1}, InvalidValueError, ["seed", "-1", "at least 0"]),
-        ({"seed": 0.5}, InvalidValueError, ["seed", "0.5", "whole number"]),
+        ({"seed": 0.5}, InvalidValueError, ["seed", "0.5", "integer"]),
         ({"restarts": -1}, InvalidValueError, ["restarts", "at least 0"]),
         ({"max_iterations": 0}, InvalidValueError, ["max_iterations", "at least 1"]),
         ({"timeout": 0}, InvalidValueError, ["timeout", "above 0 s"]),

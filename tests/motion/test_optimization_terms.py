@@ -6,6 +6,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision.dependent_ranges import dependent_ranges
+from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.motion.optimization.balance_term import INFLUENCE as BALANCE_INFLUENCE
 from pepper_kin.motion.optimization.balance_term import BalanceTerm
@@ -106,7 +107,10 @@ def test_balance_and_its_derivatives():
         np.testing.assert_allclose(part, numeric, atol=1e-5)
 
 
-LOADS = (("LArm_effector", 0.7), ("RArm_effector", 0.2))
+LOADS = (
+    Load("LArm_effector", 0.7, (0.02, -0.01, 0.05), (2e-3, 1e-4, 0.0, 3e-3, -1e-4, 2.5e-3)),
+    Load("RArm_effector", 0.2),
+)
 
 
 @pytest.mark.parametrize("kind", ["torque", "balance"])
@@ -116,9 +120,9 @@ def test_what_is_carried_counts_with_its_derivatives(kind):
     if kind == "torque":
         term = TorqueTerm(moving_of(pepper), pepper.effort_limits, 1, LOADS)
         model = pepper.inner_model.copy()
-        for name, mass in LOADS:
-            frame = model.frames[pepper.frame_id(name)]
-            body = pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+        for load in LOADS:
+            frame = model.frames[pepper.frame_id(load.frame)]
+            body = pinocchio.Inertia(load.mass, np.array(load.center), load.tensor)
             model.appendBodyToJoint(frame.parentJoint, body, frame.placement)
         data = model.createData()
         expected = np.array([pinocchio.rnea(model, data, *state) for state in zip(q, v, a, strict=True)])

@@ -156,7 +156,7 @@ def test_expressions_travel(pepper):
         (lambda p: pk.ik.Expression(p, lambda q: casadi.MX.sym("x")), "casadi.SX"),
         (lambda p: pk.ik.Expression(p, lambda q: q[0], 1.0, 0.0), "at most the upper bound"),
         (lambda p: pk.ik.Expression(p, lambda q: q[:2], [1.0, 2.0, 3.0]), "one number or 2"),
-        (lambda p: pk.ik.Expression(p, lambda q: q[0], np.nan), "infinite where there is no bound"),
+        (lambda p: pk.ik.Expression(p, lambda q: q[0], np.nan), "no NaN"),
         (lambda p: pk.ik.Expression(p, lambda q: q[0], tolerance=0), "tolerance of expression"),
     ],
 )

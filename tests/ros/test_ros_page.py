@@ -24,7 +24,9 @@ _spec.loader.exec_module(clients)
 def port(tmp_path_factory):
     """The port of `pepper-kin ros`, which ends by Ctrl-C and leaves its run."""
     folder = tmp_path_factory.mktemp("ros")
-    code = "from pepper_kin.cli import main; main()"
+    # A shell that begins a program with & has it ignore Ctrl-C, and so do the programs that it begins.
+    hear = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{hear}; from pepper_kin.cli import main; main()"
     arguments = ["ros", "--port", "0", "--cameras", "none", "--record", str(folder / "run.csv"), "--json"]
     server = subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, text=True, cwd=ROOT
