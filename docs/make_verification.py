@@ -47,6 +47,7 @@ NUMBA_BOUNDSCHECK=1 python tests/fuzz/core_job.py '{"jobs": ["ik"], "count": 12,
 ```
 
 Checks of the model against published numbers and other engines are in [Validation](validation.md).
+The faults of an adversarial test, each with its tests: [Faults](faults.md).
 """
 
 

@@ -42,6 +42,9 @@ MotionFile = Annotated[
 def plot(
     file: Annotated[Path, typer.Argument(help="Trajectory: .csv, .npz, .json, .yaml, .py or .mcap.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Picture: .png, .pdf or .svg.")],
+    scene: Annotated[
+        Path | None, typer.Option(help="Scene whose attached objects count with their mass: JSON.")
+    ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
     as_json: Json = False,
@@ -50,6 +53,7 @@ def plot(
 
     Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
     """
+    from pepper_kin.collision import Scene
     from pepper_kin.files import load
     from pepper_kin.model import load_pepper
     from pepper_kin.trajectory import plot as draw
@@ -57,7 +61,8 @@ def plot(
     pepper = load_pepper(base=base, hands=hands)
     trajectory = load(file, pepper)
     make_folder(output.parent)
-    draw(pepper, trajectory, output, title=file.name)
+    held = None if scene is None else Scene.load(scene)
+    draw(pepper, trajectory, output, title=file.name, scene=held)
     print_written([output], as_json)
 
 

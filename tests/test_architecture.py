@@ -187,6 +187,20 @@ def test_certificates_share_no_code_with_the_core(name):
             assert not compiled or module in SHARED, f"{name} imports {module}"
 
 
+ASKS_WHAT_IS_IMPORTED = {
+    "pepper_kin/kernels/compiled_function.py",  # the file of a function's own module
+    "pepper_kin/kernels/signatures.py",  # the names of a class's own module
+    "pepper_kin/lazy_names.py",  # a package's own module
+    "pepper_kin/naoqi/scripts.py",  # the modules that a script of NAOqi's imports, put back after it
+}
+
+
+def test_nothing_depends_on_what_happens_to_be_imported():
+    """A module that others may or may not have loaded decides nothing: none is looked up by name."""
+    found = {str(path.relative_to(ROOT)) for path in ALL_FILES if "sys.modules" in path.read_text("utf-8")}
+    assert found == ASKS_WHAT_IS_IMPORTED
+
+
 def test_heavy_libraries_are_not_loaded_by_importing_the_package():
     code = (
         "import sys, pepper_kin; "

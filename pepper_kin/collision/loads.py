@@ -23,6 +23,7 @@ from pepper_kin import dynamics, kinematics
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import shown
 
 if TYPE_CHECKING:
     from pepper_kin.collision.scene import Scene
@@ -88,6 +89,20 @@ def loads_of(
     return tuple(loads)
 
 
+def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
+    """Return loads that are given as such, as a tuple.
+
+    Raises:
+        InvalidValueError: for anything but a sequence of `Load`.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    if not isinstance(loads, (tuple, list)) or not all(isinstance(load, Load) for load in loads):
+        raise InvalidValueError("loads", shown(loads), "Loads, such as collision.loads_of(pepper, scene)")
+    for load in loads:
+        pepper.frame_id(load.frame)
+    return tuple(loads)
+
+
 def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
     """Return what loads add to the torques of the joints.
 
@@ -109,6 +124,20 @@ def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array)
         if moment is not None:
             total = total + np.einsum("...ij,...i->...j", jacobian[..., 3:, :], moment)
     return total
+
+
+def inverse_dynamics_with(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
+    """Return the torques of a robot with what it carries [N m or N], shape (..., n).
+
+    Args:
+        pepper: The robot.
+        loads: What it carries.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+    """
+    torque = np.asarray(dynamics.inverse_dynamics(pepper, q, v, a))
+    return torque + load_torque(pepper, loads, q, v, a) if loads else torque
 
 
 def load_wrench(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
@@ -39,7 +41,14 @@ def gesture_meaning(name: str) -> str:
 
 
 def gesture(
-    pepper: PepperModel, name: str, *, side: str = "right", amplitude: float = 1.0, tempo: float = 1.0
+    pepper: PepperModel,
+    name: str,
+    *,
+    side: str = "right",
+    amplitude: float = 1.0,
+    tempo: float = 1.0,
+    scene: Scene | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Trajectory:
     """Return a gesture of the library, from the posture Stand and back to it.
 
@@ -52,6 +61,8 @@ def gesture(
         side: "right" or "left": whose hand acts, and where head and torso turn first.
         amplitude: Share of the authored way from the posture Stand, in (0, 1.25].
         tempo: Speed relative to the authored one, in [0.25, 4]; limits may make it slower.
+        scene: The scene whose attached objects count with their mass, as in `enforce_limits`.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
     Returns:
         The timed gesture.
@@ -65,7 +76,8 @@ def gesture(
     check_choice("side", side, SIDES)
     _check_between("amplitude", amplitude, 0.0, LARGEST_AMPLITUDE)
     _check_between("tempo", tempo, *TEMPOS)
-    return enforce_limits(pepper, _authored(pepper, score, side, float(amplitude), float(tempo)))
+    motion = _authored(pepper, score, side, float(amplitude), float(tempo))
+    return enforce_limits(pepper, motion, scene=scene, payload=payload)
 
 
 def _score(name: str) -> Score:

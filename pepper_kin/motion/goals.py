@@ -89,7 +89,7 @@ def load_code_for(checks: Checks, goal: ArrayLike | Sequence[Any], planner: str)
         InvalidValueError: for tasks and other things mixed.
     """
     load_code_of(planner)
-    if not _are_tasks(goal):
+    if not are_tasks(goal):
         return
     tasks = flatten_tasks(checks.pepper, cast("Sequence[Task]", goal))
     if _are_known_to_fast(tasks):
@@ -100,7 +100,7 @@ def load_code_for(checks: Checks, goal: ArrayLike | Sequence[Any], planner: str)
 
 def goal_with_loads(pepper: PepperModel, goal: ArrayLike | Sequence[Any], loads: Loads) -> Any:
     """Return a goal, shape (n,) or (m, n) or tasks; those on the center of mass count what is carried."""
-    if not (loads and _are_tasks(goal)):
+    if not (loads and are_tasks(goal)):
         return goal
     return with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), loads)
 
@@ -125,7 +125,7 @@ def ends_of(
         margins: What is kept where the ends allow it, and what they have to keep [m].
         deadline: When planning has to end, on the clock of `time.perf_counter` [s].
     """
-    tasks = _are_tasks(goal)
+    tasks = are_tasks(goal)
     fast = tasks and _are_known_to_fast(cast("Sequence[Any]", goal))
     sound = None if margins[1] > 0.0 or tasks else _sound(checks, start, goal, joints, margins[0])
     if sound is not None:
@@ -217,7 +217,7 @@ def goals_of(
         The goals, shape (m, n) [rad or m]; the IK result where there were tasks; status and reason where
         there is no goal.
     """
-    if _are_tasks(goal):
+    if are_tasks(goal):
         tasks = cast("Sequence[Task]", goal)
         found = _goals_of_tasks(checks, start, tasks, joints, margins[0], seed, deadline, tried)
         return _far_enough(checks, *found, margins[1])
@@ -303,7 +303,8 @@ def _are_known_to_fast(tasks: Sequence[Any]) -> bool:
     return True
 
 
-def _are_tasks(goal: object) -> bool:
+def are_tasks(goal: object) -> bool:
+    """Return whether a goal is IK tasks, not configurations."""
     return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
 
 

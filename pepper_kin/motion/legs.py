@@ -1,26 +1,31 @@
-"""Motions in legs: constraints and costs that hold on a part of the way, from one goal to the next."""
+"""Motions in legs: constraints, costs and worlds that hold on a part of the way, from goal to goal."""
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision import Scene
+from pepper_kin.collision import Scene, in_collision, loads_of
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik import Task, TaskGroup, solutions
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import shown
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.constraints import as_constraints, with_constraints
+from pepper_kin.motion.goals import are_tasks
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 from pepper_kin.motion.problem import checked_start
-from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.motion.static_limits import StaticLimits
+from pepper_kin.trajectory import Certificate, Trajectory, retime
+from pepper_kin.trajectory.balance import checked_balance
 
 Array = NDArray[np.float64]
 
@@ -28,6 +33,10 @@ ATTEMPTS = 4
 """Ways through all goals that are tried: a solution of one goal may leave no way to the next."""
 
 _APART = 7919  # seeds of two attempts
+_SOLUTIONS = 32  # of a goal, from which those are taken from which the next leg can begin
+
+SceneOfLeg: TypeAlias = Scene | Callable[[Scene, Array], Scene]
+"""A scene, or a function that returns it: of the scene before and of joint positions, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +48,18 @@ class Leg:
         constraints: Tasks that stay met along this leg, both ends included; empty for none.
         costs: Soft costs along this leg; empty for none.
         joints: Joints that may move: names of joints and groups; None: those of `plan_legs`.
+        scene: What changes in the world where this leg begins, such as an object that is picked up or put
+            down: the world from then on, or a function that returns it from the world before and the
+            configuration in which the leg begins [rad or m], shape (n,); None for no change.  With
+            `lambda scene, q: scene.attach("cup", "l_gripper", pepper=pepper, q=q, mass=0.3)` the hand takes
+            the cup where it stands, with `lambda scene, q: scene.release("cup", pepper, q)` it lets go.
     """
 
     goal: ArrayLike | Sequence[Any]
     constraints: Sequence[Task | TaskGroup] = ()
     costs: Sequence[PathCost | Task | TaskGroup] = ()
     joints: str | Sequence[str] | None = None
+    scene: SceneOfLeg | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +70,13 @@ class PlanInLegs:
         plans: The plan of each leg, the last of which failed unless `success`.
         count: Number of legs asked for.
         time: Wall time [s].
+        scenes: The world of each of the plans, with what the robot carries.
     """
 
     plans: tuple[Plan, ...]
     count: int
     time: float
+    scenes: tuple[Scene, ...]
 
     @property
     def status(self) -> PlanStatus:
@@ -89,11 +106,33 @@ class PlanInLegs:
 
         Args:
             pepper: The robot.
-            **options: As of `trajectory.retime`, for each leg.
+            **options: As of `trajectory.retime`, for each leg.  What hangs on the robot counts on the legs on
+                which it does.
 
         Raises:
             InvalidValueError: for a plan that is not solved, or in which nothing moves.
             InfeasibleError: as `retime` does.
+        """
+        moving = [one for one in self.retime_legs(pepper, **options) if one is not None]
+        if not moving:
+            raise InvalidValueError(
+                "plan", "legs in which nothing moves", "a plan in which at least one joint moves"
+            )
+        return functools.reduce(Trajectory.then, moving)
+
+    def retime_legs(self, pepper: PepperModel, **options: Any) -> tuple[Trajectory | None, ...]:
+        """Time the curve of each leg by itself, to be executed one after the other: a hand closes in between.
+
+        Args:
+            pepper: The robot.
+            **options: As of `retime`.
+
+        Returns:
+            The trajectory of each leg, from rest to rest; None for a leg in which nothing moves.
+
+        Raises:
+            InvalidValueError: for a plan that is not solved.
+            InfeasibleError: as `trajectory.retime` does.
         """
         if not self.success:
             raise InvalidValueError(
@@ -101,15 +140,34 @@ class PlanInLegs:
                 f"Leg {len(self.plans)} of {self.count}: {self.plans[-1].message}",
                 "a solved plan",
             )
-        moving = [one for one in self.plans if one.curve is not None]
-        if not moving:
+        return tuple(None if one.curve is None else retime(pepper, one, **options) for one in self.plans)
+
+    def check(
+        self, pepper: PepperModel, trajectories: Sequence[Trajectory | None], **limits: Any
+    ) -> tuple[Certificate | None, ...]:
+        """Check the trajectory of each leg in the world of that leg, with what the robot carries there.
+
+        Args:
+            pepper: The robot.
+            trajectories: Of the legs, as `retime_legs` returns them.
+            **limits: As of `trajectory.check`.
+
+        Returns:
+            The certificate of each leg; None where there is no trajectory.
+
+        Raises:
+            InvalidValueError: for another number of trajectories than of legs, or as `check` does.
+        """
+        timed = list(trajectories) if isinstance(trajectories, (list, tuple)) else []
+        known = all(one is None or isinstance(one, Trajectory) for one in timed)
+        if not known or len(timed) != len(self.plans):
             raise InvalidValueError(
-                "plan", "legs in which nothing moves", "a plan in which at least one joint moves"
+                "trajectories", shown(trajectories), f"{len(self.plans)}, as retime_legs returns them"
             )
-        trajectory = retime(pepper, moving[0], **options)
-        for one in moving[1:]:
-            trajectory = trajectory.then(retime(pepper, one, **options))
-        return trajectory
+        return tuple(
+            None if one is None else one.check(pepper, scene, **limits)
+            for one, scene in zip(timed, self.scenes, strict=True)
+        )
 
     def report(self) -> str:
         """Say what was found for each leg, or which leg failed, why and what to try."""
@@ -131,17 +189,18 @@ def plan_legs(
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> PlanInLegs:
-    """Plan through several goals, with separate constraints and soft costs on the way to each.
+    """Plan through several goals, with separate constraints, soft costs and changes of the world.
 
     Where legs meet, the configuration meets the constraints of both: goals that are tasks are solved with
     them.  Every leg has a curve that was examined as `plan` does, for its constraints too; the robot rests
-    in between.  Where there is no way on from a goal's solution, the legs are planned again from other seeds.
+    in between.  Where there is no way on from a goal's solution, or the robot cannot hold there what it picks
+    up, the legs are planned again from other seeds.
 
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,), which meets the constraints of the first leg.
         legs: What to do, one after the other.
-        scene: The world around the robot, the same for all legs.
+        scene: The world around the robot, until a leg changes it.
         joints: Joints that may move: names of joints and groups. None: those in which the ends of a leg
             differ.
         margin: Distance requested to the scene and to the robot itself [m].
@@ -155,35 +214,133 @@ def plan_legs(
         The plans of all legs up to the first that failed, of the attempt that got farthest.
 
     Raises:
-        InvalidValueError: for no leg, or what `plan` refuses.
+        InvalidValueError: for no leg, a `Leg.scene` that is or returns no scene, or what `plan` refuses.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
-    legs = list(legs)
-    if not legs or not all(isinstance(leg, Leg) for leg in legs):
-        raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
+    legs = _checked(legs)
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
-    best: list[Plan] = []
+    search = _Search(
+        pepper, legs, kept, joints, begin + timeout,
+        {"margin": margin, "least_margin": least_margin, "balance": balance, "payload": payload},
+    )  # fmt: skip
+    best: list[tuple[Plan, Scene]] = []
     for attempt in range(ATTEMPTS):
-        found: list[Plan] = []
-        q = q_start
-        for k, leg in enumerate(legs):
-            after = [task for task in (kept[k + 1] if k + 1 < len(legs) else ()) if task not in kept[k]]
-            left = timeout - (time.perf_counter() - begin)
+        found = search.attempt(
+            q_start, Scene() if scene is None else scene, seed + _APART * attempt, attempt > 0
+        )
+        best = max(best, found, key=lambda made: (sum(one.success for one, _ in made), len(made)))
+        # Where the first leg fails, no other solution of a goal will help; nor is there always time for one.
+        if found[-1][0].success or len(found) == 1 or time.perf_counter() >= begin + timeout:
+            break
+    plans, scenes = zip(*best, strict=True)
+    return PlanInLegs(plans, len(legs), time.perf_counter() - begin, scenes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A search through all legs.
+
+    Attributes:
+        pepper: The robot.
+        legs: What to do.
+        kept: The constraints of each leg.
+        joints: Joints that may move on legs that name none.
+        deadline: When planning has to end, on the clock of `time.perf_counter` [s].
+        options: Of `plan`, the same for all legs.
+    """
+
+    pepper: PepperModel
+    legs: list[Leg]
+    kept: list[tuple[Task, ...]]
+    joints: str | Sequence[str] | None
+    deadline: float
+    options: dict[str, Any]
+
+    def attempt(self, start: Array, scene: Scene, seed: int, select: bool) -> list[tuple[Plan, Scene]]:
+        """Return the plan and the world of each leg up to the first that fails.
+
+        Args:
+            start: Where the first leg begins [rad or m], shape (n,).
+            scene: The world before it.
+            seed: Of all random choices.
+            select: Whether goals are replaced by solutions from which the next leg can begin.
+        """
+        found: list[tuple[Plan, Scene]] = []
+        q, world, count = start, scene, len(self.legs)
+        for k, leg in enumerate(self.legs):
+            world = _scene_of(leg, k, world, q)
+            left = self.deadline - time.perf_counter()
             one = plan(
-                pepper, q, with_constraints(leg.goal, after), scene,
-                joints=joints if leg.joints is None else leg.joints,
-                constraints=kept[k] or None, costs=leg.costs if len(leg.costs) else None,
-                margin=margin, seed=seed + _APART * attempt, timeout=max(left / (len(legs) - k), 0.01),
-                least_margin=least_margin, balance=balance, payload=payload,
+                self.pepper, q, self._goal_of(k, q, world, seed, select), world, joints=self._joints_of(leg),
+                constraints=self.kept[k] or None, costs=leg.costs if len(leg.costs) else None,
+                seed=seed, timeout=max(left / (count - k), 0.01), **self.options,
             )  # fmt: skip
-            found.append(one)
+            found.append((one, world))
             if one.goal is None:
                 break
             q = one.goal
-        best = max(best, found, key=lambda plans: (sum(one.success for one in plans), len(plans)))
-        # Where the first leg fails, no other solution of a goal will help; nor is there always time for one.
-        if found[-1].success or len(found) == 1 or time.perf_counter() - begin >= timeout:
-            break
-    return PlanInLegs(tuple(best), len(legs), time.perf_counter() - begin)
+        return found
+
+    def _joints_of(self, leg: Leg) -> str | Sequence[str] | None:
+        return self.joints if leg.joints is None else leg.joints
+
+    def _goal_of(self, k: int, q: Array, world: Scene, seed: int, select: bool) -> Any:
+        """Return the goal of leg k, which begins at q [rad or m], shape (n,).
+
+        Tasks are solved with the constraints of the next leg, too.
+
+        Args:
+            k: Number of the leg.
+            q: Where it begins.
+            world: The world of the leg.
+            seed: Of the solutions.
+            select: Whether tasks are replaced by solutions from which the next leg can begin, if there are
+                such and the world changes there.
+        """
+        leg, more = self.legs[k], self.kept[k + 1] if k + 1 < len(self.legs) else ()
+        goal = with_constraints(leg.goal, [task for task in more if task not in self.kept[k]])
+        if not (select and are_tasks(goal)) or k + 1 == len(self.legs) or self.legs[k + 1].scene is None:
+            return goal
+        asked = with_constraints(goal, self.kept[k])
+        for margin in dict.fromkeys((self.options["margin"], self.options["least_margin"])):
+            try:
+                solved = solutions(
+                    self.pepper, asked, q, count=_SOLUTIONS, scene=world, margin=margin, seed=seed,
+                    joints=self._joints_of(leg),
+                )  # fmt: skip
+            except InvalidValueError:  # tasks that the fast solver has no code for
+                return goal
+            good = [one for one in solved if self._can_begin(k + 1, world, one)]
+            if good:
+                return np.array(good)
+        return goal
+
+    def _can_begin(self, k: int, world: Scene, q: Array) -> bool:
+        """Return whether leg k can begin at q [rad or m], shape (n,), in the world before its change."""
+        scene, balance = _scene_of(self.legs[k], k, world, q), self.options["balance"]
+        carried = loads_of(self.pepper, scene, self.options["payload"])
+        held = StaticLimits(self.pepper, checked_balance(self.pepper, balance), carried).hold(q[None])
+        return bool(held[0]) and not bool(in_collision(self.pepper, q, scene))
+
+
+def _checked(legs: Sequence[Leg]) -> list[Leg]:
+    """Return legs as a list, or refuse them."""
+    legs = list(legs)
+    if not legs or not all(isinstance(leg, Leg) for leg in legs):
+        raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
+    for k, leg in enumerate(legs):
+        if not (leg.scene is None or isinstance(leg.scene, Scene) or callable(leg.scene)):
+            raise InvalidValueError(f"scene of leg {k + 1}", shown(leg.scene), "a Scene, a function, or None")
+    return legs
+
+
+def _scene_of(leg: Leg, k: int, before: Scene, q: Array) -> Scene:
+    """Return the world of leg k, from that of the leg before and where it begins [rad or m], shape (n,)."""
+    if leg.scene is None or isinstance(leg.scene, Scene):
+        return before if leg.scene is None else leg.scene
+    found = leg.scene(before, q.copy())
+    if not isinstance(found, Scene):
+        raise InvalidValueError(f"scene of leg {k + 1}", shown(found), "a function that returns a Scene")
+    return found

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
-from pepper_kin.collision.loads import load_torque
-from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
@@ -186,11 +185,8 @@ class _Look:
         found: Finding | None = None
         if not end:
             return found
-        pepper, carrying = self.pepper, self.checks.statics.carrying
-        state = trajectory(self.dense.places[:end])
-        torque = inverse_dynamics(pepper, *state)
-        if carrying:
-            torque = torque + load_torque(pepper, carrying, *state)
+        pepper, state = self.pepper, trajectory(self.dense.places[:end])
+        torque = inverse_dynamics_with(pepper, self.checks.statics.carrying, *state)
         for quantity, values, most, units in (
             ("velocity", state.velocity, pepper.velocity_limits, ("rad/s", "m/s")),
             ("acceleration", state.acceleration, pepper.acceleration_limits, ("rad/s^2", "m/s^2")),

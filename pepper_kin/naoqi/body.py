@@ -37,7 +37,8 @@ class Body:
     Args:
         mode: "robot" refuses what Pepper refuses; "twin" does it.
         real_time: Whether the wall clock drives the simulation; see `SimulatedTime`.
-        scene: What stands around the robot, for its sensors and its checks of collision.
+        scene: What stands around the robot, for its sensors and its checks of collision; the mass of what is
+            attached to the robot counts.
         posture: Where it begins.
 
     Attributes:
@@ -280,7 +281,9 @@ class Body:
         return position, velocity, acceleration
 
     def _twin_with(self, parameters: ActuatorParameters) -> Twin:
-        return Twin(self.pepper, CYCLE / ROWS, feedforward="inverse_dynamics", actuators=parameters)
+        return Twin(
+            self.pepper, CYCLE / ROWS, feedforward="inverse_dynamics", actuators=parameters, scene=self.scene
+        )
 
     def _set_strength(self) -> None:
         """Give the twin actuators of the present stiffness, in its present state."""

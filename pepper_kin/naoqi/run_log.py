@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.collision import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.simulated_time import CYCLE
@@ -52,4 +53,5 @@ class RunLog:
             reference_position=command,
             reference_velocity=np.gradient(command, CYCLE, axis=0),
             torque_limit=np.asarray(actuator_parameters(pepper, "motor").torque_limit),
+            loads=loads_of(pepper, self.body.scene),
         )

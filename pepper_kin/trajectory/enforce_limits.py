@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
+from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.trajectory import State, Trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -26,7 +32,14 @@ _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) 
 _GAUSS = np.polynomial.legendre.leggauss(4)
 
 
-def enforce_limits(pepper: PepperModel, trajectory: Trajectory, *, rounding: float = 0.02) -> Trajectory:
+def enforce_limits(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    *,
+    rounding: float = 0.02,
+    scene: Scene | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> Trajectory:
     """Return the motion rounded, and slowed down where the robot cannot follow; its rhythm stays elsewhere.
 
     Positions are moved into the joint limits and become the control points of a uniform cubic B-spline,
@@ -41,24 +54,28 @@ def enforce_limits(pepper: PepperModel, trajectory: Trajectory, *, rounding: flo
         pepper: The robot, which gives the limits.
         trajectory: Any motion of its joints, with jumps, corners and limit violations if need be.
         rounding: Distance h of the control points [s]; a smooth motion is left by h^2 |a| / 6.
+        scene: The scene whose attached objects count with their mass; None for none.  It is not looked at for
+            collisions.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
     Returns:
         The motion, of degree 5, 2 h longer than the given one where nothing is slowed down.
 
     Raises:
         InvalidValueError: where the joints are not the robot's, or for a rounding not in (0, duration].
+        UnknownNameError: for a frame that the robot lacks.
         InfeasibleError: where the robot could not even stand still in a position on the way.
     """
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )
-    h = check_positive("rounding", rounding, "s")
+    h, loads = check_positive("rounding", rounding, "s"), loads_of(pepper, scene, payload)
     if h > trajectory.duration:
         raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")
     curve = _rounded(pepper, trajectory, h)
     s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
-    speed = _speed(pepper, s, curve(s))
+    speed = _speed(pepper, s, curve(s), loads)
     return _run(curve, s, speed)
 
 
@@ -116,13 +133,14 @@ def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
     return start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
+def _speed(pepper: PepperModel, s: Array, path: State, loads: Loads) -> Any:
     """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded.
 
     Args:
         pepper: The robot.
         s: Times on the curve, evenly spaced [s], shape (T,).
         path: The curve's states there, shape (T, n) each.
+        loads: What is carried.
     """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import minimum_filter1d
@@ -130,14 +148,14 @@ def _speed(pepper: PepperModel, s: Array, path: State) -> Any:
     half = max(2, round(_WINDOW / (s[1] - s[0])))
     kernel = np.hanning(2 * half + 3)[1:-1]
     kernel /= kernel.sum()
-    _refuse_unholdable(pepper, path.position)
+    _refuse_unholdable(pepper, path.position, loads)
     ceiling = _ceiling(pepper, path)
     for _ in range(_ROUNDS):
         # The least within the window, averaged over the window, is nowhere above the ceiling.
         lowest = minimum_filter1d(ceiling, 2 * half + 1, mode="nearest")
         sigma = np.convolve(np.pad(lowest, half, mode="edge"), kernel, mode="valid")
         speed = CubicSpline(s, sigma)
-        need = _use(pepper, _state(path, sigma, speed(s, 1)))
+        need = _use(pepper, _state(path, sigma, speed(s, 1)), loads)
         if not np.any(need > 1.0):
             return speed
         # Not by more than a fifth at once: what exceeds may be the slowing down itself.
@@ -170,11 +188,9 @@ def _state(path: State, sigma: Array, slope: Array) -> State:
     return State(path.position, path.velocity * along, path.acceleration * along**2 + path.velocity * bend)
 
 
-def _use(pepper: PepperModel, state: State) -> Array:
+def _use(pepper: PepperModel, state: State, loads: Loads) -> Array:
     """Return the largest share of any limit used at each point; above 1 where one is exceeded, shape (T,)."""
-    from pepper_kin import dynamics
-
-    torque = dynamics.inverse_dynamics(pepper, *state)
+    torque = inverse_dynamics_with(pepper, loads, *state)
     shares = [
         (np.abs(state.velocity) / pepper.velocity_limits).max(axis=1) / _SHARE,
         (np.abs(state.acceleration) / pepper.acceleration_limits).max(axis=1) / _SHARE,
@@ -182,25 +198,25 @@ def _use(pepper: PepperModel, state: State) -> Array:
     ]
     polygon = support_polygon(pepper)
     if polygon is not None:
-        shares.append(np.where(balance_margin(pepper, polygon, *state) < _BALANCE, 1.5, 0.0))
+        shares.append(np.where(balance_margin(pepper, polygon, *state, loads) < _BALANCE, 1.5, 0.0))
     return np.max(shares, axis=0)
 
 
-def _refuse_unholdable(pepper: PepperModel, position: Array) -> None:
+def _refuse_unholdable(pepper: PepperModel, position: Array, loads: Loads) -> None:
     """Raise where gravity overloads a joint or tips the robot over: positions [rad or m], shape (T, n)."""
-    from pepper_kin import dynamics
-
-    still = np.zeros_like(position)
-    share = np.abs(dynamics.inverse_dynamics(pepper, position, still, still)) / pepper.effort_limits
+    still, carrying = np.zeros_like(position), carried_words(loads)
+    share = np.abs(inverse_dynamics_with(pepper, loads, position, still, still)) / pepper.effort_limits
     if share.max() > _SHARE:
         joint = pepper.joint_names[int(np.argmax(share.max(axis=0)))]
-        reason = f"{joint} needs {share.max():.0%} of its effort limit to hold a position on the way"
+        reason = (
+            f"{joint} needs {share.max():.0%} of its effort limit to hold a position on the way{carrying}"
+        )
         raise InfeasibleError("safe motion", reason, "choose positions with less load on that joint")
     polygon = support_polygon(pepper)
     if polygon is not None:
-        margin = float(balance_margin(pepper, polygon, position, still, still).min())
+        margin = float(balance_margin(pepper, polygon, position, still, still, loads).min())
         if margin < _BALANCE:
-            reason = f"at rest the robot would stand {1000 * margin:.1f} mm from tipping over on the way"
+            reason = f"at rest the robot{carrying} would stand {1000 * margin:.1f} mm from tipping over"
             advice = "keep the center of mass nearer to the middle of the wheels' triangle"
             raise InfeasibleError("safe motion", reason, advice)
 

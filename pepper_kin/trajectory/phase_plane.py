@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_whole
 from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import State, Trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -42,7 +49,14 @@ class PhasePlane:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
-def phase_plane(pepper: PepperModel, trajectory: Trajectory, points: int = 400) -> PhasePlane:
+def phase_plane(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    points: int = 400,
+    *,
+    scene: Scene | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> PhasePlane:
     """Return a trajectory's speed along its way in joint space, and the maximum-velocity curve of that way.
 
     With s the length of the way, q' = dq/ds a unit vector and q'' = d2q/ds2, the limits read
@@ -55,6 +69,8 @@ def phase_plane(pepper: PepperModel, trajectory: Trajectory, points: int = 400) 
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
         points: Number of instants looked at, at least 2; those almost at rest are left out.
+        scene: The scene whose attached objects count with their mass; None for none.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
     Returns:
         The curves.
@@ -62,9 +78,9 @@ def phase_plane(pepper: PepperModel, trajectory: Trajectory, points: int = 400) 
     Raises:
         InvalidValueError: where the joints are not the robot's, for fewer than 2 points, or for a trajectory
             that does not move.
+        UnknownNameError: for a frame that the robot lacks.
     """
-    from pepper_kin import dynamics
-
+    torque = partial(inverse_dynamics_with, pepper, loads_of(pepper, scene, payload))
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
@@ -81,9 +97,9 @@ def phase_plane(pepper: PepperModel, trajectory: Trajectory, points: int = 400) 
     direction = v / rate
     bend = (a - (a * direction).sum(axis=1)[:, None] * direction) / rate**2
     still = np.zeros_like(q)
-    gravity = dynamics.inverse_dynamics(pepper, q, still, still)
-    push = dynamics.inverse_dynamics(pepper, q, still, direction) - gravity
-    swing = dynamics.inverse_dynamics(pepper, q, direction, bend) - gravity
+    gravity = torque(q, still, still)
+    push = torque(q, still, direction) - gravity
+    swing = torque(q, direction, bend) - gravity
     bound = np.broadcast_to(pepper.acceleration_limits, q.shape)
     effort = np.broadcast_to(pepper.effort_limits, q.shape)
     rows = State(

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName, write_bytes
+from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
+from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import MissingDependencyError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 Array = NDArray[np.float64]
 
@@ -35,6 +40,8 @@ def plot(
     *,
     joints: str | Sequence[str] | None = None,
     title: str | None = None,
+    scene: Scene | None = None,
+    payload: Mapping[str, float] | None = None,
 ) -> Any:
     """Draw a trajectory against the robot's limits.
 
@@ -48,21 +55,24 @@ def plot(
         trajectory: The trajectory; its joints must be the robot's.
         path: File to write, .png, .pdf or .svg; nothing is written if omitted.
         joints: Joints to draw, names of joints and groups; those that move if omitted.
-        title: Heading; duration and joints if omitted.
+        title: Heading; duration, joints and what is carried if omitted.
+        scene: The scene whose attached objects count with their mass; None for none.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
     Returns:
         The figure of matplotlib, which shows itself in a notebook.
 
     Raises:
         InvalidValueError: where the joints are not the robot's, or the trajectory does not move.
-        UnknownNameError: for an unknown joint, group or suffix.
+        UnknownNameError: for an unknown joint, group, frame or suffix.
         MissingDependencyError: where matplotlib is not installed.
         FileFormatError: where the file cannot be written.
     """
     kind = None if path is None else Path(path).suffix.lower().lstrip(".")
     if kind is not None and kind not in FORMATS:
         raise UnknownNameError("suffix", f".{kind}", (f".{name}" for name in FORMATS))
-    plane = phase_plane(pepper, trajectory)
+    held = loads_of(pepper, scene, payload)
+    plane = phase_plane(pepper, trajectory, scene=scene, payload=payload)
     time = np.linspace(0.0, trajectory.duration, _POINTS)
     places = _places(pepper, trajectory(time).position, joints)
     figure = _figure()
@@ -70,8 +80,9 @@ def plot(
         [["position", "velocity"], ["acceleration", "torque"], ["legend", "legend"], ["plane", "plane"]],
         height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
     )
-    figure.suptitle(title or f"{len(places)} joints in {trajectory.duration:.2f} s", fontsize=13)
-    peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places) for name in QUANTITIES]
+    heading = f"{len(places)} joints in {trajectory.duration:.2f} s{carried_words(held)}"
+    figure.suptitle(title or heading, fontsize=13)
+    peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places, held) for name in QUANTITIES]
     _draw_legend(axes["legend"], pepper, places, peaks)
     _draw_plane(axes["plane"], plane)
     if path is not None:
@@ -103,22 +114,26 @@ def _places(pepper: PepperModel, position: Array, joints: str | Sequence[str] | 
 
 
 def _values(
-    pepper: PepperModel, name: str, trajectory: Trajectory, time: Array
+    pepper: PepperModel, name: str, trajectory: Trajectory, time: Array, loads: Loads
 ) -> tuple[Array, Array, Array]:
     """Return a quantity, shape (T, n), and its lower and upper limits."""
-    from pepper_kin import dynamics
-
     state = trajectory(time)
     if name == "position":
         return state.position, pepper.lower_limits, pepper.upper_limits
     if name == "torque":
-        return dynamics.inverse_dynamics(pepper, *state), -pepper.effort_limits, pepper.effort_limits
+        return inverse_dynamics_with(pepper, loads, *state), -pepper.effort_limits, pepper.effort_limits
     limit = pepper.velocity_limits if name == "velocity" else pepper.acceleration_limits
     return (state.velocity if name == "velocity" else state.acceleration), -limit, limit
 
 
 def _draw_quantity(
-    axes: Any, pepper: PepperModel, name: str, trajectory: Trajectory, time: Array, places: list[int]
+    axes: Any,
+    pepper: PepperModel,
+    name: str,
+    trajectory: Trajectory,
+    time: Array,
+    places: list[int],
+    loads: Loads,
 ) -> list[str]:
     """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words.
 
@@ -129,8 +144,9 @@ def _draw_quantity(
         trajectory: The trajectory.
         time: Instants [s], shape (T,).
         places: Indices of the joints.
+        loads: What is carried.
     """
-    value, lower, upper = _values(pepper, name, trajectory, time)
+    value, lower, upper = _values(pepper, name, trajectory, time, loads)
     peaks, largest = [], 1.0
     for number, j in enumerate(places):
         unit = "" if pepper.joint_units[j] == "rad" else f" {unit_of(name, pepper.joint_units[j])}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.loads import checked_loads
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.table_file import TIME, PathName, load_table, save_table
@@ -47,7 +48,7 @@ class Run:
     """A motion of the twin; arrays are read-only.
 
     The base of a twin is held: it neither tips nor slides, whatever acts on it.  `BalanceMonitor.assess_run`
-    returns whether the robot would have stood, with all outside forces of the run.
+    returns whether the robot would have stood, with what it carried and all outside forces of the run.
 
     Attributes:
         joint_names: Order of the columns.
@@ -250,7 +251,10 @@ def load_run(path: PathName, pepper: Any, loads: Loads = ()) -> Run:
 
     Raises:
         FileFormatError: naming path and line and what is wrong there.
+        InvalidValueError: for what are no loads.
+        UnknownNameError: for a load at a frame that the robot lacks.
     """
+    held = checked_loads(pepper, loads)
     names: tuple[str, ...] = pepper.joint_names
     header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names), *_FORCE, _KNOWN]
     table: Mapping[str, Array] = load_table(path, header)
@@ -274,7 +278,7 @@ def load_run(path: PathName, pepper: Any, loads: Loads = ()) -> Run:
         values["reference_velocity"],
         pepper.effort_limits,
         external_wrench=wrench,
-        loads=loads,
+        loads=held,
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.collision.loads import loads_of
+from pepper_kin.collision import Scene, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -52,12 +52,12 @@ class Twin:
         feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
-        world: What the robot may touch; computes the load of each step.  Of a `World`, objects attached in
-            its scene count with their mass.
+        world: What the robot may touch; computes the load of each step.
         sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
         payload: Point masses at "left", "right" or a frame by name [kg], besides attached objects.
+        scene: The scene whose attached objects count with their mass; that of a `World` if omitted.
 
     Attributes:
         loads: What the robot carries.  Feed-forward does not know it: it uses the robot as it is described,
@@ -79,6 +79,7 @@ class Twin:
         sensors: SensorsHook | None = None,
         substeps: int = 1,
         payload: Mapping[str, float] | None = None,
+        scene: Scene | None = None,
     ) -> None:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
@@ -87,7 +88,7 @@ class Twin:
         self.substeps = check_whole("substeps", substeps)
         self._timestep = check_timestep(timestep)
         check_joints(pepper, self.actuators)
-        self.loads = loads_of(pepper, scene_of(world), payload)
+        self.loads = loads_of(pepper, scene_of(world) if scene is None else scene, payload)
         self._integrator = Integrator(
             pepper,
             self._timestep / self.substeps,

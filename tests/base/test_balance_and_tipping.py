@@ -40,11 +40,11 @@ def test_the_report_agrees_with_dynamics(base):
     report = BalanceMonitor(pepper).assess(t, q, v, a)
     np.testing.assert_allclose(report.margin, pk.dynamics.tip_over_margin(pepper, q, v, a), atol=1e-12)
     np.testing.assert_allclose(report.wrench, pk.dynamics.base_wrench(pepper, q, v, a), atol=1e-9)
-    # The three loads carry the weight and give the same moments as the floor's force at the point.
-    np.testing.assert_allclose(report.loads.sum(axis=1), report.wrench[:, 2])
-    center = report.loads @ BalanceMonitor(pepper).contacts / report.wrench[:, 2:3]
+    # The three forces carry the weight and give the same moments as the floor's force at the point.
+    np.testing.assert_allclose(report.wheel_forces.sum(axis=1), report.wrench[:, 2])
+    center = report.wheel_forces @ BalanceMonitor(pepper).contacts / report.wrench[:, 2:3]
     np.testing.assert_allclose(center, report.point, atol=1e-12)
-    assert ((report.loads.min(axis=1) < 0) == (report.margin < 0)).all()
+    assert ((report.wheel_forces.min(axis=1) < 0) == (report.margin < 0)).all()
     assert "least margin" in report.report()
 
 
@@ -68,7 +68,7 @@ def test_the_first_time_outside_is_named(pepper, monitor):
     assert set(event.edge) < {"WheelFL", "WheelFR", "WheelB"}
     assert "mm outside the line" in str(event)
     # The wheel that is not on that edge is the one that lifts.
-    lifted = int(np.argmin(report.loads[event.index]))
+    lifted = int(np.argmin(report.wheel_forces[event.index]))
     assert monitor.wheel_names[lifted] not in event.edge
 
 
@@ -103,7 +103,7 @@ def test_a_floor_that_would_have_to_pull(pepper, monitor):
     assert "have to pull" in str(report.event)
     assert np.isnan(report.point).all()
     assert (report.margin == -np.inf).all()
-    assert report.loads.sum(axis=1) == pytest.approx([-0.5 * weight] * 5)
+    assert report.wheel_forces.sum(axis=1) == pytest.approx([-0.5 * weight] * 5)
 
 
 @pytest.mark.parametrize("edge", [0, 1, 2])
@@ -232,7 +232,7 @@ def test_wheels_in_any_order_and_misuse(pepper, monitor):
     square = BaseGeometry(("a", "b", "c", "d"), ring, np.ones((4, 2)), 0.05)
     four = BalanceMonitor(pepper, square)
     report = four.assess(*still(pepper, count=3))
-    assert report.loads is None
+    assert report.wheel_forces is None
     center = pk.dynamics.center_of_mass(pepper, pepper.posture("Stand"))
     assert report.margin[0] == pytest.approx(0.2 - np.abs(center[:2]).max())
     line = BaseGeometry(("a", "b", "c"), [[0, 0], [1, 0], [2, 0]], np.ones((3, 2)), 0.05)

@@ -85,3 +85,20 @@ def test_servo_twin_and_monitor_take_them(robot):
 def test_what_needs_a_base_or_sensors_refuses_by_name(robot, build):
     with pytest.raises(PepperKinError, match=r"frame|joint|sensor"):
         build(robot)
+
+
+def test_the_least_torque_of_a_single_joint_is_near_the_closed_form():
+    """About a vertical axis, from rest to rest: q is cubic, and the effort 12 (I d / limit)^2 / T^3.
+
+    The spline's accelerations begin and end at zero, which costs a little; the quintic takes 120 / 7.
+    """
+    flat = URDF.format(type="revolute").replace('xyz="0 1 0"', 'xyz="0 0 1"')
+    robot = pk.load_robot(flat.replace('velocity="2"', 'velocity="9" acceleration="99"'))
+    inertia, way, time = 0.1 + 0.1**2, 1.6, 1.2
+    found = pk.motion.minimum_torque_trajectory(robot, [-0.8], [0.8], time)
+    assert found.success, found.report()
+    assert 12.0 <= found.figures.effort / ((inertia * way / 20) ** 2 / time**3) < 14.0
+    better = pk.motion.optimize(robot, [[-0.8], [0.8]])
+    assert better.success, better.report()
+    assert better.trajectory.check(robot).success
+    assert better.trajectory.end == pytest.approx([0.8])

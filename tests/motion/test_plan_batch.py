@@ -5,6 +5,7 @@ import itertools
 import pickle
 
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
@@ -116,6 +117,30 @@ def test_errors_stay_with_their_problem(pepper):
     assert "is outside" in str(batch.errors[0])
     assert [plan is None for plan in batch.plans[:4]] == [True, False, True, True]
     assert "Problem 0 was refused: start:" in batch.report()
+
+
+def test_what_hangs_on_the_robot_counts_in_each_problem(pepper):
+    """The mass travels to the processes with its scene: held or refused as Pinocchio says."""
+    stand, place = pepper.posture("Stand"), pinocchio.SE3(np.eye(3), np.array([0.08, 0.0, 0.0]))
+    raised = pepper.joint_vector({"LShoulderPitch": 0.3, "LShoulderRoll": 0.3, "LElbowRoll": -0.3})
+    cup, masses = pk.Scene().add_box("cup", (0.06, 0.04, 0.05), (2.0, 2.0, 0.5)), np.linspace(0.05, 1.0, 16)
+    problems, held = [], []
+    for mass in masses:
+        scene = cup.attach("cup", "l_gripper", place.homogeneous, mass=float(mass))
+        problems.append(PlanProblem(pepper, stand, raised, scene))
+        model = pepper.inner_model.copy()
+        frame = model.frames[pepper.frame_id("l_gripper")]
+        inertia = pinocchio.Inertia.FromBox(float(mass), 0.06, 0.04, 0.05)
+        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement * place)
+        torques = [pinocchio.rnea(model, model.createData(), q, 0 * q, 0 * q) for q in (stand, raised)]
+        held.append(np.abs(torques / pepper.effort_limits).max() <= 0.95)
+    batch = plan_batch(problems, processes=2)
+    assert 2 < sum(held) < 14
+    np.testing.assert_array_equal(batch.success, held)
+    for problem, made, mass, fits in zip(problems, batch.plans, masses, held, strict=True):
+        assert_same(made, problem.solve())
+        assert [load.mass for load in made.loads] == ([pytest.approx(mass)] if fits else [])
+        assert fits or "TORQUE_LIMIT" in made.status.name
 
 
 def test_errors_travel_with_their_attributes():

@@ -8,6 +8,8 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import ik
+from pepper_kin.naoqi import Broker
+from pepper_kin.naoqi.run_log import RunLog
 from pepper_kin.twin import TwinBatch
 
 PEPPER = pk.load_pepper()
@@ -45,6 +47,35 @@ def test_the_twin_at_rest_bears_the_object():
     np.testing.assert_allclose(run.torque[-1], gravity(loaded_model(), run.position[-1]), atol=1e-4)
     assert np.abs(run.torque[-1] - gravity(PEPPER.inner_model, run.position[-1])).max() > 0.3
     assert run.loads[0].mass == MASS
+
+
+def test_the_scene_of_a_twin_without_a_world_counts():
+    runs = [
+        pk.Twin(PEPPER, **options).follow(np.tile(STAND, (200, 1)))
+        for options in ({"scene": held()}, {"world": pk.twin.world.World(PEPPER, held())})
+    ]
+    np.testing.assert_array_equal(runs[0].position, runs[1].position)
+    assert runs[0].loads == runs[1].loads != ()
+    other = pk.Twin(PEPPER, world=pk.twin.world.World(PEPPER, held()), scene=held(0.1))
+    assert [load.mass for load in other.loads] == [0.1]
+
+
+def test_the_simulated_body_bears_what_hangs_on_it_in_its_scene():
+    runs = []
+    for scene in (None, held(1.0)):
+        with Broker(real_time=False, scene=scene) as broker:
+            log = RunLog(broker.body)
+            broker.body.time.sleep(2.0)
+            runs.append(log.run())
+    pepper, (alone, bears) = broker.body.pepper, runs
+    assert alone.loads == ()
+    assert [load.mass for load in bears.loads] == [1.0]
+    rest = np.zeros(pepper.n)
+    more = pk.collision.load_torque(pepper, bears.loads, bears.position[-1], rest, rest)
+    elbow = pepper.joint_index("LElbowRoll")
+    assert more[elbow] < -1.0
+    # The gear's friction bears, or adds, a part.
+    assert (bears.torque - alone.torque)[-1, elbow] == pytest.approx(more[elbow], abs=0.3)
 
 
 def test_many_twins_at_rest_bear_the_object():

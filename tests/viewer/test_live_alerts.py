@@ -6,13 +6,17 @@ import io
 import re
 
 import numpy as np
+import pinocchio
 import pytest
 from PIL import Image
 
 import pepper_kin as pk
+from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.viewer.joint_motion import joint_motion
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.alerts import STAYS, Alerts
+from pepper_kin.viewer.server.readings import balance_points, curves_of
 from pepper_kin.viewer.server.session import Session
 
 REST = np.zeros(15)
@@ -162,3 +166,44 @@ def test_contact_is_red_on_the_links_with_a_sentence(open_live, until, pepper):
         assert page.evaluate(red) == []
     finally:
         server.close()
+
+
+def test_what_the_robot_carries_is_part_of_warnings_values_and_points(session):
+    pepper = pk.load_pepper()
+    cup = pk.Scene().add_box("cup", (0.1, 0.1, 0.1), (2.0, 2.0, 0.5))
+    place = pinocchio.SE3(np.eye(3), np.array([0.1, 0.0, 0.05]))
+    held = cup.attach("cup", "l_gripper", place.homogeneous, mass=20.0)
+    model = pepper.inner_model.copy()
+    frame = model.frames[pepper.frame_id("l_gripper")]
+    inertia = pinocchio.Inertia.FromBox(20.0, 0.1, 0.1, 0.1)
+    model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement * place)
+    data, still = model.createData(), model.inertias[0]
+    q = pepper.joint_vector({"LShoulderPitch": 0.0, "LShoulderRoll": 1.0, "LElbowRoll": -0.01})
+    share = (np.abs(pinocchio.rnea(model, data, q, REST, REST)) / pepper.effort_limits).max()
+    moving = pinocchio.centerOfMass(model, data, q)
+    center = (data.mass[0] * moving + still.mass * still.lever) / (data.mass[0] + still.mass)
+    session.set_joints(q)
+    session.tick(0.1)
+    assert session.document["alerts"] == []
+    before = session.document["live"]["balance"]
+    session.set_scene(held)
+    session.touch()
+    session.tick(0.2)
+    kinds = {alert["kind"]: alert["text"] for alert in session.document["alerts"]}
+    assert "cannot hold this" in kinds["torque"]
+    assert "would tip over" in kinds["balance"]
+    live = session.document["live"]
+    assert max(live["torque"]) == pytest.approx(share, abs=1e-3)
+    corners = support_polygon(pepper)
+    edges = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+    margin = np.einsum("ki,ki->k", center[:2] - corners, inward).min()
+    assert live["balance"] == pytest.approx(margin, abs=2e-5)
+    assert margin < 0 < before
+    loads = pk.collision.loads_of(pepper, held)
+    np.testing.assert_allclose(balance_points(pepper, q, REST, REST, loads)[0], center, atol=1e-9)
+    np.testing.assert_allclose(balance_points(pepper, q, REST, REST, loads)[1][:2], center[:2], atol=1e-9)
+    motion = Trajectory(pepper.joint_names, [0.0, 1.0], [[q, 1e-9 + REST]], pepper.joint_units)
+    curves = curves_of(pepper, motion, joint_motion(pepper, motion), held)
+    assert curves.torque.max() == pytest.approx(share, abs=1e-3)
+    assert curves.balance.min() == pytest.approx(margin, abs=1e-4)

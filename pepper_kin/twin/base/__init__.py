@@ -3,7 +3,7 @@
     OmniBase, BaseGeometry, pepper_base       wheel speeds and twists of the body
     BaseController, world_velocity            ramped commands within all limits
     Odometry, arc_between, arc_moved          where the wheels say that it is
-    BalanceMonitor, BalanceReport, BalanceEvent   loads of the wheels, and when one lifts
+    BalanceMonitor, BalanceReport, BalanceEvent   forces on the wheels, and when one lifts
     simulate_tipping, TippingRun, TippingStatus, edge_moments, EdgeMoments
 
 Poses on the floor are x, y [m] and yaw [rad].

@@ -1,4 +1,4 @@
-"""Balance of a motion on the floor: base wrench, zero-moment point, loads of the wheels."""
+"""Balance of a motion on the floor: base wrench, zero-moment point, forces on the wheels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
+from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
@@ -57,9 +59,10 @@ class BalanceReport:
             floor would have to pull, shape (T, k) [m].
         friction: Least coefficient of friction that keeps the wheels from sliding along the floor: horizontal
             by vertical force, inf where the floor would have to pull, shape (T,).
-        loads: Vertical force on each wheel, for three wheels; below zero one would have to be held down,
-            shape (T, 3) [N]; None for more wheels, where it is not determined.
+        wheel_forces: Vertical force on each wheel, for three wheels; below zero one would have to be held
+            down, shape (T, 3) [N]; None for more wheels, where it is not determined.
         event: The first sample outside; None if there is none.
+        loads: What the robot carries; it is part of the wrench.
     """
 
     time: Array
@@ -67,8 +70,9 @@ class BalanceReport:
     point: Array
     distances: Array
     friction: Array
-    loads: Array | None
+    wheel_forces: Array | None
     event: BalanceEvent | None
+    loads: Loads = ()
 
     @property
     def margin(self) -> Array:
@@ -83,14 +87,15 @@ class BalanceReport:
     def report(self) -> str:
         """Return the result in words."""
         worst = int(np.argmin(self.margin))
+        carrying, verdict = carried_words(self.loads), self.event or "kept throughout"
         lines = [
-            f"Balance over {self.time[-1] - self.time[0]:.3f} s: {self.event or 'kept throughout'}",
+            f"Balance over {self.time[-1] - self.time[0]:.3f} s{carrying}: {verdict}",
             f"  least margin {1000 * self.margin[worst]:.1f} mm at {self.time[worst]:.3f} s; "
             f"least friction coefficient needed {self.friction.max():.3f}",
         ]
-        if self.loads is not None:
-            low, high = self.loads.min(), self.loads.max()
-            lines.append(f"  load of a wheel between {low:.1f} N and {high:.1f} N")
+        if self.wheel_forces is not None:
+            low, high = self.wheel_forces.min(), self.wheel_forces.max()
+            lines.append(f"  force on a wheel between {low:.1f} N and {high:.1f} N")
         return "\n".join(lines)
 
 
@@ -135,14 +140,15 @@ class BalanceMonitor:
         return self.wheel_names[number], self.wheel_names[(number + 1) % len(self.wheel_names)]
 
     def assess_run(self, run: Any, external: ArrayLike | None = None) -> BalanceReport:
-        """Return the balance over a run of the twin, with the pushes and contacts that it has recorded.
+        """Return the balance over a run of the twin, with what it carried and the forces that it recorded.
 
         Accelerations are differences of the velocities: central, and one-sided at the ends.  So a state's
         outside forces are the mean of the step before it and the step after it.
 
         Args:
             run: The run, of two states or more; or anything with `time`, `position` and `velocity`, on which
-                nothing acts from outside if it has no `external_wrench`.
+                nothing acts from outside if it has no `external_wrench`, and which carries nothing if it has
+                no `loads`.
             external: All that acts on the robot from outside, force [N] and moment [N m], shape (6,) or
                 (T, 6), in place of what the run has recorded; see `assess`.
 
@@ -158,13 +164,21 @@ class BalanceMonitor:
             steps = np.asarray(getattr(run, "external_wrench", np.zeros((count, 6))))[1:]
             unknown = int(np.isnan(steps).any(axis=1).sum())
             if unknown:
-                loads = f"loads on joints in {unknown} steps, of which no outside force is known"
-                raise InvalidValueError("run", loads, "the force and moment of all of them as `external`")
+                got = f"loads on joints in {unknown} steps, of which no outside force is known"
+                raise InvalidValueError("run", got, "the force and moment of all of them as `external`")
             external = (np.concatenate([steps[:1], steps]) + np.concatenate([steps, steps[-1:]])) / 2
-        return self.assess(run.time, run.position, run.velocity, a, external)
+        held = getattr(run, "loads", ())
+        return self.assess(run.time, run.position, run.velocity, a, external, loads=held)
 
     def assess(
-        self, time: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike, external: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        external: ArrayLike | None = None,
+        *,
+        loads: Loads = (),
     ) -> BalanceReport:
         """Return the balance over a motion.
 
@@ -175,9 +189,11 @@ class BalanceMonitor:
             a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
             external: Force [N] and moment about the world's origin [N m] that something else puts on the
                 robot, in world axes, shape (6,) or (T, 6); none if omitted.
+            loads: What the robot carries: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
 
         Raises:
-            InvalidValueError: for wrong shapes, NaN or infinity.
+            InvalidValueError: for wrong shapes, NaN or infinity, or what are no loads.
+            UnknownNameError: for a load at a frame that the robot lacks.
         """
         times = as_finite(time, "time", (None,))
         states = []
@@ -188,7 +204,10 @@ class BalanceMonitor:
                     quantity, f"shape {rows.shape}", f"shape {(len(times), self.pepper.n)}"
                 )
             states.append(rows)
+        held = checked_loads(self.pepper, loads)
         wrench = base_wrench(self.pepper, *states)
+        if held:
+            wrench = wrench + load_wrench(self.pepper, held, *states)
         if external is not None:
             checked = as_batch(external, "external", (6,))
             if checked.shape not in ((6,), (len(times), 6)):
@@ -196,24 +215,24 @@ class BalanceMonitor:
                     "external", f"shape {checked.shape}", f"shape (6,) or {(len(times), 6)}"
                 )
             wrench = wrench - checked
-        point, distances, loads = self._support(wrench, states[0])
+        point, distances, forces = self._support(wrench, states[0])
         with np.errstate(divide="ignore", invalid="ignore"):
             friction = np.hypot(wrench[:, 0], wrench[:, 1]) / wrench[:, 2]
         friction = np.where(wrench[:, 2] > 0, friction, np.inf)
         times, wrench, point = read_only(times), read_only(wrench), read_only(point)
         distances, friction = read_only(distances), read_only(friction)
-        held = None if loads is None else read_only(loads)
-        return BalanceReport(times, wrench, point, distances, friction, held, self._event(times, distances))
+        forces, event = None if forces is None else read_only(forces), self._event(times, distances)
+        return BalanceReport(times, wrench, point, distances, friction, forces, event, held)
 
     def _support(self, wrench: Array, q: Array) -> tuple[Array, Array, Array | None]:
-        """Return zero-moment point, its distances inside the edges, and the loads of three wheels.
+        """Return zero-moment point, its distances inside the edges, and the forces on three wheels.
 
         Args:
             wrench: Of the floor on the robot, force [N], then moment [N m], shape (T, 6).
             q: Joint positions [rad or m], shape (T, n).
 
         Returns:
-            Point [m], shape (T, 2), distances [m], shape (T, k), and loads [N], shape (T, 3), or None.
+            Point [m], shape (T, 2), distances [m], shape (T, k), and forces [N], shape (T, 3), or None.
         """
         poses = frame_pose(self.pepper, q, self.base_frame)
         vertical = wrench[:, 2]
@@ -230,8 +249,8 @@ class BalanceMonitor:
         local = np.einsum("tji,tj->ti", poses[:, :2, :2], np.column_stack([-wrench[:, 4], wrench[:, 3]]))
         local -= vertical[:, None] * np.einsum("tji,tj->ti", poses[:, :2, :2], poses[:, :2, 3])
         balance = np.vstack([np.ones(3), self.contacts.T])
-        loads = np.linalg.solve(balance, np.column_stack([vertical, local]).T).T
-        return point, distances, loads
+        forces = np.linalg.solve(balance, np.column_stack([vertical, local]).T).T
+        return point, distances, forces
 
     def _event(self, time: Array, distances: Array) -> BalanceEvent | None:
         """Return the first time at which the point is outside, None if there is none.

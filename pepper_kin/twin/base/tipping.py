@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.dynamics import total_mass
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.lazy_names import lazy_module
@@ -73,7 +74,7 @@ class EdgeMoments:
         height: Of the center of mass above the floor, shape (T,) [m].
         drive: Moment of the joints' motion (and of external forces) about the edge, positive outward,
             shape (T,) [N m].
-        weight: Of the robot [N].
+        weight: Of the robot, with what it carries [N].
     """
 
     inertia: Array
@@ -97,7 +98,8 @@ def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, e
     """
     rows = _checked_states(monitor, report, q)
     edge = check_whole("edge", edge, 0, len(monitor.contacts) - 1)
-    return _edge_moments(monitor, report, rows, _whole_body(monitor.pepper, monitor.base_frame, rows), edge)
+    body = _whole_body(monitor.pepper, monitor.base_frame, rows, report.loads)
+    return _edge_moments(monitor, report, rows, body, edge)
 
 
 def _edge_moments(
@@ -113,7 +115,7 @@ def _edge_moments(
         edge: Number of the edge.
     """
     pepper, (center, about_center) = monitor.pepper, body
-    mass = total_mass(pepper)
+    mass = total_mass(pepper) + sum(load.mass for load in report.loads)
     weight = mass * float(np.linalg.norm(pepper.inner_model.gravity.linear))
     start = np.array([*monitor.contacts[edge], 0.0])
     side = np.array([*monitor.contacts[(edge + 1) % len(monitor.contacts)], 0.0]) - start
@@ -173,7 +175,7 @@ def simulate_tipping(
     check_positive("fallen_at", fallen_at, "rad")
     check_positive("substep", substep, "s")
     time, count = report.time, len(report.time)
-    body = _whole_body(monitor.pepper, monitor.base_frame, rows)
+    body = _whole_body(monitor.pepper, monitor.base_frame, rows, report.loads)
     moments = [_edge_moments(monitor, report, rows, body, k) for k in range(len(monitor.contacts))]
     angle, rate, edge = np.zeros(count), np.zeros(count), np.full(count, -1, dtype=np.int64)
     if start is not None:
@@ -255,23 +257,30 @@ def _advanced(
     return tilt, momentum / numbers[-1][0]
 
 
-def _whole_body(pepper: PepperModel, base_frame: str, q: Array) -> tuple[Array, Array]:
-    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of all links, in the base's frame.
+def _whole_body(pepper: PepperModel, base_frame: str, q: Array, loads: Loads) -> tuple[Array, Array]:
+    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of links and loads, in the base's frame.
 
     Args:
         pepper: The robot.
         base_frame: Frame of the base.
         q: Joint positions [rad or m], shape (T, n).
+        loads: What the robot carries.
     """
     model, data = pepper.inner_model, pepper.pinocchio_data
     frame_id, rest = pepper.frame_id(base_frame), np.zeros(model.nv)
     center, inertia = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     still = model.inertias[0]
+    held = [
+        (pepper.frame_id(load.frame), pinocchio.Inertia(load.mass, np.array(load.center), load.tensor))
+        for load in loads
+    ]
     for row, joints in enumerate(q):
         pinocchio.ccrba(model, data, pepper.to_full(joints), rest)
         whole = pinocchio.Inertia(data.Ig.mass, data.com[0] + data.Ig.lever, np.array(data.Ig.inertia))
         if still.mass > 0:
             whole = whole + still
+        for carrier, own in held:
+            whole = whole + pinocchio.updateFramePlacement(model, data, carrier).act(own)
         whole = pinocchio.updateFramePlacement(model, data, frame_id).actInv(whole)
         center[row], inertia[row] = whole.lever, whole.inertia
     return center, inertia

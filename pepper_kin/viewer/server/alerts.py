@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision import Contact, Scene, contacts
-from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.collision import Contact, Scene, contacts, loads_of
+from pepper_kin.collision.loads import inverse_dynamics_with
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.viewer.server.merging import carriers_of
@@ -62,7 +63,7 @@ class Alerts:
         self._before: dict[str, _Violation] = {}
         self._contacts: tuple[Contact, ...] = ()
 
-    def strain(self, now: float, q: Array, v: Array, a: Array) -> None:
+    def strain(self, now: float, q: Array, v: Array, a: Array, scene: Scene | None = None) -> None:
         """Look at torques and balance at joint positions, velocities and accelerations.
 
         What movement does counts when it is seen twice in a row: one tick of the servo is no time.
@@ -72,9 +73,11 @@ class Alerts:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+            scene: The world around the robot, with what it carries; None for nothing.
         """
         self.pass_time(now)
-        violations = {"torque": self._torque(q, v, a), "balance": self._balance(q, v, a)}
+        loads = loads_of(self._pepper, scene)
+        violations = {"torque": self._torque(q, v, a, loads), "balance": self._balance(q, v, a, loads)}
         found = {kind: violation for kind, violation in violations.items() if violation is not None}
         for kind in self._warnings.keys() - found.keys():
             self._warnings[kind].holds = False
@@ -126,36 +129,38 @@ class Alerts:
         else:
             known.last_time, known.holds = now, True
 
-    def _torque(self, q: Array, v: Array, a: Array) -> _Violation | None:
+    def _torque(self, q: Array, v: Array, a: Array, loads: Loads) -> _Violation | None:
         """Return by how much the torques exceed their limits, if they do.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+            loads: What the robot carries.
         """
-        use = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, v, a)))
+        use = torque_use(self._pepper, inverse_dynamics_with(self._pepper, loads, q, v, a))
         if use.max() <= 1.0:
             return None
         rest = np.zeros_like(q)
-        held = torque_use(self._pepper, np.asarray(inverse_dynamics(self._pepper, q, rest, rest)))
+        held = torque_use(self._pepper, inverse_dynamics_with(self._pepper, loads, q, rest, rest))
         still = bool(held.max() > 1.0)
         shares = held if still else use
         return _Violation(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
 
-    def _balance(self, q: Array, v: Array, a: Array) -> _Violation | None:
+    def _balance(self, q: Array, v: Array, a: Array, loads: Loads) -> _Violation | None:
         """Return how far the zero-moment point is outside the wheels, if it is.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+            loads: What the robot carries.
         """
         if self._polygon is None:
             return None
         rest = np.zeros_like(q)
         states = (np.stack([q, q]), np.stack([v, rest]), np.stack([a, rest]))
-        moving, held = balance_margin(self._pepper, self._polygon, *states)
+        moving, held = balance_margin(self._pepper, self._polygon, *states, loads)
         if min(moving, held) >= 0:
             return None
         return _Violation(bool(held < 0), float(-(held if held < 0 else moving)))

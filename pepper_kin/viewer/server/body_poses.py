@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.collision import Scene, loads_of
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.layers import MASS, MASS_BODY, ZMP, ZMP_BODY, target_body
@@ -42,7 +43,9 @@ class BodyPoses:
         self._balance = np.zeros((2, 3))
         self.names = (*links, MASS_BODY, ZMP_BODY, *(target_body(name) for name in targets.names))
 
-    def packed(self, q: Array, v: Array, a: Array, shown: Mapping[str, bool], stamp: int) -> bytes:
+    def packed(
+        self, q: Array, v: Array, a: Array, shown: Mapping[str, bool], stamp: int, scene: Scene | None = None
+    ) -> bytes:
         """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw).
 
         Args:
@@ -51,9 +54,10 @@ class BodyPoses:
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
             shown: Layer -> whether it is shown.
             stamp: The message's second number.
+            scene: The world around the robot, with what it carries; None for nothing.
         """
         if shown.get(MASS) or shown.get(ZMP):
-            self._balance[:] = balance_points(self._pepper, q, v, a)
+            self._balance[:] = balance_points(self._pepper, q, v, a, loads_of(self._pepper, scene))
         values = np.zeros((len(self.names), 7), dtype="<f4")
         values[:, 6] = 1.0
         count = len(self._frames)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.collision import Scene, closest_pair
-from pepper_kin.dynamics import center_of_mass, inverse_dynamics, zero_moment_point
-from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.collision import Scene, closest_pair, load_wrench, loads_of
+from pepper_kin.collision.loads import center_of_mass_with, inverse_dynamics_with
+from pepper_kin.dynamics import base_wrench
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
@@ -65,13 +66,14 @@ class Readings:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            scene: The world around the robot.
+            scene: The world around the robot, with what it carries.
         """
-        pair = closest_pair(self._pepper, q, scene)
-        balance = balance_of(self._pepper, q[None], v[None], a[None])
+        pair, loads = closest_pair(self._pepper, q, scene), loads_of(self._pepper, scene)
+        balance = balance_of(self._pepper, q[None], v[None], a[None], loads)
+        torque = inverse_dynamics_with(self._pepper, loads, q, v, a)
         sample = {
             "time": round(time, 3),
-            "torque": np.round(torque_use(self._pepper, inverse_dynamics(self._pepper, q, v, a)), 4).tolist(),
+            "torque": np.round(torque_use(self._pepper, torque), 4).tolist(),
             "speed": np.round(speed_use(self._pepper, v), 4).tolist(),
             "balance": _finite(balance)[0] if len(balance) else None,
             "clearance": None if pair is None else round(float(pair.distance), 5),
@@ -81,24 +83,27 @@ class Readings:
         return sample
 
 
-def balance_points(pepper: PepperModel, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+def balance_points(
+    pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()
+) -> tuple[Array, Array]:
     """Return the center of mass and the zero-moment point on the floor, shape (3,) each [m].
+
+    Where the floor would have to pull there is no such point, and that below the center of mass is returned.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
         v: Joint velocities [rad/s or m/s], shape (n,).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
+        loads: What the robot carries.
     """
-    mass = center_of_mass(pepper, q)
-    try:
-        point = zero_moment_point(pepper, q, v, a)
-    except InfeasibleError:
-        point = mass[:2]  # the floor would have to pull: there is no such point to show
+    mass = center_of_mass_with(pepper, loads, q)
+    wrench = base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
+    point = np.array([-wrench[4], wrench[3]]) / wrench[2] if wrench[2] > 0.0 else mass[:2]
     return mass, np.array([*point, 0.004])
 
 
-def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
+def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()) -> Array:
     """Return how far inside the wheels the zero-moment point is, shape (k,) [m]; empty without such wheels.
 
     Where the floor would have to pull there is no such point, and the distance is minus infinity.
@@ -108,9 +113,10 @@ def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array) -> Array:
         q: Joint positions [rad or m], shape (k, n).
         v: Joint velocities [rad/s or m/s], shape (k, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (k, n).
+        loads: What the robot carries.
     """
     polygon = support_polygon(pepper)
-    return np.zeros(0) if polygon is None else balance_margin(pepper, polygon, q, v, a)
+    return np.zeros(0) if polygon is None else balance_margin(pepper, polygon, q, v, a, loads)
 
 
 def _finite(lengths: Array) -> list[float | None]:
@@ -153,9 +159,9 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
 
     Args:
         pepper: The robot.
-        source: What is played.
+        source: What is played; of a run, what it carried counts.
         motion: The same as joint positions over time.
-        scene: The world around it.
+        scene: The world around it, with what it carries.
     """
     from pepper_kin.collision import clearance
 
@@ -168,13 +174,15 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
     else:
         v, a = (values[kept] for values in rates(motion))
     if isinstance(source, Trajectory | JointMotion | np.ndarray | list | tuple):
-        torque = np.asarray(inverse_dynamics(pepper, q, v, a))
+        loads = loads_of(pepper, scene)
+        torque = inverse_dynamics_with(pepper, loads, q, v, a)
     else:
         executed: ExecutedMotion = source  # type: ignore[assignment]
+        loads = getattr(executed, "loads", ())
         torque = np.asarray(executed.torque, dtype=float)[kept]
     return Curves(
         times, torque_use(pepper, torque), speed_use(pepper, v), np.atleast_1d(clearance(pepper, q, scene)),
-        balance_of(pepper, q, v, a),
+        balance_of(pepper, q, v, a, loads),
     )  # fmt: skip
 
 

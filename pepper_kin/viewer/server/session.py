@@ -399,7 +399,8 @@ class Session:
         self.alerts.touch(self._q, self.scene)
         self.document.set("touching", self.alerts.touching(self.scene))
         if self.mode == FREE:
-            self.alerts.strain(self._now, self._q, np.zeros_like(self._q), np.zeros_like(self._q))
+            still = np.zeros_like(self._q)
+            self.alerts.strain(self._now, self._q, still, still, self.scene)
         elif self.mode == MOTION:
             self.alerts.calm()
 
@@ -409,7 +410,7 @@ class Session:
             return
         state, self._a = done
         self._q, self._v = np.array(state.q), np.array(state.v)
-        self.alerts.strain(self._now, self._q, self._v, self._a)
+        self.alerts.strain(self._now, self._q, self._v, self._a, self.scene)
         self.touch()
         tasks = self.targets.tasks()
         if self._answered or not tasks:
@@ -440,7 +441,7 @@ class Session:
     def poses(self) -> bytes:
         """Return where every body is, for the pages; see `BodyPoses`."""
         shown = self.document["show"]
-        return self._poses.packed(self._q, self._v, self._a, shown, self.stamp)
+        return self._poses.packed(self._q, self._v, self._a, shown, self.stamp, self.scene)
 
     def about(self) -> dict[str, Any]:
         """Return what never changes: joints, limits, groups, postures, layers and targets."""

@@ -1,0 +1,31 @@
+"""The pages of verification and of faults: what the script writes, and tests that are there."""
+
+import ast
+import importlib.util
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "verification.md"
+
+
+def test_the_page_is_what_its_script_writes(monkeypatch, tmp_path):
+    spec = importlib.util.spec_from_file_location("make_verification", ROOT / "docs" / "make_verification.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    monkeypatch.setattr(script, "FOLDER", tmp_path)
+    script.main([])
+    assert (tmp_path / "verification.md").read_text("utf-8") == PAGE.read_text("utf-8")
+
+
+def test_each_fault_names_tests_that_are_there():
+    section = PAGE.with_name("faults.md").read_text("utf-8")
+    rows = re.findall(r"^\| (\d+) \|.*$", section, re.MULTILINE)
+    assert [int(row) for row in rows] == list(range(16))
+    named = re.findall(r"`([\w/]+\.py)(?:::(\w+))?`", section)
+    assert len(named) > 30
+    for file, function in named:
+        tree = ast.parse((ROOT / file).read_text("utf-8"))
+        tests = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+        assert any(name.startswith("test_") for name in tests), file
+        assert not function or function in tests, f"{file}::{function}"
