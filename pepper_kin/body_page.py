@@ -1,4 +1,4 @@
-"""A page in the browser that follows a simulated body: its joints, its lights, where its lasers end."""
+"""Pages in the browser that follow a simulated body, with its lights and beams, or a robot and its twin."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.collision import PointCloud
+from pepper_kin.kinematics import frame_poses
+from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.body import Body
 from pepper_kin.viewer import Drawable, Viewer
 from pepper_kin.viewer.drawable import Color
@@ -26,6 +28,8 @@ LIGHTS = ("robot", "lights")
 POINTS = ("markers", "ends of beams")
 POINT_COLOR: Color = (0.86, 0.16, 0.16, 1.0)
 POINT_RADIUS = 0.012
+TWIN = ("markers", "twin")
+TWIN_COLOR: Color = (0.20, 0.45, 0.90, 1.0)
 
 Light = tuple[float, float, float]
 
@@ -103,10 +107,47 @@ class BodyPage:
         if points.tobytes() == self._marked:
             return
         self._marked = points.tobytes()
-        cloud = [
-            Drawable("ends", None, PointCloud(points, POINT_RADIUS), np.eye(4), POINT_COLOR)
-        ] if len(points) else []  # fmt: skip
-        self.viewer.draw(lambda board: board.draw(POINTS, cloud))
+        _mark(self.viewer, POINTS, points, POINT_COLOR)
+
+
+class MirrorPage:
+    """A page that shows a robot, and the joints of its twin as balls.
+
+    Args:
+        pepper: The robot.
+
+    Attributes:
+        viewer: What draws it.
+        url: Its address.
+    """
+
+    def __init__(self, pepper: PepperModel) -> None:
+        self._pepper = pepper
+        self._links = list(dict.fromkeys(shape.link for shape in pepper.visual_shapes))
+        self.viewer = Viewer(pepper)
+        self.viewer.follow(False)
+        self.url = self.viewer.show(pepper.neutral())
+
+    def open(self) -> None:
+        """Print the address, and open it in the browser."""
+        print(self.url, file=sys.stderr)
+        webbrowser.open(self.url)
+
+    def close(self) -> None:
+        """End the page."""
+        self.viewer.close()
+
+    def show(self, measured: ArrayLike, simulated: ArrayLike) -> None:
+        """Show positions of the robot and of its twin [rad or m], shape (n,) each."""
+        self.viewer.show(measured)
+        poses = frame_poses(self._pepper, simulated, self._links)
+        _mark(self.viewer, TWIN, np.asarray(poses)[:, :3, 3], TWIN_COLOR)
+
+
+def _mark(viewer: Viewer, group: tuple[str, ...], points: np.ndarray, color: Color) -> None:
+    """Mark points of the world [m], shape (k, 3), in place of those of the group before."""
+    cloud = [Drawable("points", None, PointCloud(points, POINT_RADIUS), np.eye(4), color)]
+    viewer.draw(lambda board: board.draw(group, cloud if len(points) else []))
 
 
 def shade(light: Light) -> Color:

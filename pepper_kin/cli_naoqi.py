@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import ExitStack, closing, contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import FAILED, Json, one_of, print_json
+from pepper_kin.cli_terminal import FAILED, Json, one_of, print_json, print_written
 
 if TYPE_CHECKING:
-    from pepper_kin.naoqi import Broker
+    from pepper_kin.naoqi import Broker, Mirror
 
 app = typer.Typer(help="NAOqi's modules over the twin: for clients of qi, and for scripts.")
 
 MODES = ("twin", "robot")
+
+EVERY = 50
+"""States of a robot between two lines that say how it differs from the twin."""
 
 Scene_ = Annotated[Path | None, typer.Option("--scene", help="What stands around the robot: JSON.")]
 Mode = Annotated[
@@ -39,28 +42,36 @@ def serve(
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach.")
     ] = False,
+    token: Annotated[
+        str | None,
+        typer.Option(help="What clients need to move anything; made and printed with --allow-remote."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Host the modules for any qi client, in real time.  Ctrl-C ends it.
+    """Host the modules for any qi client, in real time.  Ctrl-C or SIGTERM ends it.
 
     Needs: pip install 'pepper_kin[naoqi]'
 
     Example: pepper-kin naoqi serve --view
     """
-    from pepper_kin.naoqi.host import Host
+    from pepper_kin.qi_library import libqi
 
-    with _broker(mode, True, scene, view, record) as broker, Host(
-        broker, address, port, allow_remote=allow_remote
-    ) as host:  # fmt: skip
+    libqi()  # before all others
+    from pepper_kin.naoqi.host import Host, ended_by_signals
+
+    with (
+        ended_by_signals() as ended,
+        _broker(mode, True, scene, view, record) as broker,
+        Host(broker, address, port, allow_remote=allow_remote, token=token) as host,
+    ):
         if as_json:
-            print_json({"url": host.url, "modules": list(broker.module_names)})
+            print_json({"url": host.url, "modules": list(broker.module_names), "token": host.token})
         else:
             print(f"{host.url}: {len(broker.module_names)} modules; Ctrl-C ends it", flush=True)
+            if host.token is not None:
+                print(f"token: {host.token}", flush=True)
         sys.stdout.flush()
-        try:
-            host.wait()
-        except KeyboardInterrupt:
-            print()
+        host.wait(ended)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
@@ -101,6 +112,93 @@ def run(
         traceback.print_exception(result.error)
     if not result.success:
         raise typer.Exit(result.code or FAILED)
+
+
+@app.command()
+def mirror(
+    source: Annotated[str, typer.Argument(help="Robot (tcp://pepper.local:9559) or recorded run (.csv).")],
+    seconds: Annotated[
+        float | None, typer.Option(help="How long to follow a robot, in seconds; until Ctrl-C if left out.")
+    ] = None,
+    view: View = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Write what was measured and commanded there, as a run: .csv.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Let the twin get the commands of a robot, and show how the robot differs from it.
+
+    Needs for robots: pip install 'pepper_kin[naoqi]'
+
+    Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
+    """
+    from pepper_kin.atomic_file import make_folder
+    from pepper_kin.body_page import MirrorPage
+    from pepper_kin.exceptions import PepperKinError
+    from pepper_kin.model import load_pepper
+    from pepper_kin.naoqi import Mirror, Robot, states_of_run
+    from pepper_kin.naoqi.host import ended_by_signals
+    from pepper_kin.twin import load_run
+
+    pepper = load_pepper(base="planar", hands="mimic")
+    made, lost = Mirror(pepper), None
+    with ExitStack() as stack:
+        ended = stack.enter_context(ended_by_signals())
+        if "://" in source:
+            robot = stack.enter_context(Robot(source, pepper=pepper))
+            states, pause = robot.states(seconds), 0.0
+        else:
+            run = load_run(source, pepper)
+            states, pause = states_of_run(run), float(run.time[-1]) / (len(run) - 1) if view else 0.0
+        page = stack.enter_context(closing(MirrorPage(pepper))) if view else None
+        if page is not None:
+            page.open()
+        try:
+            for state in states:
+                made.add(state)
+                if page is not None:
+                    page.show(*made.configuration)
+                if len(made) % EVERY == 0:
+                    _print_difference(made)
+                if ended.wait(pause):
+                    break
+        except PepperKinError as error:
+            if len(made) < 2:
+                raise
+            lost = error  # after the report: what was seen until then is not lost
+    if record is not None:
+        make_folder(record.parent)
+        made.run().save(record)
+        print(f"Written: {record}", file=sys.stderr)
+    if as_json:
+        off = made.run().position - made.twin_run().position
+        worst = dict(zip(pepper.joint_names, map(float, abs(off).max(axis=0)), strict=True))
+        print_json({"states": len(made), "duration": made.run().duration, "most_off": worst})
+    else:
+        print(made.report())
+    if lost is not None:
+        raise lost
+
+
+def _print_difference(made: Mirror) -> None:
+    """Print the three joints that are farthest from the twin now, on standard error."""
+    off, names = made.difference, made.pepper.joint_names
+    worst = sorted(range(len(names)), key=lambda k: -abs(off[k]))[:3]
+    print(", ".join(f"{names[k]} {off[k]:+.4f}" for k in worst), file=sys.stderr)
+
+
+@app.command()
+def watchdog(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file: a program in Python.")],
+    as_json: Json = False,
+) -> None:
+    """Write the watchdog that runs on a robot: it stops the robot when a client falls silent.
+
+    Example: pepper-kin naoqi watchdog -o watchdog.py
+    """
+    from pepper_kin.naoqi import Robot
+
+    print_written([Robot.write_watchdog(output)], as_json)
 
 
 @app.command()

@@ -18,6 +18,9 @@ from unittest import mock
 
 import pytest
 
+with contextlib.suppress(ImportError):  # before coal, with whose Boost it crashes where a connection is lost
+    import qi  # noqa: F401
+
 import pepper_kin as pk
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium

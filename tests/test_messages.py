@@ -14,6 +14,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, did_you_mean, shortened
+from pepper_kin.naoqi import Robot
 from pepper_kin.ros import RobotClient
 
 ROOT = Path(__file__).parents[1]
@@ -83,6 +84,7 @@ FUNCTIONS = {
     "pepper_kin.motion.optimization.optimized": pk.motion.optimize,
     "pepper_kin.motion.plan_result": pk.motion.plan,
     "pepper_kin.motion.validation": pk.motion.validate,
+    "pepper_kin.naoqi.following": Robot.follow,
     "pepper_kin.planners.optimization.descend": planners.optimization.descend,
     "pepper_kin.planners.optimization.effort": planners.optimization.minimum_effort,
     "pepper_kin.planners.result": planners.rrt_connect,

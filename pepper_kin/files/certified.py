@@ -35,7 +35,7 @@ def refuse_unsafe(
     """
     if unchecked:
         return
-    robot = _pepper_with(trajectory.joint_names) if pepper is None else pepper
+    robot = pepper_with_joints(trajectory.joint_names) if pepper is None else pepper
     if robot is None:
         raise InvalidValueError(
             "pepper", None, "the robot that is to play the motion, which is checked, or unchecked=True"
@@ -50,7 +50,7 @@ def refuse_unsafe(
         )
 
 
-def _pepper_with(names: tuple[str, ...]) -> PepperModel | None:
+def pepper_with_joints(names: tuple[str, ...]) -> PepperModel | None:
     """Return the Pepper that has joints of these names in this order; None if there is none."""
     for base, hands in itertools.product(("fixed", "planar"), ("locked", "mimic", "independent")):
         try:

@@ -6,24 +6,45 @@ run_script, ScriptResult                  runs an unmodified script
 RunLog                                    a run of the twin from what happened
 coverage                                  which methods are simulated
 NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
+Robot, RobotState                         a robot from outside: state, motions with a certificate
+FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
+Mirror, states_of_run                     a twin beside a robot, live or recorded, and how they differ
+RobotConnectionError                      there is no connection
 """
 
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.coverage import Covered, coverage
-from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError
+from pepper_kin.naoqi.errors import (
+    NaoqiError,
+    NotSimulatedError,
+    RefusedByRobotError,
+    RobotConnectionError,
+)
+from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult, RobotMotionStatus
 from pepper_kin.naoqi.host import Host
+from pepper_kin.naoqi.mirror import Mirror, states_of_run
+from pepper_kin.naoqi.robot import Robot
+from pepper_kin.naoqi.robot_state import RobotState
 from pepper_kin.naoqi.run_log import RunLog
 from pepper_kin.naoqi.scripts import ScriptResult, run_script
 
 __all__ = [
     "Broker",
     "Covered",
+    "FollowOptions",
     "Host",
+    "Mirror",
     "NaoqiError",
     "NotSimulatedError",
     "RefusedByRobotError",
+    "Robot",
+    "RobotConnectionError",
+    "RobotMotionResult",
+    "RobotMotionStatus",
+    "RobotState",
     "RunLog",
     "ScriptResult",
     "coverage",
     "run_script",
+    "states_of_run",
 ]

@@ -175,7 +175,17 @@ class _Call(threading.Thread):
 
 def _others() -> tuple[type[Module], ...]:
     """Return the modules besides memory, motion and postures."""
-    from pepper_kin.naoqi import animation, kept_states, leds, navigation, speech, states, tracker, video
+    from pepper_kin.naoqi import (
+        animation,
+        kept_states,
+        leds,
+        navigation,
+        speech,
+        states,
+        tracker,
+        video,
+        watchdog,
+    )
 
     return (
         *animation.MODULES,
@@ -186,4 +196,5 @@ def _others() -> tuple[type[Module], ...]:
         *kept_states.MODULES,
         *tracker.MODULES,
         *video.MODULES,
+        *watchdog.MODULES,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pepper_kin.exceptions import PepperKinError, shortened
 
-__all__ = ["NaoqiError", "NotSimulatedError", "RefusedByRobotError"]
+__all__ = ["NaoqiError", "NotSimulatedError", "RefusedByRobotError", "RobotConnectionError"]
 
 
 class NaoqiError(PepperKinError, RuntimeError):
@@ -33,6 +33,19 @@ class RefusedByRobotError(NaoqiError):
 
     def __init__(self, module: str, method: str, why: str) -> None:
         super().__init__(module, method, f'{why} (mode "twin" does it, the robot does not)')
+
+
+class RobotConnectionError(PepperKinError, ConnectionError):
+    """There is no connection with a robot, or none any more.
+
+    Attributes:
+        url: Address of the robot.
+        reason: What was tried, and what came of it.
+    """
+
+    def __init__(self, url: str, reason: str) -> None:
+        self.url, self.reason = url, reason
+        super().__init__(f"{url}: {reason}")
 
 
 def quoted(value: object) -> str:

@@ -2,93 +2,88 @@
 
 from __future__ import annotations
 
-import inspect
-import os
+import atexit
+import hmac
+import secrets
+import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
-
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.naoqi.broker import Broker
-from pepper_kin.naoqi.memory import Signal, Subscriber
-from pepper_kin.naoqi.module import Module, robot_signatures
+from pepper_kin.naoqi.errors import NaoqiError
+from pepper_kin.naoqi.wire import Wire
+from pepper_kin.qi_library import libqi
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
-TYPES = {
-    "any": "m",
-    "str": "s",
-    "bool": "b",
-    "int32": "i",
-    "uint32": "I",
-    "float32": "f",
-    "void": "v",
-    "obj": "o",
-    "Vec<str>": "[s]",
-    "Vec<float32>": "[f]",
-    "Map<str, str>": "{ss}",
-    "unknown": "m",
-}
-"""Type of the robot's list -> signature of libqi."""
+CLOSING = 10.0
+"""The longest time that a server takes to close [s]."""
 
-ARRIVING = ("moveTo", "walkTo")
-"""Methods that say whether they arrived, which the list calls void and the documents do not."""
-
-PICTURE = "(iiiiiiriffff)"
-"""What the methods that return a picture return: only declared bytes cross the wire as bytes."""
-
-RETURNS = {"getImageRemote": PICTURE, "getImageLocal": PICTURE}
-
-MOST_ARGUMENTS = 6
-"""Arguments that a method with any number of them takes over the wire."""
-
-
-def libqi() -> Any:
-    """Return the module `qi`.
-
-    Raises:
-        MissingDependencyError: where it is not installed.
-    """
-    os.environ.setdefault("QI_LOG_LEVEL", "2")  # warnings; libqi logs each service that it registers
-    try:
-        import qi
-    except ImportError as error:
-        raise MissingDependencyError("qi", "hosting modules for NAOqi's clients", "naoqi") from error
-    return qi
+WRONG_TOKEN = 0.5
+"""Time until a wrong token is answered [s]."""
 
 
 class Host:
     """A server of libqi with all modules of a broker.
 
+    With a token, sessions may read, and whatever changes something is refused.  The service "Access" opens
+    the rest: `session.service("Access").unlock(token).service("ALMotion")`.  Nothing is encrypted, the
+    token neither.
+
+    Where other parts of this library were used before `qi` was imported, bytes that are no messages of libqi
+    may end the process; see `pepper_kin.qi_library`.  `pepper-kin naoqi serve` imports it first.
+
     Args:
         broker: The simulated robot.
         address: Where to listen; loopback only unless `allow_remote`.
         port: Where to listen; 0 for any free port.
-        allow_remote: Whether other machines may connect.  There is no encryption and no password.
+        allow_remote: Whether other machines may connect; they need the token.
+        token: What `unlock` takes.  If omitted none is needed on loopback, and one is made for other
+            machines.
 
     Attributes:
         url: Where clients connect, "tcp://127.0.0.1:9559".
+        token: The token, or None where none is needed.
 
     Raises:
         MissingDependencyError: where `qi` is not installed.
-        InvalidValueError: for an address that is not this machine's, without `allow_remote`.
+        InvalidValueError: for an address that is not this machine's without `allow_remote`, or an empty
+            token.
     """
 
     def __init__(
-        self, broker: Broker, address: str = "127.0.0.1", port: int = 9559, *, allow_remote: bool = False
+        self,
+        broker: Broker,
+        address: str = "127.0.0.1",
+        port: int = 9559,
+        *,
+        allow_remote: bool = False,
+        token: str | None = None,
     ) -> None:
         if address not in LOOPBACK and not allow_remote:
             raise InvalidValueError("address", address, f"one of {', '.join(LOOPBACK)}, or allow_remote")
+        if token is not None and not token:
+            raise InvalidValueError("token", "an empty text", "a text, or None")
         qi = libqi()
         self.broker = broker
+        self.token = secrets.token_urlsafe(16) if token is None and address not in LOOPBACK else token
+        self._wire = Wire(qi)
         self._session = qi.Session()
+        self._open: dict[str, Any] = {}
+        self._closed = threading.Lock()
+        atexit.register(self.close)
         self._session.listenStandalone(f"tcp://{address}:{port}")
         self.url = str(self._session.endpoints()[0])
-        self._services = [service_of(broker.module(name), qi) for name in broker.module_names]
-        for name, service in zip(broker.module_names, self._services, strict=True):
+        for name in broker.module_names:
+            service = self._wire.service(broker.module(name), locked=self.token is not None)
             self._session.registerService(name, service)
+        if self.token is not None:
+            access = self._wire.object_of("Access", {"unlock": self._unlock})
+            self._session.registerService("Access", access)
 
     def __enter__(self) -> Host:
         return self
@@ -97,106 +92,63 @@ class Host:
         self.close()
 
     def close(self) -> None:
-        """End the server."""
-        self._session.close()
+        """End the server: calls under way end, motions stop, clients are disconnected."""
+        if not self._closed.acquire(blocking=False):
+            return
+        atexit.unregister(self.close)
+        self._wire.refuse()
+        body = self.broker.body
+        with body.time.lock:
+            body.tasks.kill(tuple(body.tasks), body)
+        body.time.release()
+        self._session.close(_async=True).wait(int(1000 * CLOSING))
+        body.time.release()  # calls that were accepted just before
+        del self._session  # libqi keeps the services for as long as there is a session
+        self._open.clear()
+        self._wire.close(CLOSING)
 
-    def wait(self) -> None:
-        """Serve until Ctrl-C."""
-        ended = threading.Event()
+    def wait(self, ended: threading.Event | None = None) -> None:
+        """Serve until Ctrl-C or SIGTERM.
+
+        Args:
+            ended: Set by somebody else to end it, as `ended_by_signals` does.
+
+        Raises:
+            Exception: what ended the simulation, if something did.
+        """
+        if ended is None:
+            with ended_by_signals() as ended:
+                return self.wait(ended)
         while not ended.wait(0.5):
-            pass
+            if self.broker.body.time.failure is not None:
+                raise self.broker.body.time.failure
+        return None
+
+    def _unlock(self, token: str) -> Any:
+        """Return an object whose `service(name)` returns modules with all their methods."""
+        if not hmac.compare_digest(str(token).encode(), (self.token or "").encode()):
+            time.sleep(WRONG_TOKEN)
+            raise NaoqiError("Access", "unlock", "wrong token")
+        return self._wire.object_of("Unlocked", {"service": self._unlocked})
+
+    def _unlocked(self, name: str) -> Any:
+        if name not in self._open:
+            self._open[name] = self._wire.service(self.broker.module(name), named=False)
+        return self._open[name]
 
 
-def service_of(module: Module, qi: Any) -> Any:
-    """Return an object that libqi can register: each method with each number of arguments that it takes."""
-    methods: dict[str, Any] = {}
-    for name, signature, returns in wire_methods(module):
-        bound = _caller(getattr(module, name), len(signature), qi, returns)
-        bound.__qi_name__ = name
-        bound.__qi_signature__ = f"({''.join(signature)})"
-        bound.__qi_return_signature__ = returns
-        methods[f"{name}_{len(methods)}"] = bound
-    for name, value in vars(module).items():
-        if isinstance(value, Signal) and not name.startswith("_"):
-            methods[name] = value
-    kind = type(f"{module.name}Service", (), {**methods, "__doc__": inspect.getdoc(type(module)) or ""})
-    return qi.multiThreaded()(kind)()
-
-
-def wire_methods(module: Module) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield name, types of the arguments and type of the result, as libqi writes them, of all methods."""
-    listed = [s for s in robot_signatures() if s.module == module.name]
-    known_arities: set[tuple[str, int]] = set()
-    for s in listed:
-        types = tuple(TYPES[kind] for _, kind in s.parameters)
-        known_arities.add((s.name, len(types)))
-        yield s.name, types, "b" if s.name in ARRIVING else TYPES[s.returns]
-    known = {s.name for s in listed}
-    for name in module.getMethodList():
-        if name in known:
-            continue
-        for count in _counts(getattr(module, name)):
-            if (name, count) not in known_arities:
-                known_arities.add((name, count))
-                yield name, ("m",) * count, RETURNS.get(name, "m")
-
-
-def _counts(method: Callable[..., Any]) -> list[int]:
-    """Return the numbers of arguments that a method takes."""
-    least, most = 0, 0
-    for parameter in inspect.signature(method).parameters.values():
-        if parameter.kind is parameter.VAR_POSITIONAL:
-            most = MOST_ARGUMENTS
-        elif parameter.kind is not parameter.KEYWORD_ONLY:
-            most += 1
-            least += parameter.default is parameter.empty
-    return list(range(least, most + 1))
-
-
-def _caller(method: Callable[..., Any], count: int, qi: Any, returns: str) -> Any:
-    """Return a function with exactly so many arguments, which libqi can bind; errors keep their text."""
-
-    def call(*arguments: Any) -> Any:
-        try:
-            value = method(*map(as_plain, arguments))
-            if returns == PICTURE:
-                return tuple(value)
-            return None if returns == "v" else as_wire(value, qi)
-        except Exception as error:
-            promise = qi.Promise()
-            promise.setError(str(error))
-            return promise.future()
-
-    names = ", ".join(f"a{k}" for k in range(count))
-    space: dict[str, Any] = {"call": call}
-    exec(f"def bound(self{', ' if names else ''}{names}):\n    return call({names})", space)
-    return space["bound"]
-
-
-def as_plain(value: Any) -> Any:
-    """Return a value from the wire as lists, numbers, strings and dictionaries."""
-    if isinstance(value, tuple | list):
-        return [as_plain(one) for one in value]
-    return value
-
-
-def as_wire(value: Any, qi: Any) -> Any:
-    """Return a value as libqi sends it."""
-    if isinstance(value, Subscriber):
-        return _wire_subscriber(value, qi)
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, tuple | list):
-        return [as_wire(one, qi) for one in value]
-    return value
-
-
-def _wire_subscriber(subscriber: Subscriber, qi: Any) -> Any:
-    """Return the object of libqi with the signal of an event, made once."""
-    kept = subscriber.__dict__.get("_wire")
-    if kept is None:
-        kept = type("Subscriber", (), {})()
-        kept.signal = qi.Signal("(m)")
-        subscriber.signal.connect(lambda value: kept.signal(as_wire(value, qi)))
-        subscriber.__dict__["_wire"] = kept
-    return kept
+@contextmanager
+def ended_by_signals() -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C and SIGTERM set, instead of what they do otherwise; in the main thread."""
+    ended = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield ended
+        return
+    kept = {
+        number: signal.signal(number, lambda *_: ended.set()) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield ended
+    finally:
+        for number, handler in kept.items():
+            signal.signal(number, handler)

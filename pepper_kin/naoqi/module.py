@@ -68,6 +68,10 @@ def _joined(pairs: list[list[str]]) -> tuple[tuple[str, str], ...]:
     return tuple(parameters)
 
 
+HELPERS = ("fail", "number", "numbers", "share")
+"""Methods of `Module` that are no methods of the robot, besides those with an underscore."""
+
+
 class Module:
     """A module of NAOqi.
 
@@ -129,7 +133,7 @@ class Module:
         own = [
             name
             for name, value in inspect.getmembers(type(self), inspect.isfunction)
-            if not name.startswith("_") and (name[0].islower())
+            if name[0].islower() and "_" not in name and name not in HELPERS
         ]
         listed = [s.name for s in robot_signatures() if s.module == self.name]
         return sorted({*own, *listed})

@@ -41,6 +41,12 @@ class SimulatedTime:
         self._thread: threading.Thread | None = None
         self._ended = False
         self._error: BaseException | None = None
+        self._released = 0
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the cycles, if something did."""
+        return self._error
 
     @property
     def now(self) -> float:
@@ -61,6 +67,12 @@ class SimulatedTime:
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(5.0)
 
+    def release(self) -> None:
+        """Let all who wait now return, as if their time were over."""
+        with self._changed:
+            self._released += 1
+            self._changed.notify_all()
+
     def wait_until(self, done: Callable[[], bool], timeout: float | None = None) -> bool:
         """Let time pass until something is so; return whether it came to be.
 
@@ -70,8 +82,9 @@ class SimulatedTime:
         """
         end = None if timeout is None else self.now + timeout
         with self._changed:
+            released = self._released
             while not done():
-                if self._ended or (end is not None and self.now >= end - 1e-9):
+                if self._ended or self._released != released or (end is not None and self.now >= end - 1e-9):
                     return False
                 if self._error is not None:
                     raise self._error

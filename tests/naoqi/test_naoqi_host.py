@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import signal
 import subprocess
 import sys
 import textwrap
@@ -126,3 +127,89 @@ def test_malformed_calls_do_not_end_the_server(host):
 def test_only_this_machine_unless_remote_is_allowed(host):
     with pytest.raises(InvalidValueError, match="allow_remote"):
         Host(host.broker, "0.0.0.0", 0)
+
+
+SERVER = textwrap.dedent(
+    """
+    from pepper_kin.naoqi import Broker, Host
+    from pepper_kin.naoqi.host import ended_by_signals
+    with ended_by_signals() as ended, Broker() as broker, Host(broker, port=0) as host:
+        print(host.url, flush=True)
+        host.wait(ended)
+    print("ended", flush=True)
+    """
+)
+
+BUSY = textwrap.dedent(
+    """
+    import sys, qi
+    session = qi.Session()
+    session.connect(sys.argv[1])
+    motion = session.service("ALMotion")
+    motion.angleInterpolation("HeadYaw", 0.5, 60.0, True, _async=True)
+    motion.getAngles("HeadYaw", True)
+    print("busy", flush=True)
+    sys.stdin.read()
+    """
+)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_server_cleanly_while_a_client_waits(number):
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", SERVER], **pipes) as server:
+        url = next(line.strip() for line in server.stdout if line.startswith("tcp:"))
+        with subprocess.Popen([sys.executable, "-c", BUSY, url], **pipes) as client:
+            try:
+                assert "busy\n" in iter(client.stdout.readline, "")
+                server.send_signal(number)
+                out, error = server.communicate(timeout=60)
+            finally:
+                client.kill()
+                server.kill()
+    assert server.returncode == 0, error
+    assert out.endswith("ended\n")
+    assert "terminate called" not in error
+
+
+def test_a_token_is_needed_to_move_and_not_to_read(host):
+    calls = textwrap.dedent(
+        """
+        import json, sys, qi
+        session = qi.Session()
+        session.connect(sys.argv[1])
+        motion, access = session.service("ALMotion"), session.service("Access")
+        said = {"read": len(motion.getAngles("Body", True))}
+        for name, call in (
+            ("locked", lambda: motion.setAngles("HeadYaw", 0.3, 0.5)),
+            ("wrong", lambda: access.unlock("another")),
+        ):
+            try:
+                call()
+            except RuntimeError as error:
+                said[name] = str(error)
+        opened = access.unlock("a token").service("ALMotion")
+        opened.angleInterpolation("HeadYaw", 0.3, 0.5, True)
+        said["yaw"] = motion.getAngles("HeadYaw", True)[0]
+        print(json.dumps(said))
+        """
+    )
+    with Host(host.broker, port=0, token="a token") as locked:
+        done = subprocess.run(
+            [sys.executable, "-c", calls, locked.url],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert done.stdout, done.stderr
+    said = json.loads(done.stdout)
+    assert said["read"] == 20
+    assert "needs the token" in said["locked"]
+    assert "wrong token" in said["wrong"]
+    assert said["yaw"] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_an_empty_token_is_refused(host):
+    with pytest.raises(InvalidValueError, match="token"):
+        Host(host.broker, port=0, token="")

@@ -61,19 +61,22 @@ def test_set_angles_returns_at_once_and_the_last_one_counts(broker, motion):
 
 
 def test_a_task_waits_for_its_joints_and_others_do_not(broker, motion):
-    first = motion.pCall("angleInterpolation", "HeadYaw", 0.5, 1.0, True)
-    broker.body.time.sleep(0.1)
+    rows = []
+    broker.body.listeners.append(lambda: rows.append(broker.body.configuration(False)))
+    first = motion.pCall("angleInterpolation", "HeadYaw", 0.5, 20.0, True)
+    while motion.areResourcesAvailable(["HeadYaw"]):  # until its thread has come to it
+        assert motion.isRunning(first)
     second = motion.pCall("angleInterpolation", "HeadYaw", -0.5, 1.0, True)
-    third = motion.pCall("angleInterpolation", "HeadPitch", 0.1, 1.0, True)
-    while motion.isRunning(first):
-        broker.body.time.sleep(0.02)
-    broker.body.time.sleep(0.2)
-    assert not motion.isRunning(third)
-    assert motion.isRunning(second)
-    assert not motion.areResourcesAvailable(["HeadYaw"])
+    motion.angleInterpolation("HeadPitch", 0.1, 1.0, True)
     motion.wait(second, 0)
-    assert motion.getAngles("HeadYaw", False)[0] == pytest.approx(-0.5)
-    assert broker.body.time.now >= 2.0
+    yaw, pitch = (np.array(rows)[:, broker.body.index[name]] for name in ("HeadYaw", "HeadPitch"))
+    top = int(np.argmax(yaw))
+    assert yaw[top] == pytest.approx(0.5)  # the second has waited for the end of the first
+    assert (np.diff(yaw[: top + 1]) > -1e-9).all()
+    assert (np.diff(yaw[top:]) < 1e-9).all()
+    assert yaw[-1] == pytest.approx(-0.5)
+    assert len(rows) > 1000
+    assert int(np.argmax(pitch > 0.0999)) < top  # another joint has not
 
 
 def test_a_killed_task_ends(broker, motion):

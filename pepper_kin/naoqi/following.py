@@ -1,0 +1,108 @@
+"""Results of motions on a robot, and the options of following one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.status import ResultStatus
+from pepper_kin.twin import Run
+
+Array = NDArray[np.float64]
+
+
+SILENCE = 0.5
+"""Silence of a client after which the watchdog stops the robot, unless chosen otherwise [s]."""
+
+
+class RobotMotionStatus(ResultStatus):
+    """How a motion on a robot ended."""
+
+    COMPLETED = "completed", "The motion went to its end."
+    STOPPED = "stopped", "`stop` was called, here or by somebody else: read the state, and plan from there."
+    DEVIATED = "deviated", "The robot was too far from the motion and was stopped: look for what holds it."
+    STALLED = "stalled", "The watchdog stopped the robot, as this process was silent: give it more time."
+    REFUSED = "refused", "The robot answered a call by an error, which the message quotes."
+    CONNECTION_LOST = "connection_lost", "Connect again; the watchdog, if the robot has one, stopped it."
+
+
+@dataclass(frozen=True)
+class FollowOptions:
+    """How a motion is followed.
+
+    Attributes:
+        joint_tolerance: Largest deviation of a joint [rad or share].
+        base_tolerance: Largest deviation of the base [m].
+        silence: Silence of this process after which the watchdog stops the robot [s].
+        hold_time: The longest time for the robot to arrive after the end of the motion [s].
+        lead: How much earlier than its time a target is sent [s].
+        base_gain: Velocity for each deviation of the base, to correct it [1/s].
+    """
+
+    joint_tolerance: float = 0.35
+    base_tolerance: float = 0.15
+    silence: float = SILENCE
+    hold_time: float = 2.0
+    lead: float = 0.04
+    base_gain: float = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMotionResult:
+    """What came of a motion on a robot.
+
+    Attributes:
+        status: How it ended.
+        message: Why, where it did not complete.
+        method: "stream" or "bezier".
+        run: What was measured beside what was commanded, in steps of 20 ms; torques are zero where the robot
+            reports none.  None where fewer than two states were read.
+        stamps: When each state was asked for, from the start of the motion [s], shape (k,).
+        guarded: Whether the robot has a watchdog.
+    """
+
+    status: RobotMotionStatus
+    message: str
+    method: str
+    run: Run | None
+    stamps: Array
+    guarded: bool
+
+    @property
+    def success(self) -> bool:
+        """Whether the motion went to its end."""
+        return self.status is RobotMotionStatus.COMPLETED
+
+    @property
+    def delay(self) -> float:
+        """Time by which what was measured is behind what was commanded [s], between 0 and 0.3.
+
+        The shift of the commands with the least sum of squares of the deviations.
+        """
+        if self.run is None:
+            return float("nan")
+        run = self.run
+        shifts = np.arange(0.0, 0.3, 0.005)
+        sums = []
+        for shift in shifts:
+            at = np.clip(run.time - shift, 0.0, None)
+            late = [np.interp(at, run.time, column) for column in run.reference_position.T]
+            sums.append(float(np.sum((run.position - np.array(late).T) ** 2)))
+        return float(shifts[int(np.argmin(sums))])
+
+    def report(self) -> str:
+        """Say how it ended, how often states were read, and the deviations of all joints."""
+        why = f" ({self.message})" if self.message else ""
+        lines = [f"Motion by {self.method}: {self.status.value}{why}", f"  {self.status.advice}"]
+        if not self.guarded:
+            lines.append("  no watchdog on the robot: without this process it goes on with its last command")
+        if self.run is not None:
+            gaps = np.diff(self.stamps)
+            lines.append(
+                f"  {len(self.stamps)} states, every {1e3 * np.median(gaps):.0f} ms, at most "
+                f"{1e3 * gaps.max():.0f} ms apart; measured is {1e3 * self.delay:.0f} ms behind commanded"
+            )
+            lines.append(self.run.report())
+        return "\n".join(lines)

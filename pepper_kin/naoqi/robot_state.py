@@ -1,0 +1,195 @@
+"""The state of a robot, by our names and in our units."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.naoqi.device_keys import TOP, TOUCHES
+from pepper_kin.naoqi.joint_names import ACTUATED
+from pepper_kin.naoqi.link import Link
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.twin import Run, actuator_parameters
+
+Array = NDArray[np.float64]
+
+BASE = ("BaseX", "BaseY", "BaseYaw")
+
+QUANTITIES = {
+    "position": "Position/Sensor/Value",
+    "command": "Position/Actuator/Value",
+    "velocity": "Velocity/Sensor/Value",
+    "torque": "Torque/Sensor/Value",
+    "stiffness": "Hardness/Actuator/Value",
+    "temperature": "Temperature/Sensor/Value",
+}
+"""Quantity -> end of its key of ALMemory."""
+
+BATTERY = f"{TOP}Battery/Charge/Sensor/Value"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """What a robot measured at a time; arrays are in the order of the model's joints, NaN for unknown.
+
+    Attributes:
+        joint_names: Joints of the model.
+        time: When it was asked for, on the clock of `time.monotonic` [s].
+        q: Joint positions, those of the base from its odometry [rad, m or share of an opened hand], shape
+            (n,).
+        command: Commanded positions [rad, m or share], shape (n,).
+        velocity: Where the robot reports it, and always for the base [rad/s, m/s or shares/s], shape (n,).
+        torque: Where the robot reports it, as the simulated one does [N m], shape (n,).
+        stiffness: Of the motors, 0 to 1, shape (n,).
+        temperature: Of the motors [degrees Celsius], shape (n,).
+        battery: Charge, 0 to 1.
+        pressed: Bumper or touch sensor -> whether it is pressed, of those that the robot reports.
+    """
+
+    joint_names: tuple[str, ...]
+    time: float
+    q: Array
+    command: Array
+    velocity: Array
+    torque: Array
+    stiffness: Array
+    temperature: Array
+    battery: float
+    pressed: Mapping[str, bool]
+
+    def __post_init__(self) -> None:
+        for name in ("q", "command", "velocity", "torque", "stiffness", "temperature"):
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def base_pose(self) -> Array:
+        """Pose of the base in the odometry's frame: x, y [m], yaw [rad], shape (3,)."""
+        return self.q[[self.joint_names.index(name) for name in BASE]]
+
+    def of(self, names: Sequence[str]) -> Array:
+        """Return the positions of joints [rad, m or share], shape (k,)."""
+        return self.q[[self.joint_names.index(name) for name in names]]
+
+
+class StateReader:
+    """Reads states of a robot by two calls, or by one where the base is not asked for.
+
+    Args:
+        link: The connection.
+        pepper: Model with a planar base and hands of one joint each.
+
+    Raises:
+        InvalidValueError: for a model with joints that NAOqi does not know.
+    """
+
+    def __init__(self, link: Link, pepper: PepperModel) -> None:
+        unknown = [name for name in pepper.joint_names if name not in (*ACTUATED, *BASE)]
+        if unknown:
+            allowed = "load_pepper(base='planar', hands='mimic') or a robot with some of its joints"
+            raise InvalidValueError("joints of pepper", ", ".join(unknown), allowed)
+        self._link, self.pepper = link, pepper
+        self._joints = [name for name in pepper.joint_names if name in ACTUATED]
+        self._places = np.array([pepper.joint_index(name) for name in self._joints], dtype=int)
+        self._base = [pepper.joint_index(name) for name in BASE if name in pepper.joint_names]
+        self._keys = [f"{TOP}{name}/{end}" for end in QUANTITIES.values() for name in self._joints]
+        self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in TOUCHES)]
+
+    def begin(self) -> tuple[float, list[Any]]:
+        """Ask for a state; return when [s] and the futures."""
+        asked = [self._link.start("ALMemory", "getListData", self._keys)]
+        if self._base:
+            asked.append(self._link.start("ALMotion", "getRobotPosition", True))
+            asked.append(self._link.start("ALMotion", "getRobotVelocity"))
+        return time.monotonic(), asked
+
+    def finish(self, begun: tuple[float, list[Any]]) -> RobotState:
+        """Return the state that was asked for.
+
+        Raises:
+            RobotConnectionError: where no answer comes.
+            InvalidValueError: where the robot reports no position of a joint.
+        """
+        asked_at, futures = begun
+        values = self._link.value(futures[0], "ALMemory.getListData")
+        count = len(self._joints)
+        found = {}
+        for k, quantity in enumerate(QUANTITIES):
+            row = np.full(self.pepper.n, np.nan)
+            row[self._places] = [_number(value) for value in values[k * count : (k + 1) * count]]
+            found[quantity] = row
+        if self._base:
+            pose = self._link.value(futures[1], "ALMotion.getRobotPosition")
+            rate = self._link.value(futures[2], "ALMotion.getRobotVelocity")
+            found["position"][self._base] = found["command"][self._base] = pose
+            found["velocity"][self._base] = rate
+        missing = [
+            name for name in self._joints if np.isnan(found["position"][self.pepper.joint_index(name)])
+        ]
+        if missing:
+            raise InvalidValueError("positions of the robot", f"none of {', '.join(missing)}", "all joints")
+        rest = values[count * len(QUANTITIES) :]
+        pressed = {
+            name: bool(value)
+            for name, value in zip(TOUCHES.values(), rest[1:], strict=True)
+            if value is not None
+        }
+        return RobotState(
+            self.pepper.joint_names,
+            asked_at,
+            found["position"],
+            found["command"],
+            found["velocity"],
+            found["torque"],
+            found["stiffness"],
+            found["temperature"],
+            _number(rest[0]),
+            pressed,
+        )
+
+    def read(self) -> RobotState:
+        """Return the state of now."""
+        return self.finish(self.begin())
+
+
+def _number(value: Any) -> float:
+    """Return a number that ALMemory has, or NaN."""
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def run_of_states(
+    pepper: PepperModel, stamps: Array, states: Sequence[RobotState], wanted: Sequence[Array]
+) -> Run:
+    """Return states of a robot as a run in steps of 20 ms, which all tools read.
+
+    Args:
+        pepper: The robot.
+        stamps: Times of the states, from 0 and rising [s], shape (k,).
+        states: The states.
+        wanted: What was commanded at these times [rad or m], shape (n,) each.
+    """
+    grid = np.arange(0.0, stamps[-1] + CYCLE / 2.0, CYCLE)
+
+    def even(rows: Sequence[Array]) -> Array:
+        return np.column_stack([np.interp(grid, stamps, column) for column in np.array(rows).T])
+
+    position, reference = even([state.q for state in states]), even(wanted)
+    velocity = even([state.velocity for state in states])
+    velocity = np.where(np.isnan(velocity), np.gradient(position, CYCLE, axis=0), velocity)
+    return Run(
+        joint_names=pepper.joint_names,
+        joint_units=pepper.joint_units,
+        time=grid,
+        position=position,
+        velocity=velocity,
+        torque=np.nan_to_num(even([state.torque for state in states])),
+        reference_position=reference,
+        reference_velocity=np.gradient(reference, CYCLE, axis=0),
+        torque_limit=np.asarray(actuator_parameters(pepper, "motor").torque_limit),
+    )

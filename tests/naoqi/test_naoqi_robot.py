@@ -1,0 +1,362 @@
+"""`Robot` against the simulated one, which another process hosts, by real messages."""
+
+import contextlib
+import importlib.util
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.naoqi import FollowOptions, Robot, RobotConnectionError, RobotMotionStatus
+from pepper_kin.naoqi.follower import placed
+from pepper_kin.naoqi.hosted_twin import hosted_twin
+from pepper_kin.naoqi.joint_names import ACTUATED
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("qi") is None, reason="the package qi has no wheel for this machine"
+)
+
+
+@pytest.fixture(scope="module")
+def host():
+    with hosted_twin() as (url, process):
+        yield url
+        assert process.poll() is None
+
+
+@pytest.fixture
+def robot(host):
+    pepper = pk.load_pepper(hands="mimic")
+    standing = [float(pepper.posture("Stand")[pepper.joint_index(name)]) for name in ACTUATED]
+    with Robot(host) as made:
+        made._link.call("ALMotion", "setStiffnesses", "Body", 1.0)
+        made._link.call(
+            "ALMotion", "angleInterpolationWithSpeed", list(ACTUATED), standing, 0.5, timeout=30.0
+        )
+        yield made
+
+
+LOOSE = FollowOptions(joint_tolerance=1.5, base_tolerance=0.3, hold_time=10.0, silence=3.0)
+"""Of tests that run beside others: the clock of the hosted robot waits where the machine is busy."""
+
+
+def waving(slower=5.0):
+    """A certified motion of head and arms from where the robot stands."""
+    pepper = pk.load_pepper()
+    q = pepper.posture("Stand")
+    goal = q.copy()
+    for name, value in (("HeadYaw", 0.6), ("LShoulderPitch", 0.6), ("LElbowRoll", -0.9)):
+        goal[pepper.joint_index(name)] = value
+    there = pk.retime(pepper, pk.plan(pepper, q, goal, seed=0)).scaled(slower)
+    return there.then(there.reversed())
+
+
+def waving_fingers():
+    """A motion of a Pepper whose fingers move by themselves, which NAOqi knows nothing of."""
+    pepper = pk.load_pepper(hands="independent")
+    return pk.Trajectory.from_positions([0.0, 1.0], [pepper.posture("Stand")] * 2, pepper)
+
+
+def driving(distance):
+    """A motion of the base alone, on a straight line, from rest to rest."""
+    pepper = pk.load_pepper(base="planar")
+    q = pepper.posture("Stand")
+    goal = q.copy()
+    goal[0] += distance
+    return pk.retime(pepper, pk.plan(pepper, q, goal, seed=0))
+
+
+def until(condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return condition()
+
+
+def moved_in(robot, seconds):
+    """How far joints move in some time [rad]."""
+    first = robot.state().q
+    time.sleep(seconds)
+    return float(np.abs(robot.state().q - first).max())
+
+
+@contextlib.contextmanager
+def once_moving(robot, act):
+    """Do something with another connection as soon as an elbow has moved."""
+    start = robot.state().of(["LElbowRoll"])
+
+    def watch():
+        with Robot(robot.url) as other:
+            if until(lambda: np.abs(other.state().of(["LElbowRoll"]) - start)[0] > 0.03):
+                act(other)
+
+    thread = threading.Thread(target=watch)
+    thread.start()
+    yield
+    thread.join()
+
+
+def off_the_path(run, trajectory):
+    """How far the farthest measured configuration is from the nearest of the motion, at whatever time."""
+    path = trajectory(np.linspace(0.0, trajectory.duration, 500)).position
+    return max(np.abs(path - q).max(axis=1).min() for q in run.position)
+
+
+def test_a_state_has_our_names_and_units(robot):
+    state = robot.state()
+    pepper = robot.pepper
+    assert state.joint_names == pepper.joint_names
+    joints = ["HeadYaw", "LShoulderPitch", "KneePitch"]
+    stand = [pepper.posture("Stand")[pepper.joint_index(name)] for name in joints]
+    assert state.of(joints) == pytest.approx(stand, abs=0.01)
+    assert np.abs(state.q - state.command).max() < 0.02
+    assert np.nanmin(state.stiffness) == 1.0
+    assert state.battery == 1.0
+    assert state.pressed == dict.fromkeys(state.pressed, False)
+    assert set(state.pressed) > {"bumper_front_left", "head_touch_middle"}
+    with pytest.raises(ValueError, match="read-only"):
+        state.q[0] = 1.0
+
+
+@pytest.mark.parametrize("method", ["stream", "bezier"])
+def test_a_certified_motion_is_followed(robot, method):
+    trajectory = waving()
+    result = robot.follow(trajectory, method=method, options=LOOSE)
+    assert result.status is RobotMotionStatus.COMPLETED, result.report()
+    assert result.guarded
+    run = result.run
+    assert run.joint_names == trajectory.joint_names
+    assert run.duration > trajectory.duration - 0.1
+    assert off_the_path(run, trajectory) < 0.03
+    assert np.ptp(run.position[:, run.joint_names.index("HeadYaw")]) > 0.5
+    assert robot.state().of(trajectory.joint_names) == pytest.approx(trajectory.end, abs=0.03)
+    assert "Motion by " in result.report()
+
+
+def test_the_base_follows_its_part_of_a_motion(robot):
+    trajectory = driving(0.3)
+    before = robot.state().base_pose
+    result = robot.follow(trajectory, options=LOOSE)
+    assert result.status is RobotMotionStatus.COMPLETED, result.report()
+    expected = placed(before, trajectory.start[:3], trajectory.end[:3])
+    assert robot.state().base_pose == pytest.approx(expected, abs=0.02)
+    assert np.hypot(*(expected - before)[:2]) == pytest.approx(0.3)
+
+
+def test_a_pose_placed_elsewhere_keeps_what_lies_between():
+    origin, start = np.array([1.0, 2.0, np.pi / 2]), np.array([3.0, 0.0, 0.0])
+    pose = np.array([4.0, 0.5, 0.2])
+    assert placed(origin, start, pose) == pytest.approx([0.5, 3.0, np.pi / 2 + 0.2])
+    assert placed(start, start, pose) == pytest.approx(pose)
+
+
+def test_driving_and_going_to_a_pose(robot):
+    before = robot.state().base_pose
+    assert robot.move_to([0.1, 0.0, 0.0], silence=3.0)
+    robot.drive([0.0, 0.0, 0.4], 0.6, silence=3.0)
+    assert until(lambda: np.abs(robot.state().velocity[:3]).max() < 1e-3)
+    after = robot.state().base_pose
+    assert np.hypot(*(after - before)[:2]) == pytest.approx(0.1, abs=0.02)
+    assert 0.05 < (after - before)[2] < 0.6
+
+
+def test_motions_without_a_certificate_are_refused(robot):
+    fast = waving(0.3)
+    with pytest.raises(InvalidValueError, match=r"one that fails velocity.*passes check\(\); velocity"):
+        robot.follow(fast)
+    with pytest.raises(InvalidValueError, match="one that fails"):
+        Robot.dry_run(fast)
+    pepper = pk.load_pepper()
+    hand = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "LArm_effector")[:3, 3]
+    scene = pk.Scene().add_sphere("ball", radius=0.1, position=tuple(hand))
+    with pytest.raises(InvalidValueError, match="clearance"):
+        robot.follow(waving(), scene=scene)
+    with pytest.raises(InvalidValueError, match=r"joints of the trajectory.*hands='mimic'"):
+        robot.follow(waving_fingers())
+
+
+def test_motions_from_elsewhere_and_limp_motors_are_refused(robot):
+    trajectory = waving()
+    half = trajectory.between(trajectory.duration / 2, trajectory.duration)
+    with pytest.raises(InvalidValueError, match=r"start of \w+: got .* where the robot is at .*plan from"):
+        robot.follow(half)
+    robot._link.call("ALMotion", "setStiffnesses", "HeadYaw", 0.0)
+    try:
+        with pytest.raises(InvalidValueError, match=r"HeadYaw off, expected .*wake_up"):
+            robot.follow(trajectory)
+    finally:
+        robot._link.call("ALMotion", "setStiffnesses", "HeadYaw", 1.0)
+
+
+def test_a_robot_that_lets_an_arm_fall_is_stopped_and_reported(robot):
+    trajectory = waving(10.0)
+    options = replace(LOOSE, joint_tolerance=0.2)
+    with once_moving(robot, lambda other: other._link.call("ALMotion", "setStiffnesses", "LArm", 0.0)):
+        result = robot.follow(trajectory, options=options)
+    assert result.status is RobotMotionStatus.DEVIATED
+    assert re.search(r"L\w+ is 0\.\d+ from the motion, tolerance 0\.2", result.message)
+
+
+def test_a_motion_that_somebody_else_ends_is_not_complete(robot):
+    with once_moving(robot, lambda other: other._link.call("ALMotion", "killAll")):
+        result = robot.follow(waving(20.0), method="bezier", options=LOOSE)
+    assert result.status is RobotMotionStatus.STOPPED
+    assert re.search(r"ended it after \d\.\d+ s of \d+\.\d+ s", result.message)
+
+
+def test_stop_ends_a_motion(robot):
+    trajectory = waving(20.0)
+    with once_moving(robot, lambda other: robot.stop()):
+        result = robot.follow(trajectory, options=LOOSE)
+    assert result.status is RobotMotionStatus.STOPPED
+    assert result.run.duration < trajectory.duration / 2
+    assert until(lambda: moved_in(robot, 0.3) < 1e-3)
+
+
+CLIENT = textwrap.dedent(
+    """
+    import json, sys
+    from pepper_kin.naoqi import Robot
+    with Robot(sys.argv[1], timeout=3.0) as robot:
+        print("ready", flush=True)
+        try:
+            robot.drive([0.15, 0.0, 0.0], 600.0, silence=2.0)
+        except Exception as error:
+            print(json.dumps([str(error), error.status.value]), flush=True)
+    """
+)
+
+
+def started(url):
+    client = subprocess.Popen([sys.executable, "-c", CLIENT, url], stdout=subprocess.PIPE, text=True)
+    assert client.stdout.readline() == "ready\n"
+    return client
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_host_stops_a_robot_whose_client_is_gone_or_stalled(robot, how):
+    client = started(robot.url)
+    try:
+        assert until(lambda: np.hypot(*robot.state().velocity[:2]) > 0.1)
+        os.kill(client.pid, how)
+        assert until(lambda: np.abs(robot.state().velocity[:3]).max() < 1e-3)
+        place = robot.state().base_pose
+        time.sleep(0.5)
+        assert robot.state().base_pose == pytest.approx(place, abs=1e-3)
+        if how == signal.SIGSTOP:
+            os.kill(client.pid, signal.SIGCONT)
+            text, status = json.loads(client.communicate(timeout=60)[0])
+            assert status == "stalled", text
+            assert re.search(r"stopped: no beat for \d\.\d+ s", text)
+    finally:
+        client.kill()
+        client.communicate(timeout=30)
+
+
+class Cable:
+    """A connection to a port that can be cut."""
+
+    def __init__(self, url):
+        self.port = int(url.rsplit(":", 1)[1])
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"tcp://127.0.0.1:{self.server.getsockname()[1]}"
+        self.ends = []
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self):
+        while True:
+            try:
+                near, _ = self.server.accept()
+            except OSError:
+                return
+            far = socket.create_connection(("127.0.0.1", self.port))
+            self.ends += [near, far]
+            for a, b in ((near, far), (far, near)):
+                threading.Thread(target=self.pass_on, args=(a, b), daemon=True).start()
+
+    def pass_on(self, a, b):
+        try:
+            while data := a.recv(65536):
+                b.sendall(data)
+        except OSError:
+            pass
+
+    def cut(self):
+        self.server.close()
+        for end in self.ends:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.parametrize("method", ["stream", "bezier"])
+def test_a_cut_connection_in_mid_motion_is_reported_and_the_robot_stands(robot, method):
+    cable = Cable(robot.url)
+    with Robot(cable.url, timeout=3.0) as cut:
+        trajectory = waving(30.0 if method == "stream" else 15.0)
+        with once_moving(robot, lambda other: cable.cut()):
+            result = cut.follow(trajectory, method=method, options=LOOSE)
+        assert result.status is RobotMotionStatus.CONNECTION_LOST
+        assert cable.url in result.message
+        assert result.run.duration < trajectory.duration / 2
+        assert until(lambda: moved_in(robot, 0.4) < 1e-3, 15.0)
+        assert np.abs(robot.state().of(trajectory.joint_names) - trajectory.start).max() > 0.01
+        with pytest.raises(RobotConnectionError):
+            cut.state()
+        assert not cut.connected
+
+
+def test_a_host_that_dies_is_reported():
+    with hosted_twin() as (url, process), Robot(url, timeout=2.0) as robot:
+        trajectory = waving(30.0)
+        with once_moving(robot, lambda other: process.kill()):
+            result = robot.follow(trajectory, options=LOOSE)
+        assert result.status is RobotMotionStatus.CONNECTION_LOST
+        assert result.run.duration < trajectory.duration / 2
+
+
+def test_nobody_answers():
+    with pytest.raises(RobotConnectionError, match="connect: "):
+        Robot("tcp://127.0.0.1:1")
+
+
+def test_a_robot_without_a_watchdog_is_not_driven(robot):
+    robot.has_watchdog = False
+    for call in (
+        lambda: robot.drive([0.1, 0.0, 0.0], 1.0),
+        lambda: robot.move_to([0.1, 0.0, 0.0]),
+        lambda: robot.follow(waving(), method="bezier"),
+        lambda: robot.follow(driving(0.1)),
+    ):
+        with pytest.raises(InvalidValueError, match="unguarded=True"):
+            call()
+    result = robot.follow(waving(), options=LOOSE)
+    assert result.success
+    assert not result.guarded
+    assert "no watchdog" in result.report()
+
+
+def test_a_dry_run_needs_a_motion_only():
+    result = Robot.dry_run(waving(), method="bezier", options=LOOSE)
+    assert result.success, result.report()
+    assert off_the_path(result.run, waving()) < 0.03
+
+
+def test_the_watchdog_for_the_robot_is_one_file(tmp_path):
+    path = Robot.write_watchdog(tmp_path / "watchdog.py")
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", str(path)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert "No module named 'qi'" in done.stderr  # the only thing that it needs
+    assert path.read_text().isascii()
