@@ -84,12 +84,30 @@ def fastest_motion(problem: TimingProblem) -> Trajectory:
 
 
 def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
-    """Return how much slower than x, shape (N + 1,), torques and balance ask to be; inf if of no use."""
+    """Return how much slower than x, shape (N + 1,), all limits ask to be; inf if of no use."""
     limit, edges = problem.limits.torque, problem.quantities.edges
+    if problem.quantities.frames:
+        stretch = _slow_enough_for_frames(problem, x, stretch)
     if limit.size:
         stretch = _kept(problem, x, stretch, limit, 0)
     if edges:
         stretch = _kept(problem, x, stretch, np.zeros(edges), limit.size)
+    return stretch
+
+
+def _slow_enough_for_frames(problem: TimingProblem, x: Array, stretch: float) -> float:
+    """Return how much slower than x, shape (N + 1,), frames and wheels ask to be at every multiple of 1 ms."""
+    grid, n = problem.grid, problem.grid.at.shape[2]
+    duration = profile_duration(grid, x)
+    while np.isfinite(stretch):
+        refuse_long(duration * stretch)
+        sample_times = _workspace_for(duration, stretch)
+        state = np.empty((3, all_instants(grid, x, stretch, CHECK_STEP, sample_times), n))
+        evaluate_motion(grid, x, sample_times, stretch, state)
+        most = float(problem.quantities.speed(state[0], state[1]).max())
+        if most <= 1.0 + TOLERANCE:
+            break
+        stretch *= most * (1.0 + LEAST)  # speeds are in proportion; the instants looked at next are others
     return stretch
 
 

@@ -336,3 +336,22 @@ def test_timing_needs_no_compiler_and_no_toppra(pepper):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_hands_keep_their_speed_between_few_grid_points():
+    """A path with short turns on 20 grid points, where a hand was 0.1 % too fast between them."""
+    pepper = pk.load_pepper()
+    path = 1e-4 * np.array([
+        [-315, 40, 87, -306, -2859, 6712, 5641, -6897, -11276, -900, 10603, -7574, -8883, 9422, -7778],
+        [-312, 46, 87, -244, -2809, 6558, 5648, -6721, -11276, -844, 10486, -7520, -8885, 9464, -7743],
+        [-312, 36, 88, -442, -2827, 6733, 5599, -6818, -11247, -1051, 10342, -7542, -8949, 9385, -7738],
+        [-314, 42, 85, -269, -2807, 6655, 5631, -6735, -11191, -1019, 10587, -7542, -8981, 9402, -7708],
+        [-316, 40, 82, -395, -2820, 6685, 5677, -6981, -11235, -793, 10516, -7590, -8800, 9352, -7838],
+        [-311, 40, 89, -423, -2849, 6717, 5667, -6979, -11175, -822, 10392, -7587, -8915, 9434, -7660],
+    ])  # fmt: skip
+    trajectory = pk.retime(pepper, path, gridpoints=20, hand_speed=0.107)
+    q, v, _ = trajectory(np.arange(0.0, trajectory.duration, 0.001))
+    for frame in ("LArm_effector", "RArm_effector"):
+        linear = np.einsum("tij,tj->ti", pk.kinematics.frame_jacobian(pepper, q, frame)[:, :3], v)
+        assert np.linalg.norm(linear, axis=1).max() <= 0.107 * (1 + 1e-9)
+    assert trajectory.check(pepper, collisions=False, hand_speed=0.107).success
