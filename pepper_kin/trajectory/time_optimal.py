@@ -96,7 +96,7 @@ def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
 
 
 def _slow_enough_for_frames(problem: TimingProblem, x: Array, stretch: float) -> float:
-    """Return how much slower than x, shape (N + 1,), frames and wheels ask to be at every multiple of 1 ms."""
+    """Return how much slower than x, shape (N + 1,), frames and wheels ask to be at multiples of 1 ms."""
     grid, n = problem.grid, problem.grid.at.shape[2]
     duration = profile_duration(grid, x)
     while np.isfinite(stretch):
