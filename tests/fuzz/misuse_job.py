@@ -243,9 +243,8 @@ def is_about_type(kind: str, error: Any, wrong: Any) -> bool:
         return isinstance(wrong, np.ndarray) and "truth value of an" in str(error)
     if kind != "AttributeError" or "has no attribute" not in str(error):
         return False
-    if isinstance(wrong, np.ndarray):
-        wrong = wrong.ravel().tolist()
-    parts = [wrong, *(list(wrong)[:3] if isinstance(wrong, (list, tuple, str, bytes, dict, range)) else ())]
+    items = wrong.ravel().tolist() if isinstance(wrong, np.ndarray) else wrong
+    parts = [wrong, *(list(items)[:3] if isinstance(items, (list, tuple, str, bytes, dict, range)) else ())]
     return any((part if inspect.isclass(part) else type(part)).__name__ in str(error) for part in parts)
 
 
