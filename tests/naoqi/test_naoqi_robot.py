@@ -315,6 +315,7 @@ def test_a_cut_connection_in_mid_motion_is_reported_and_the_robot_stands(robot, 
         with pytest.raises(RobotConnectionError):
             cut.state()
         assert not cut.connected
+    time.sleep(LOOSE.silence + 0.5)  # until the watchdog has stopped what moves, which may be the next test's
 
 
 def test_a_host_that_dies_is_reported():

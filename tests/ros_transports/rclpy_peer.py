@@ -207,7 +207,11 @@ def hashes(topic):
     return [str(info.topic_type_hash) for info in node.get_publishers_info_by_topic(topic)]
 
 
-def nodes():
+def nodes(with_name):
+    """Return the names of nodes once one is among them, or after a while."""
+    end = time.monotonic() + 20.0
+    while with_name not in node.get_node_names() and time.monotonic() < end:
+        time.sleep(0.05)
     return node.get_node_names()
 
 

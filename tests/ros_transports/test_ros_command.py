@@ -13,7 +13,9 @@ from pepper_kin.ros_messages import action_type, message_type
 ACTION = "control_msgs/action/FollowJointTrajectory"
 HEAD = "/Head_controller/follow_joint_trajectory"
 STATES = "/joint_states"
-CODE = "from pepper_kin.cli import main; main()"
+# A shell that begins a program with & has it ignore Ctrl-C, and so do the programs that it begins.
+HEAR = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+CODE = f"{HEAR}; from pepper_kin.cli import main; main()"
 
 
 def command(python, *arguments, **variables):

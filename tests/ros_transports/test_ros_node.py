@@ -67,6 +67,7 @@ def listening(robot, client):
         client.listen(topic=topic, type=topics[topic], reliable=topic in (*TOUCHES, PROGRESS))
     for topic, kind in COMMANDS.items():
         client.advertise(topic=topic, type=kind)
+    robot.linked(sent=list(TOUCHES), heard=list(COMMANDS))
     return robot
 
 

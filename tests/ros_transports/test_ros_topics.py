@@ -89,7 +89,7 @@ def test_the_graph_shows_node_topics_and_hashes(peer, either):
     text = peer.hashes(topic=topic)[0]
     assert type_hash("sensor_msgs/msg/JointState").removeprefix("RIHS01_") in text.replace(" ", "").lower()
     assert peer.names(kind="topics")[topic] == ["sensor_msgs/msg/JointState"]
-    assert "tested_node" in peer.nodes()
+    assert "tested_node" in peer.nodes(with_name="tested_node")
 
 
 def test_definitions_are_those_of_the_installed_packages(peer):

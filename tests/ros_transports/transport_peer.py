@@ -179,6 +179,18 @@ def topics():
     return received["node"].topics
 
 
+def linked(sent, heard):
+    """Wait until the node knows others that listen to topics which it sends, and that send those it hears.
+
+    A message that is sent before is lost, and others may know the node seconds before it knows them.
+    """
+    publishers = [part for part in received["node"]._open if getattr(part, "_topic", None) in sent]
+    assert len(publishers) == len(sent)
+    until(lambda: all(publisher.subscription_count for publisher in publishers))
+    if sys.argv[1] == "rclpy":
+        until(lambda: all(transport.node.count_publishers(topic) for topic in heard))
+
+
 def press(pressed):
     """Put objects on a bumper, the head and a hand, or take them away."""
     from pepper_kin.collision import Scene
