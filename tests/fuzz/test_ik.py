@@ -398,7 +398,8 @@ def test_batches_of_all_kinds_of_tasks(name, amount, rng, tried):
         could += int(case.reachable.sum())
     tried(f"IK answers, batches, {name}", count, len(wrong))
     assert not wrong, wrong[:5]
-    assert missed <= 1 + 0.02 * could, (missed, could)
+    most = 0.02 * could  # and three times its standard deviation
+    assert missed <= 1 + most + 3 * most**0.5, (missed, could)
 
 
 @pytest.mark.parametrize("where", ["itself", "boxes", "boxes with a margin"])
