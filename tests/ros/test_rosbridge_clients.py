@@ -2,6 +2,7 @@
 
 import fcntl
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -29,13 +30,19 @@ def folder_with_roslib():
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "w", encoding="utf-8") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
+        failed = folder / f"failed in {os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
         if not (folder / "node_modules" / "roslib").exists():
-            done = subprocess.run(
-                [*NPM, "install", "--no-fund", "--no-audit", "--prefix", str(folder), ROSLIB],
-                capture_output=True, text=True, timeout=240,
-            )  # fmt: skip
-            if done.returncode:
-                pytest.skip(f"the registry of npm cannot be reached: {done.stderr.strip()[-200:]}")
+            reason = failed.read_text(encoding="utf-8") if failed.exists() else ""
+            if not reason:
+                done = subprocess.run(
+                    [*NPM, "install", "--no-fund", "--no-audit", "--fetch-retries=1", "--prefix", str(folder),
+                     ROSLIB],
+                    capture_output=True, text=True, timeout=240,
+                )  # fmt: skip
+                reason = done.stderr.strip()[-200:] or "npm failed" if done.returncode else ""
+            if reason:  # kept for all tests of this run: each would wait as long
+                failed.write_text(reason, encoding="utf-8")
+                pytest.skip(f"the registry of npm cannot be reached: {reason}")
     shutil.copy(HERE / "roslib_client.mjs", folder)
     return folder
 
