@@ -266,11 +266,12 @@ class RobotClient:
     def _outcome(self, handle: GoalHandle) -> tuple[FollowStatus, str, int | None]:
         """Wait for the end of a goal, and watch the connection meanwhile."""
         while True:
+            done = handle.done  # asked before: it may end just after the time to wait is over
             try:
                 found = handle.result(0.1)
                 break
             except TransportError as error:
-                if handle.done:
+                if done:
                     return FollowStatus.REFUSED, str(error), None
                 if self.age > STATE_TIMEOUT:
                     self.stop()
