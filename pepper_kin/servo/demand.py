@@ -43,14 +43,14 @@ class Pace:
         singularity: Slope [m/rad] under which motion slows down.
         dt: Length of a tick [s].
         limits: Of the joints.
-        dearness: d, how dear each joint's motion is, shape (n,).
+        joint_scale: d of `motion_scale`, greater for joints that carry more, shape (n,).
     """
 
     gain: float
     singularity: float
     dt: float
     limits: JointLimits
-    dearness: Array
+    joint_scale: Array
 
 
 def task_demand(
@@ -132,6 +132,6 @@ def _rates(jacobian: Array, wanted: Array, pace: Pace) -> tuple[float, float]:
         pace: How fast to go.
     """
     return approach_rate(
-        np.ascontiguousarray(jacobian), wanted, pace.dearness, pace.limits, pace.dt, pace.gain,
+        np.ascontiguousarray(jacobian), wanted, pace.joint_scale, pace.limits, pace.dt, pace.gain,
         pace.singularity,
     )  # fmt: skip

@@ -106,9 +106,9 @@ def differential_step(
     if last.shape != state.shape:
         raise InvalidValueError("v", f"shape {last.shape}", f"shape ({pepper.n},)")
     gain = min(GAIN, GAIN_PER_TICK / dt) if gain is None else check_positive("gain", gain, "[1/s]")
-    limits, dearness = motion_limits(pepper, locked), motion_scale(pepper, state)
+    limits, joint_scale = motion_limits(pepper, locked), motion_scale(pepper, state)
     _check_can_brake(pepper, state, last, limits, dt)
-    pace = Pace(min(gain, 1 / dt), check_positive("singularity", singularity, "[m]"), dt, limits, dearness)
+    pace = Pace(min(gain, 1 / dt), check_positive("singularity", singularity, "[m]"), dt, limits, joint_scale)
     free, rate = check_positive("margin", margin, "[m]"), check_positive("approach", approach, "[1/s]")
     world = checked_world(scene, collisions)
     guard = None if world is None else ClearanceGuard(pepper, world, free, rate)
@@ -119,7 +119,7 @@ def differential_step(
     rows = None if kept is None else BalanceRows(pepper, kept, loads)
     parts = balanced(with_loads(flatten_tasks(pepper, tasks), loads))
     demands = [task_demand(pepper, task, state, last, None, pace) for task in parts]
-    tick = Stepper(pepper, limits, dt, state, dearness, guard, rows).step(state, last, demands)
+    tick = Stepper(pepper, limits, dt, state, joint_scale, guard, rows).step(state, last, demands)
     return _answer(state, dt, tick, demands)
 
 

@@ -109,9 +109,9 @@ class Servo:
         self._approach = check_positive("approach", approach, "[1/s]")
         gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
         limits = motion_limits(pepper, locked, velocity_scale, acceleration_scale)
-        dearness = motion_scale(pepper, self._q)
+        joint_scale = motion_scale(pepper, self._q)
         self._pace = Pace(
-            min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, dearness
+            min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, joint_scale
         )
         self._collisions = collisions
         guard = self._guard(scene)
@@ -119,7 +119,7 @@ class Servo:
         loads = loads_of(pepper, scene)
         self._rows = None if kept is None else BalanceRows(pepper, kept, loads)
         self._loads = loads
-        self._stepper = Stepper(pepper, limits, dt, self._q, dearness, guard, self._rows)
+        self._stepper = Stepper(pepper, limits, dt, self._q, joint_scale, guard, self._rows)
         self._v = read_only(np.zeros(pepper.n))
         # What is compiled should be so before the first tick.
         still = rate_demand(np.eye(6, pepper.n), np.zeros(6), self._v, 1.0, "", self._pace)

@@ -65,7 +65,7 @@ class Stepper:
         limits: Of the joints.
         dt: Length of a tick [s].
         rest: q_rest [rad or m], shape (n,).
-        dearness: The diagonal of D, shape (n,).
+        joint_scale: The diagonal of D, shape (n,).
         guard: Keeps clear; None checks no collisions.
         balance: Keeps the balance; None leaves it out.
     """
@@ -76,12 +76,12 @@ class Stepper:
         limits: JointLimits,
         dt: float,
         rest: Array,
-        dearness: Array,
+        joint_scale: Array,
         guard: ClearanceGuard | None,
         balance: BalanceRows | None,
     ) -> None:
         self._pepper, self._limits, self._dt = pepper, limits, dt
-        self._squares = dearness**2
+        self._squares = joint_scale**2
         self._rest, self._cost = rest, DAMPING**2 * self._squares + REST_WEIGHT**2
         self.guard = guard
         self._balance = balance
