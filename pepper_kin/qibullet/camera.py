@@ -75,6 +75,7 @@ class Camera(Sensor):
         hfov: Any,
         vfov: Any,
         physicsClientId: int = 0,
+        *,
         near_plane: float = 0.01,
         far_plane: float = 100.0,
     ) -> None:
@@ -223,7 +224,9 @@ class CameraDepth(Camera):
         vfov: Any,
         physicsClientId: int = 0,
     ) -> None:
-        super().__init__(robot_model, camera_id, camera_link, hfov, vfov, physicsClientId, 0.4, 8.0)
+        super().__init__(
+            robot_model, camera_id, camera_link, hfov, vfov, physicsClientId, near_plane=0.4, far_plane=8.0
+        )
 
     def _picture(self, camera: TwinCamera, q: NDArray[np.float64], scene: Any) -> NDArray[Any]:
         """Return distances [mm] at joint positions [rad or m], shape (n,)."""
