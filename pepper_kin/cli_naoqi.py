@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import FAILED, Json, one_of, print_json, print_written
+from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi import Broker, Mirror
@@ -27,7 +27,7 @@ Mode = Annotated[
     str, typer.Option(help="robot refuses what Pepper refuses; twin does it.", autocompletion=one_of(MODES))
 ]
 View = Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")]
-Record = Annotated[Path | None, typer.Option(help="Write the run there: .csv, .npz or .mcap.")]
+Record = Annotated[Path | None, typer.Option(help="Write the run there: .csv.")]
 
 
 @app.command()
@@ -57,7 +57,8 @@ def serve(
     from pepper_kin.qi_library import libqi
 
     libqi()  # before all others
-    from pepper_kin.naoqi.host import Host, ended_by_signals
+    from pepper_kin.end_signals import ended_by_signals
+    from pepper_kin.naoqi.host import Host
 
     with (
         ended_by_signals() as ended,
@@ -132,14 +133,14 @@ def mirror(
 
     Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
     """
-    from pepper_kin.atomic_file import make_folder
     from pepper_kin.body_page import MirrorPage
+    from pepper_kin.end_signals import ended_by_signals
     from pepper_kin.exceptions import PepperKinError
     from pepper_kin.model import load_pepper
     from pepper_kin.naoqi import Mirror, Robot, states_of_run
-    from pepper_kin.naoqi.host import ended_by_signals
     from pepper_kin.twin import load_run
 
+    check_record(record, ".csv")
     pepper = load_pepper(base="planar", hands="mimic")
     made, lost = Mirror(pepper), None
     with ExitStack() as stack:
@@ -167,7 +168,6 @@ def mirror(
                 raise
             lost = error  # after the report: what was seen until then is not lost
     if record is not None:
-        make_folder(record.parent)
         made.run().save(record)
         print(f"Written: {record}", file=sys.stderr)
     if as_json:
@@ -222,11 +222,11 @@ def _broker(
     mode: str, real_time: bool, scene: Path | None, view: bool, record: Path | None
 ) -> Iterator[Broker]:
     """Yield a simulated robot, with a page in the browser and a log where these were asked for."""
-    from pepper_kin.atomic_file import make_folder
     from pepper_kin.collision import Scene
     from pepper_kin.naoqi import Broker
     from pepper_kin.naoqi.run_log import RunLog
 
+    check_record(record, ".csv")
     around = None if scene is None else Scene.load(scene)
     with Broker(mode=mode, real_time=real_time, scene=around) as broker:
         close = _shown(broker) if view else None
@@ -235,7 +235,6 @@ def _broker(
             yield broker
         finally:
             if log is not None and record is not None:
-                make_folder(record.parent)
                 log.run().save(record)
                 print(f"Written: {record}", file=sys.stderr)
             if close is not None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-import threading
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import Json, ended_by_signals, one_of, print_json
+from pepper_kin.cli_terminal import Json, check_record, one_of, print_json
 
 if TYPE_CHECKING:
     from pepper_kin.ros import RobotNode, Transport
@@ -51,46 +50,39 @@ def ros(
 
     Example: pepper-kin ros --transport rosbridge --view
     """
-    from pepper_kin.atomic_file import make_folder
     from pepper_kin.body_page import BodyPage
     from pepper_kin.collision import Scene
-    from pepper_kin.exceptions import InvalidValueError
+    from pepper_kin.end_signals import ended_by_signals
     from pepper_kin.naoqi.body import Body
     from pepper_kin.naoqi.run_log import RunLog
     from pepper_kin.ros.node import RobotNode
 
-    if record is not None:
-        if record.suffix.lower() not in (".csv", ".mcap"):
-            raise InvalidValueError("--record", repr(str(record)), "a file that ends in .csv or .mcap")
-        make_folder(record.parent)
+    check_record(record, ".csv", ".mcap")
     chosen = () if cameras == "none" else tuple(cameras.split(","))
     around = None if scene is None else Scene.load(scene)
-    with ended_by_signals():
-        carrier, where = _transport(transport, address, port, allow_remote, token)
-        with carrier:
-            body = Body(scene=around)
-            log = RunLog(body) if record is not None and record.suffix.lower() == ".csv" else None
-            body.time.start()
-            page = BodyPage(body) if view else None
+    carrier, where = _transport(transport, address, port, allow_remote, token)
+    with carrier, ended_by_signals() as ended:
+        body = Body(scene=around)
+        log = RunLog(body) if record is not None and record.suffix.lower() == ".csv" else None
+        body.time.start()
+        page = BodyPage(body) if view else None
+        if page is not None:
+            page.open()
+        try:
+            with (
+                RobotNode(body, carrier, cameras=chosen, resolution=resolution) as node,
+                _recorded(node, record if log is None else None),
+            ):
+                _print_start(transport, where, as_json)
+                ended.wait()
+        finally:
+            body.time.stop()
+            if log is not None and record is not None:
+                log.run().save(record)
+            if record is not None and record.exists():
+                print(f"Written: {record}", file=sys.stderr)
             if page is not None:
-                page.open()
-            try:
-                with (
-                    RobotNode(body, carrier, cameras=chosen, resolution=resolution) as node,
-                    _recorded(node, record if log is None else None),
-                ):
-                    _print_start(transport, where, as_json)
-                    threading.Event().wait()
-            except KeyboardInterrupt:
-                print(file=sys.stderr)
-            finally:
-                body.time.stop()
-                if log is not None and record is not None:
-                    log.run().save(record)
-                if record is not None and record.exists():
-                    print(f"Written: {record}", file=sys.stderr)
-                if page is not None:
-                    page.close()
+                page.close()
 
 
 def _recorded(node: RobotNode, path: Path | None) -> AbstractContextManager[Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pepper_kin.atomic_file import make_folder
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
@@ -92,21 +92,24 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=2))
 
 
-@contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM, by which services are ended, raise KeyboardInterrupt in the context, as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def discard_output() -> None:
     """Send to nowhere what is left to print: Python would try again as it ends, and complain."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
+
+
+def check_record(path: Path | None, *suffixes: str) -> None:
+    """Refuse a file to record to that does not end so, before anything moves, and make its folder.
+
+    Raises:
+        InvalidValueError: for another ending.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise InvalidValueError("--record", repr(str(path)), f"a file that ends in {' or '.join(suffixes)}")
+    make_folder(path.parent)
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:

@@ -55,7 +55,7 @@ class Access:
             raise InvalidValueError(
                 "host",
                 repr(host),
-                f"a loopback address, or --allow-remote as well: {risk}",
+                f"a loopback address, or allow_remote (--allow-remote): {risk}",
             )
         return cls(host, token or secrets.token_hex(16))
 

@@ -20,6 +20,7 @@ ORDER = (
     "file_reading",
     "numpy_archive",
     "server_access",
+    "end_signals",
     "qi_library",
     "ros_messages",
     "model",

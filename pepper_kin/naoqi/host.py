@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import atexit
 import hmac
-import secrets
-import signal
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.end_signals import EndRequest, ended_by_signals
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.wire import Wire
 from pepper_kin.qi_library import libqi
+from pepper_kin.server_access import Access
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
+RISK = "they could read what the robot does, and move it with the token"
 
 CLOSING = 10.0
 """The longest time that a server takes to close [s]."""
@@ -51,8 +48,8 @@ class Host:
 
     Raises:
         MissingDependencyError: where `qi` is not installed.
-        InvalidValueError: for an address that is not this machine's without `allow_remote`, or an empty
-            token.
+        InvalidValueError: for an address that is not this machine's without `allow_remote`, or a token that
+            is too short to be one.
     """
 
     def __init__(
@@ -64,13 +61,9 @@ class Host:
         allow_remote: bool = False,
         token: str | None = None,
     ) -> None:
-        if address not in LOOPBACK and not allow_remote:
-            raise InvalidValueError("address", address, f"one of {', '.join(LOOPBACK)}, or allow_remote")
-        if token is not None and not token:
-            raise InvalidValueError("token", "an empty text", "a text, or None")
-        qi = libqi()
         self.broker = broker
-        self.token = secrets.token_urlsafe(16) if token is None and address not in LOOPBACK else token
+        self.token = Access.of(address, allow_remote, token, RISK).token
+        qi = libqi()
         self._wire = Wire(qi)
         self._session = qi.Session()
         self._open: dict[str, Any] = {}
@@ -107,7 +100,7 @@ class Host:
         self._open.clear()
         self._wire.close(CLOSING)
 
-    def wait(self, ended: threading.Event | None = None) -> None:
+    def wait(self, ended: EndRequest | None = None) -> None:
         """Serve until Ctrl-C or SIGTERM.
 
         Args:
@@ -135,20 +128,3 @@ class Host:
         if name not in self._open:
             self._open[name] = self._wire.service(self.broker.module(name), named=False)
         return self._open[name]
-
-
-@contextmanager
-def ended_by_signals() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C and SIGTERM set, instead of what they do otherwise; in the main thread."""
-    ended = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield ended
-        return
-    kept = {
-        number: signal.signal(number, lambda *_: ended.set()) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield ended
-    finally:
-        for number, handler in kept.items():
-            signal.signal(number, handler)

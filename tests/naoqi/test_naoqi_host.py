@@ -132,7 +132,7 @@ def test_only_this_machine_unless_remote_is_allowed(host):
 SERVER = textwrap.dedent(
     """
     from pepper_kin.naoqi import Broker, Host
-    from pepper_kin.naoqi.host import ended_by_signals
+    from pepper_kin.end_signals import ended_by_signals
     with ended_by_signals() as ended, Broker() as broker, Host(broker, port=0) as host:
         print(host.url, flush=True)
         host.wait(ended)
@@ -188,13 +188,13 @@ def test_a_token_is_needed_to_move_and_not_to_read(host):
                 call()
             except RuntimeError as error:
                 said[name] = str(error)
-        opened = access.unlock("a token").service("ALMotion")
+        opened = access.unlock("token0123").service("ALMotion")
         opened.angleInterpolation("HeadYaw", 0.3, 0.5, True)
         said["yaw"] = motion.getAngles("HeadYaw", True)[0]
         print(json.dumps(said))
         """
     )
-    with Host(host.broker, port=0, token="a token") as locked:
+    with Host(host.broker, port=0, token="token0123") as locked:
         done = subprocess.run(
             [sys.executable, "-c", calls, locked.url],
             capture_output=True,
