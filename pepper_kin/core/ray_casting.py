@@ -251,7 +251,7 @@ def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> 
 def normals_at(
     origins: Floats2, directions: Floats2, hits: Hits, solids: Solids, pose: Floats3, result: Floats2
 ) -> None:
-    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3); else 0.
+    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3), nothing elsewhere.
 
     Rays and hits are those of `nearest_hits`, `pose` is that of `Placed`, shape (m, 4, 4).
     """
@@ -259,7 +259,6 @@ def normals_at(
     for ray in range(origins.shape[0]):
         item = solid[ray]
         if item < 0:
-            result[ray, 0], result[ray, 1], result[ray, 2] = 0.0, 0.0, 0.0
             continue
         o = (origins[ray, 0], origins[ray, 1], origins[ray, 2])
         d = (directions[ray, 0], directions[ray, 1], directions[ray, 2])

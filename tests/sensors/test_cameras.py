@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.core.shading import LIGHT, TILES
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.twin.sensors import Camera, Intrinsics, camera_intrinsics
-from pepper_kin.twin.sensors.camera import LIGHT
+from pepper_kin.twin.sensors import Camera, Intrinsics, RobotRays, camera_intrinsics
 
 
 def ahead(pepper, q, camera, x, y, z):
@@ -102,13 +102,46 @@ def test_colors_are_those_of_the_scene_in_the_light(pepper):
     assert ball.sum() > 2000
     bright = picture[..., 0] * ball
     row, column = np.unravel_index(np.argmax(bright), bright.shape)
-    u, v, _ = camera.project(q, (center + 0.3 * LIGHT / np.linalg.norm(LIGHT))[None])[0]
+    u, v, _ = camera.project(q, (center + 0.3 * np.array(LIGHT) / np.linalg.norm(LIGHT))[None])[0]
     shade = bright[ball]
     assert shade.max() / shade.min() > 1.5
     assert row < np.nonzero(ball)[0].mean()  # lit from above
     assert (column - np.nonzero(ball)[1].mean()) * (u - 160) > 0
     assert v < 120
     assert (picture[0, 0] > 130).all()  # the sky
+
+
+def test_pixels_of_the_floor_are_tiles_in_the_light(pepper):
+    """Each pixel by its formula at the point of the floor that projects to it."""
+    q, camera = pepper.joint_vector({"HeadPitch": 0.4, "HeadYaw": 0.3}), Camera(pepper, "camera_top")
+    points = np.random.default_rng(3).uniform((0.7, -1.0, 0.0), (3.0, 2.0, 0.0), (400, 3))
+    eye = pk.kinematics.frame_pose(pepper, q, camera.frame)[:3, 3]
+    u, v, z = camera.project(q, points).T
+    place = points[:, :2] / 0.5
+    inside = (z > 0) & (u > 1) & (u < 318) & (v > 1) & (v < 238)
+    inside &= (np.abs(place - np.round(place)) > 0.1).all(axis=1)  # not on a joint between tiles
+    points, place = points[inside], place[inside]
+    assert len(points) > 50
+    tile = np.where(np.floor(place).sum(axis=1)[:, None] % 2 == 1, TILES[1], TILES[0])
+    steep = (eye - points)[:, 2] / np.linalg.norm(eye - points, axis=1)
+    light = 0.40 + 0.45 * LIGHT[2] / np.linalg.norm(LIGHT) + 0.15 * steep
+    pixels = np.round(v[inside]).astype(int), np.round(u[inside]).astype(int)
+    shown = np.abs(camera.color(q)[pixels] - 255.0 * tile * light[:, None]).max(axis=1) < 1.5
+    hidden = (
+        camera.depth(q)[np.round(v[inside]).astype(int), np.round(u[inside]).astype(int)] < 0.9 * z[inside]
+    )
+    assert (shown | hidden).all()
+    assert shown.sum() > 50
+
+
+def test_rays_say_what_they_meet(pepper):
+    scene = pk.Scene().add("ball", pk.model.Sphere(0.2), (2.0, 0.0, 1.5), color=(0.2, 0.4, 0.6, 1.0))
+    sight = RobotRays(pepper, floor=False).look(
+        pepper.neutral(), scene, (1.0, 0.0, 1.5), [[1.0, 0.0, 0.0], [0.0, 0.0, 3.0]]
+    )
+    np.testing.assert_allclose(sight.distance, [0.8, np.inf])
+    np.testing.assert_allclose(sight.normal, [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], atol=1e-12)
+    np.testing.assert_array_equal(sight.color, [[0.2, 0.4, 0.6], [0.0, 0.0, 0.0]])
 
 
 def test_same_picture_twice_and_attached_objects_move_along(pepper):

@@ -12,21 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
+from pepper_kin.core.shading import Surfaces, place_rays, shade
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_real, check_positive, check_whole
-from pepper_kin.twin.sensors.robot_rays import RobotRays
+from pepper_kin.model.joint_vectors import MOST, as_finite, as_real, check_positive, check_whole
+from pepper_kin.twin.sensors.robot_rays import RobotRays, no_surfaces
 from pepper_kin.twin.sensors.specification import sensor_specifications
 
 Array = NDArray[np.float64]
 
 MOST_PIXELS = 10_000
 """Most columns, or rows, of an image."""
-LIGHT = np.array([0.35, 0.45, 0.82])
-"""Direction to the light, in the world; of any length."""
-_AMBIENT, _DIFFUSE, _FRONTAL = 0.40, 0.45, 0.15
-_HORIZON, _ZENITH = np.array([0.86, 0.90, 0.95]), np.array([0.55, 0.70, 0.90])
+_EMPTY = Scene()
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ class Camera:
     """A camera on the robot's head, traced ray by ray: no display, one ray per pixel, no blur.
 
     It renders the scene, a floor, and the robot's own body except the link that carries it.  Any camera
-    gives both depth and color.
+    gives both depth and color; for one thread at a time.
 
     Args:
         pepper: The robot.
@@ -172,8 +170,11 @@ class Camera:
         self.intrinsics = published if intrinsics is None else intrinsics
         self.frame = sensor_specifications()[name].frame
         self._lens = lens
-        self._plane = self.intrinsics.rays(lens)
-        self._cosine = 1.0 / np.linalg.norm(self._plane, axis=-1)
+        plane = self.intrinsics.rays(lens).reshape(-1, 3)
+        self._cosine = 1.0 / np.linalg.norm(plane, axis=-1)
+        self._directions = plane * self._cosine[:, None]
+        self._world_rays = np.empty_like(self._directions), np.empty_like(self._directions)
+        self._surfaces: Surfaces | None = None
         shared = RobotRays(pepper, geometry_type, blind_to=self.frame, floor=floor) if rays is None else rays
         self._rays = shared
 
@@ -190,9 +191,10 @@ class Camera:
         Raises:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
         """
-        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,)), self.frame)
-        distance = self._rays.distances(q, scene, pose[:3, 3], self._plane @ pose[:3, :3].T)
-        return np.asarray(distance * self._cosine)
+        checked, origins, directions = self._placed(q)
+        world = _EMPTY if scene is None else scene
+        distance = self._rays.distances_checked(checked, world, origins, directions)
+        return np.asarray(distance * self._cosine).reshape(self._shape)
 
     def color(self, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.uint8]:
         """Return a picture with plain shading: one distant light, no shadows, no gloss, a pale sky.
@@ -207,18 +209,14 @@ class Camera:
         Raises:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
         """
-        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,)), self.frame)
-        directions = self._plane @ pose[:3, :3].T
-        sight = self._rays.look(q, scene, pose[:3, 3], directions)
-        aim = directions * self._cosine[..., None]
-        lit = np.maximum(sight.normal @ (LIGHT / np.linalg.norm(LIGHT)), 0.0)
-        frontal = -np.einsum("...i,...i->...", sight.normal, aim)
-        brightness = _AMBIENT + _DIFFUSE * lit + _FRONTAL * frontal
-        up = np.clip(aim[..., 2:], 0.0, 1.0)
-        sky = (1.0 - up) * _HORIZON + up * _ZENITH
-        hit = np.isfinite(sight.distance)[..., None]
-        picture = np.where(hit, sight.color * brightness[..., None], sky)
-        return np.round(255 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+        picture = np.empty(self._directions.shape, np.uint8)
+        world = _EMPTY if scene is None else scene
+        checked, origins, directions = self._placed(q)
+        if self._surfaces is None:
+            self._surfaces = no_surfaces(len(directions))
+        self._rays.look_checked(checked, world, origins, directions, self._surfaces)
+        shade(directions, self._surfaces, picture)
+        return picture.reshape(*self._shape, 3)
 
     def project(self, q: ArrayLike, points: ArrayLike) -> Array:
         """Return where points of the world appear.
@@ -244,3 +242,17 @@ class Camera:
             u, v = self.intrinsics.fx * x + self.intrinsics.cx, self.intrinsics.fy * y + self.intrinsics.cy
         ahead = depth > 0
         return np.column_stack([np.where(ahead, u, np.nan), np.where(ahead, v, np.nan), depth])
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.intrinsics.height, self.intrinsics.width
+
+    def _placed(self, q: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return q [rad or m], checked, shape (n,), and start [m] and direction of the rays, shape (k, 3).
+
+        The next call writes to the same arrays: new ones of this size cost more than the rays.
+        """
+        checked = as_finite(q, "q", (self.pepper.n,), MOST)
+        pose = frame_pose(self.pepper, checked, self.frame)
+        place_rays(pose, self._directions, *self._world_rays)
+        return checked, *self._world_rays

@@ -29,6 +29,7 @@ from pepper_kin.core.ray_casting import (
     place_solids,
     unplaced,
 )
+from pepper_kin.core.shading import Surfaces, paint
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_numbers
@@ -90,6 +91,7 @@ class RayCaster:
         # A cloud may be empty: its root's box holds nothing.
         held = np.isfinite(self._bounds).all(axis=1)
         self._bounded = np.flatnonzero(held & (kinds != HALF_SPACE))
+        self._kept = _no_hits(0)
         self._placed = unplaced(len(kinds), self._bounded, np.flatnonzero(kinds == HALF_SPACE))
         self.place(poses)
 
@@ -142,23 +144,42 @@ class RayCaster:
             maximum: Nothing beyond this distance counts [m], one number or one for each ray, shape (...).
         """
         rays = rays_of(origins, directions, maximum)
-        return self.distances_checked(rays).reshape(rays.shape)
+        return self._hits(rays).distance.reshape(rays.shape)
 
     def cast_checked(self, rays: Rays) -> RayHits:
         """Return what `cast` does for rays that `rays_of` gave, all in one row."""
-        hits, normal = self._hits(rays), np.empty((len(rays.most), 3))
+        hits, normal = self._hits(rays), np.zeros((len(rays.most), 3))
         normals_at(rays.origins, rays.directions, hits, self._solids, self._placed.pose, normal)
         return RayHits(hits.distance, hits.solid, normal)
 
+    def show_checked(self, rays: Rays, colors: Array, floor: int, surfaces: Surfaces) -> None:
+        """Write what rays meet that are as for `cast_checked`; where they meet nothing, nothing is changed.
+
+        Args:
+            rays: With greatest distances that may be those of `surfaces`.
+            colors: Red, green and blue of the solids, from 0 to 1, shape (m, 3).
+            floor: The solid that is the floor, with tiles; -1 for none.
+            surfaces: Written.
+        """
+        hits = self._kept_hits(rays)
+        normals_at(rays.origins, rays.directions, hits, self._solids, self._placed.pose, surfaces.normal)
+        paint(rays.origins, rays.directions, hits, colors, floor, surfaces)
+
     def distances_checked(self, rays: Rays) -> Array:
-        """Return what `distances` does for rays that `rays_of` gave, all in one row."""
-        return self._hits(rays).distance
+        """Return what `distances` does for rays that `rays_of` gave; the next call writes there."""
+        return self._kept_hits(rays).distance
 
     def _hits(self, rays: Rays) -> Hits:
-        count = len(rays.most)
-        hits = Hits(np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64))
+        hits = _no_hits(len(rays.most))
         nearest_hits(*rays[:3], self._solids, self._placed, hits)
         return hits
+
+    def _kept_hits(self, rays: Rays) -> Hits:
+        """Do what `_hits` does, in arrays that the next call uses again: new ones cost more than the rays."""
+        if len(rays.most) != len(self._kept.distance):
+            self._kept = _no_hits(len(rays.most))
+        nearest_hits(*rays[:3], self._solids, self._placed, self._kept)
+        return self._kept
 
 
 class Rays(NamedTuple):
@@ -205,6 +226,11 @@ def rays_of(origins: ArrayLike, directions: ArrayLike, maximum: ArrayLike = np.i
     o = np.ascontiguousarray(np.broadcast_to(start, (*shape, 3))).reshape(-1, 3)
     d = np.ascontiguousarray(np.broadcast_to(aim, (*shape, 3))).reshape(-1, 3)
     return Rays(o, d, most, shape)
+
+
+def _no_hits(count: int) -> Hits:
+    """Return arrays for the hits of some rays."""
+    return Hits(np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64))
 
 
 def _laid_out(geometries: Sequence[SceneGeometry]) -> Solids:

@@ -10,17 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
 from pepper_kin.collision.solids import SceneGeometry
+from pepper_kin.core.shading import TILES, Surfaces
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, check_choice
-from pepper_kin.twin.sensors.raycast import RayCaster, RayHits, Rays, rays_of
+from pepper_kin.twin.sensors.raycast import RayCaster, Rays, rays_of
 
 Array = NDArray[np.float64]
 
 GEOMETRY_TYPES = ("visual", "collision")
-_FLOOR_COLORS = ((0.78, 0.78, 0.76), (0.66, 0.66, 0.65))
 _FLOOR = HalfSpace(0.0)
-_TILE = 0.5  # [m] of the floor's pattern
 _EMPTY = Scene()
 
 
@@ -31,7 +30,7 @@ class Sight:
     Attributes:
         distance: Along each ray [m], inf where nothing was met, shape (...).
         normal: Unit normal there, against the ray; 0 where nothing was met, shape (..., 3).
-        color: Red, green, blue from 0 to 1 of what was met, shape (..., 3).
+        color: Red, green, blue of what was met, from 0 to 1; 0 where nothing was, shape (..., 3).
     """
 
     distance: Array
@@ -40,7 +39,7 @@ class Sight:
 
 
 class RobotRays:
-    """Casts rays at the robot's own shapes and at a scene.
+    """Casts rays at the robot's own shapes and at a scene; for one thread at a time.
 
     Args:
         pepper: The robot.
@@ -93,16 +92,35 @@ class RobotRays:
             InvalidValueError: for NaN, infinity, or wrong shapes.
             UnknownNameError: for an attached object on a frame that the robot lacks.
         """
-        self._place(as_finite(q, "q", (self.pepper.n,), MOST), _EMPTY if scene is None else scene)
-        rays = rays_of(origins, directions)
-        other = self._world.cast_checked(rays)
-        own = self._robot.cast_checked(rays._replace(most=other.distance))
-        nearer = (own.solid >= 0)[:, None]
-        color = np.where(nearer, self._own_color(own), self._paint(other, rays))
-        normal = np.where(nearer, own.normal, other.normal)
-        shape = rays.shape
-        distance = np.minimum(own.distance, other.distance)
-        return Sight(distance.reshape(shape), normal.reshape(*shape, 3), color.reshape(*shape, 3))
+        rays, place = rays_of(origins, directions), _EMPTY if scene is None else scene
+        found, shape = no_surfaces(len(rays.most)), rays.shape
+        self.look_checked(
+            as_finite(q, "q", (self.pepper.n,), MOST), place, rays.origins, rays.directions, found
+        )
+        return Sight(
+            found.distance.reshape(shape), found.normal.reshape(*shape, 3), found.color.reshape(*shape, 3)
+        )
+
+    def look_checked(
+        self, q: Array, scene: Scene, origins: Array, directions: Array, surfaces: Surfaces
+    ) -> None:
+        """Write what `look` returns, for rays that need no check.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,), finite.
+            scene: The world.
+            origins: In the world [m], shape (m, 3), finite.
+            directions: Unit vectors in the world, shape (m, 3), finite.
+            surfaces: Written.
+        """
+        surfaces.distance[:] = np.inf
+        surfaces.normal[:], surfaces.color[:] = 0.0, 0.0
+        # No farther than what was met before.
+        rays = Rays(origins, directions, surfaces.distance, (len(directions),))
+        self._place(q, scene)
+        floor = len(self._world) - 1 if self.floor else -1
+        self._world.show_checked(rays, self._world_colors, floor, surfaces)
+        self._robot.show_checked(rays, self._colors, -1, surfaces)
 
     def distances(
         self, q: ArrayLike, scene: Scene | None, origins: ArrayLike, directions: ArrayLike
@@ -115,11 +133,9 @@ class RobotRays:
             origins: Where the rays start, in the world [m], shape (..., 3).
             directions: Their directions in the world, shape (..., 3).
         """
-        self._place(as_finite(q, "q", (self.pepper.n,), MOST), _EMPTY if scene is None else scene)
-        rays = rays_of(origins, directions)
-        other = self._world.distances_checked(rays)
-        own = self._robot.distances_checked(rays._replace(most=other))
-        return np.minimum(own, other).reshape(rays.shape)
+        rays, place = rays_of(origins, directions), _EMPTY if scene is None else scene
+        checked = as_finite(q, "q", (self.pepper.n,), MOST)
+        return self.distances_checked(checked, place, rays.origins, rays.directions).reshape(rays.shape)
 
     def distances_checked(self, q: Array, scene: Scene, origins: Array, directions: Array) -> Array:
         """Return what `distances` does for rays that need no check.
@@ -130,8 +146,8 @@ class RobotRays:
             origins: In the world [m], shape (m, 3), finite.
             directions: Unit vectors in the world, shape (m, 3), finite.
         """
-        self._place(q, scene)
         rays = Rays(origins, directions, np.full(len(directions), np.inf), (len(directions),))
+        self._place(q, scene)
         other = self._world.distances_checked(rays)
         return np.minimum(self._robot.distances_checked(rays._replace(most=other)), other)
 
@@ -149,7 +165,7 @@ class RobotRays:
                 self._world.place_checked(self._world_poses(q, scene))
             else:
                 self._world, self._shapes = RayCaster(shapes, self._world_poses(q, scene)), shapes
-            colors = [item.color[:3] for item in items] + [_FLOOR_COLORS[0]] * len(ground)
+            colors = [item.color[:3] for item in items] + [TILES[0]] * len(ground)
             self._world_colors = np.array(colors).reshape(-1, 3)
         elif moved and scene.attached:
             self._world.place_checked(self._world_poses(q, scene))
@@ -164,24 +180,10 @@ class RobotRays:
             poses += [pose @ item.transform_object_to_frame for pose, item in zip(frames, held, strict=True)]
         return np.array([*poses, *([np.eye(4)] if self.floor else [])]).reshape(-1, 4, 4)
 
-    def _own_color(self, hits: RayHits) -> Array:
-        if not len(self._colors):
-            return np.zeros((*hits.solid.shape, 3))
-        return np.asarray(self._colors[hits.solid])
 
-    def _paint(self, hits: RayHits, rays: Rays) -> Array:
-        """Return the colors of what the world shows, with tiles on the floor."""
-        if not len(self._world_colors):
-            return np.zeros((*hits.solid.shape, 3))
-        color = np.array(self._world_colors[hits.solid])
-        if not self.floor:
-            return color
-        on_floor = hits.solid == len(self._world_colors) - 1
-        far = np.where(on_floor, hits.distance, 0.0)
-        place = rays.origins[:, :2] + far[:, None] * rays.directions[:, :2]
-        dark = on_floor & (np.floor(place / _TILE).sum(axis=-1) % 2 == 1)
-        color[dark] = _FLOOR_COLORS[1]
-        return color
+def no_surfaces(count: int) -> Surfaces:
+    """Return arrays for what some rays meet."""
+    return Surfaces(np.empty(count), np.empty((count, 3)), np.empty((count, 3)))
 
 
 def _joint(pepper: PepperModel, frame: str) -> int:
