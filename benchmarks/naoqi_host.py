@@ -10,7 +10,6 @@ Run: python benchmarks/naoqi_host.py [seconds]   (needs pip install "pepper_kin[
 
 import subprocess
 import sys
-import time
 
 import numpy as np
 
@@ -65,13 +64,6 @@ def main(seconds: float) -> None:
         late = np.percentile(delays, [50, 99])
         print(f"{len(delays)} cycles: delay median {late[0]:.2f} ms, 99th percentile {late[1]:.2f} ms")
         print(f"getAngles over the wire {call} ms, a QVGA picture drawn and sent {picture} ms")
-        video = broker.module("ALVideoDevice")
-        handle = video.subscribeCamera("local", 0, 1, 11, 10)
-        video.getImageRemote(handle)
-        begun = time.process_time()
-        for _ in range(200):
-            video._pixels(video._subscriptions[handle])
-        print(f"pixels of a picture: {1000 * (time.process_time() - begun) / 200:.3f} ms")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ ORDER = (
     "numpy_archive",
     "server_access",
     "end_signals",
+    "thread_priority",
     "qi_library",
     "ros_messages",
     "model",

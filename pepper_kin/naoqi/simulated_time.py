@@ -7,6 +7,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from pepper_kin.thread_priority import wake_promptly
+
 CYCLE = 0.02
 """Period of ALMotion [s]."""
 
@@ -125,6 +127,7 @@ class SimulatedTime:
         self._cycles += 1
 
     def _run(self) -> None:
+        wake_promptly()
         due = time.perf_counter()
         while not self._ended:
             now = time.perf_counter()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
+from pepper_kin.thread_priority import yield_to_others
 from pepper_kin.twin.sensors import Camera, camera_intrinsics
 
 CAMERAS = {0: "camera_top", 1: "camera_bottom", 2: "camera_depth"}
@@ -60,6 +62,8 @@ class ALVideoDevice(Module):
         self._pictures: dict[tuple[int, int], tuple[float, NDArray[Any]]] = {}
         self._parameters: dict[tuple[int, int], int] = {}
         self._active = 0
+        # Of its own, so that cycles need not wait for a time slice of it.
+        self._drawing = ThreadPoolExecutor(1, "naoqi-camera", yield_to_others)
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
         """Subscribe to a camera; return the name for `getImageRemote`."""
@@ -105,7 +109,7 @@ class ALVideoDevice(Module):
         subscription = self._subscription("getImageRemote", handle)
         width, height = RESOLUTIONS[subscription.resolution]
         stamp = self.broker.wall_time()
-        data = self._pixels(subscription)
+        data = self._drawn(subscription)
         lens = camera_intrinsics(CAMERAS[subscription.camera], "QVGA")
         right, bottom = float(np.arctan2(160.0, lens.fx)), float(np.arctan2(120.0, lens.fy))
         layers = LAYERS[subscription.color_space]
@@ -252,16 +256,20 @@ class ALVideoDevice(Module):
             raise self.fail(method, f"{quantity}: got {number}, expected one of {', '.join(map(str, known))}")
         return number
 
-    def _picture(self, camera: int, resolution: int) -> NDArray[Any]:
-        """Return what a camera sees, colors or distances; drawn at most once a cycle."""
+    def _picture(self, camera: int, resolution: int, q: NDArray[np.float64]) -> NDArray[Any]:
+        """Return what a camera sees, colors or distances; drawn at most once a cycle.
+
+        Args:
+            camera: Its index.
+            resolution: Its number.
+            q: Joint positions [rad or m], shape (n,).
+        """
         drawn = resolution if resolution in DRAWN else 2 if resolution == 3 else 0
         key, now = (camera, drawn), self.body.time.now
         kept = self._pictures.get(key)
         if kept is None or kept[0] != now:
             if key not in self._cameras:
                 self._cameras[key] = Camera(self.body.pepper, CAMERAS[camera], DRAWN[drawn])
-            with self.body.time.lock:
-                q = self.body.configuration(True)
             see = self._cameras[key].depth if camera == 2 else self._cameras[key].color
             kept = self._pictures[key] = (now, np.asarray(see(q, self.body.scene)))
         picture = kept[1]
@@ -270,17 +278,22 @@ class ALVideoDevice(Module):
         columns = np.arange(width) * picture.shape[1] // width
         return picture if picture.shape[:2] == (height, width) else picture[rows][:, columns]
 
-    def _pixels(self, subscription: Subscription) -> bytes:
+    def _drawn(self, subscription: Subscription) -> bytes:
+        """Return the pixels of a picture of now."""
+        with self.body.time.lock:
+            q = self.body.configuration(True)
+        return self._drawing.submit(self._pixels, subscription, q).result()
+
+    def _pixels(self, subscription: Subscription, q: NDArray[np.float64]) -> bytes:
         space = subscription.color_space
-        picture = self._picture(subscription.camera, subscription.resolution)
+        picture = self._picture(subscription.camera, subscription.resolution, q)
         if subscription.camera == 2:
             return self._depth_pixels(picture, space)
-        color = picture.astype(np.uint8)
         if space == 11:
-            return color.tobytes()
+            return picture.tobytes()
         if space == 13:
-            return np.ascontiguousarray(color[..., ::-1]).tobytes()
-        red, green, blue = (color[..., k].astype(float) for k in range(3))
+            return picture[..., ::-1].tobytes()
+        red, green, blue = (picture[..., k].astype(float) for k in range(3))
         luma = 0.299 * red + 0.587 * green + 0.114 * blue
         cb, cr = 128 + 0.564 * (blue - luma), 128 + 0.713 * (red - luma)
         y, u, v = (np.clip(np.round(x), 0, 255).astype(np.uint8) for x in (luma, cb, cr))
