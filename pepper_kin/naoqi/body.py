@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import collision, kinematics
 from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel, load_pepper
-from pepper_kin.naoqi.joint_names import ACTUATED, BODY, WHEELS
+from pepper_kin.naoqi.arm_protection import ArmProtection, ProtectedArm
+from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS, HANDS, WHEELS
 from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.tasks import Task, Tasks
 from pepper_kin.twin import ActuatorParameters, RunStatus, Twin, TwinState, actuator_parameters
@@ -35,7 +36,8 @@ class Body:
     """Pepper as ALMotion sees it: commanded angles, stiffness, base, and the twin that follows.
 
     Args:
-        mode: "robot" refuses what Pepper refuses; "twin" does it.
+        mode: "robot" refuses what Pepper refuses, and protects its arms; "twin" does it, and lets arms go
+            where they are sent.
         real_time: Whether the wall clock drives the simulation; see `SimulatedTime`.
         scene: What stands around the robot, for its sensors and its checks of collision; the mass of what is
             attached to the robot counts.
@@ -50,7 +52,8 @@ class Body:
         awake: Whether the motors are on.
         stiffness: By joint, 0 to 1.
         wheel_angles: Turns of the wheels [rad], shape (3,).
-        protected: What is protected against collisions with the scene: "Move", "LArm", "RArm".
+        move_protected: Whether the base keeps its distance from the scene.
+        protection: Of the arms, against collisions.
         security_distance: "tangential" and "orthogonal" distance that the base keeps from obstacles [m].
         listeners: Called after each cycle, with the lock held.
     """
@@ -76,7 +79,15 @@ class Body:
         self.tasks = Tasks()
         self.listeners: list[Callable[[], object]] = []
         self.time = SimulatedTime(self._cycle, real_time)
-        self.protected = {"Move": True, "LArm": True, "RArm": True}
+        self.move_protected = True
+        self.protection = ArmProtection(
+            self.pepper,
+            {
+                arm: ProtectedArm([self.index[joint] for joint in CHAINS[arm] if joint not in HANDS])
+                for arm in ("LArm", "RArm")
+            },
+            active=mode == "robot",
+        )
         self.security_distance = {"tangential": 0.1, "orthogonal": 0.4}
         self._looked_at, self._is_blocked = -LOOK_EVERY, False
         self._last = self.command.copy()
@@ -118,6 +129,10 @@ class Body:
     def is_limp(self, name: str) -> bool:
         """Return whether the motor of a joint is off, so that no command moves it."""
         return self.stiffness[name] < WEAKEST
+
+    def is_held(self, name: str) -> bool:
+        """Return whether the protection of an arm kept a joint where it was in the last cycle."""
+        return self.index[name] in self.protection.held
 
     def clipped(self, name: str, value: float) -> float:
         """Return an angle within the limits of a joint [rad or share]."""
@@ -177,7 +192,7 @@ class Body:
         """
         wanted = np.asarray(twist, dtype=float)
         speed = float(np.hypot(wanted[0], wanted[1]))
-        if self.scene is None or not self.protected["Move"] or speed < 1e-3:
+        if self.scene is None or not self.move_protected or speed < 1e-3:
             return False
         count = round(self.time.now / CYCLE)
         if count >= self._looked_at + LOOK_EVERY:
@@ -234,6 +249,7 @@ class Body:
         """Do one cycle of 20 ms."""
         self.tasks.step(self)
         self._limit_rates()
+        self.command = self.protection.allowed(self._last, self.command, self.scene)
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
         if limp:
             self.command[limp] = self._last[limp] = self.state.position[limp]

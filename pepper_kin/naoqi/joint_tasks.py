@@ -62,12 +62,12 @@ class CurveTask(Task):
         return self._behind(body)
 
     def _behind(self, body: Body) -> bool:
-        """Return whether the limits of speed still hold back a joint whose motor is on."""
+        """Return whether the limits of speed, and nothing else, still hold back a joint whose motor is on."""
         most = body.velocity_limits
         return any(
             abs(end - body.last_command(joint)) > most[joint] * CYCLE + SETTLED
             for joint, end in self._ends.items()
-            if not body.is_limp(joint)
+            if not body.is_limp(joint) and not body.is_held(joint)
         )
 
 
@@ -172,7 +172,7 @@ class SpeedTask(Task):
                 body.command[k], self._speed[joint] = target, 0.0
                 continue
             body.command[k] += move
-            going = True
+            going = going or not body.is_held(joint)
         return going
 
 

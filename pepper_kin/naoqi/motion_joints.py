@@ -169,10 +169,11 @@ class JointMethods(Module):
         body.wait(task)
 
     def go_to_posture(self, posture: str, share: float, method: str) -> None:
-        """Move all joints to a posture of the model; blocks."""
+        """Move all joints to a posture of the model, whatever protects the arms; blocks."""
         q = self.body.pepper.posture(posture)
         targets = {name: float(q[k]) for name, k in self.body.index.items()}
-        self.move_together(method, targets, share)
+        with self.body.protection.suspended():
+            self.move_together(method, targets, share)
 
     # Reading arguments.
 

@@ -91,7 +91,6 @@ class ConfigurationMethods(Module):
             "notifications": True,
             "whole_body": False,
         }
-        self._self_protection = {"LArm": True, "RArm": True}
         self._breathing: dict[str, bool] = dict.fromkeys(BREATHING_CHAINS, False)
         self._idle_posture: dict[str, bool] = dict.fromkeys(BREATHING_CHAINS, False)
         self._breath: dict[str, float] = {"Bpm": 12.0, "Amplitude": 1.0}
@@ -244,23 +243,29 @@ class ConfigurationMethods(Module):
     def setCollisionProtectionEnabled(self, pChainName: str, pEnable: bool) -> bool:
         """Say whether arms are kept from the body."""
         for arm in self._arms("setCollisionProtectionEnabled", pChainName):
-            self._self_protection[arm] = bool(pEnable)
+            self.body.protection.arms[arm].from_body = bool(pEnable)
         return True
 
     def getCollisionProtectionEnabled(self, pChainName: str) -> bool:
         """Return whether arms are kept from the body."""
         arms = self._arms("getCollisionProtectionEnabled", pChainName)
-        return all(self._self_protection[arm] for arm in arms)
+        return all(self.body.protection.arms[arm].from_body for arm in arms)
 
     def setExternalCollisionProtectionEnabled(self, pName: str, pEnable: bool) -> None:
         """Say whether "All", "Move", "Arms", "LArm" or "RArm" is kept from the scene."""
         for name in self._protected("setExternalCollisionProtectionEnabled", pName):
-            self.body.protected[name] = bool(pEnable)
+            if name == "Move":
+                self.body.move_protected = bool(pEnable)
+            else:
+                self.body.protection.arms[name].from_scene = bool(pEnable)
 
     def getExternalCollisionProtectionEnabled(self, pName: str) -> bool:
         """Return whether "All", "Move", "Arms", "LArm" or "RArm" is kept from the scene."""
-        names = self._protected("getExternalCollisionProtectionEnabled", pName)
-        return all(self.body.protected[name] for name in names)
+        arms = self.body.protection.arms
+        return all(
+            self.body.move_protected if name == "Move" else arms[name].from_scene
+            for name in self._protected("getExternalCollisionProtectionEnabled", pName)
+        )
 
     def getChainClosestObstaclePosition(self, pName: str, space: int) -> list[float]:
         """Return where the scene is nearest to the robot, in a frame [m]."""

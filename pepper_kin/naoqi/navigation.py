@@ -108,13 +108,12 @@ class ALNavigation(Module):
             if path is None:
                 return False
             places = path
-        moved = dict(self.body.protected)
-        self.body.protected["Move"] = False  # the way is planned
+        protected, self.body.move_protected = self.body.move_protected, False  # the way is planned
         try:
             task = self.body.do(MoveToTask("navigateTo", places, world=True))
             self.body.wait(task)
         finally:
-            self.body.protected.update(moved)
+            self.body.move_protected = protected
         return not task.error and not task.killed
 
     def _path(self, goal: list[float]) -> list[Any] | None:
