@@ -112,7 +112,7 @@ def test_without_the_token_nothing_is_answered(guarded):
 
 def test_beyond_loopback_an_option_is_asked_for_and_a_token_is_drawn():
     with pytest.raises(
-        InvalidValueError, match=r"host: got '0\.0\.0\.0', expected a loopback address, or --al"
+        InvalidValueError, match=r"host: got '0\.0\.0\.0', expected a loopback address, or allow_remote"
     ):
         Access.of("0.0.0.0", allow_remote=False)
     first, second = Access.of("0.0.0.0", True), Access.of("0.0.0.0", True)
@@ -159,5 +159,7 @@ def test_the_command_refuses_a_remote_host_without_the_option(monkeypatch, capsy
         main()
     assert ended.value.code == 2
     error = capsys.readouterr().err
-    assert error.startswith("pepper-kin: host: got '0.0.0.0', expected a loopback address, or --allow-remote")
+    assert error.startswith(
+        "pepper-kin: host: got '0.0.0.0', expected a loopback address, or allow_remote (--allow-remote)"
+    )
     assert error.count("\n") == 1
