@@ -167,7 +167,7 @@ def states_along(plan: pk.Plan) -> np.ndarray:
 @pytest.mark.parametrize("name", world.ROBOTS)
 def test_plans_and_failures_are_true(name, amount, rng, tried):
     paths, failures, wrong = 0, 0, []
-    for _ in range(amount(2, 30, 2000)):
+    for _ in range(amount(2, 20, 2000)):
         case = Case(rng, name)
         goals = case.goals if len(case.goals) > 1 else case.goals[0]
         plan = pk.plan(case.robot.model, case.start, goals, case.scene, timeout=2.0, **case.options)

@@ -319,7 +319,7 @@ def test_an_interrupt_in_the_midst_of_a_call_is_heard_and_the_next_call_is_right
     begin = time.perf_counter()
     LONG[name](pepper)
     seconds = min(time.perf_counter() - begin, 2.0)
-    rounds = amount(3, 10, 300)
+    rounds = amount(3, 5, 300)
     for _ in range(rounds):
         with untraced():
             heard += interrupted(LONG[name], pepper, rng.uniform(0.05, 0.6) * seconds)

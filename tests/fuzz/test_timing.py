@@ -149,7 +149,7 @@ def wheel_speeds(pepper, trajectory, h=1e-5):
 
 @pytest.mark.parametrize("base", ["fixed", "planar"])
 def test_certified_motions_keep_their_limits_everywhere(robots, base, amount, rng, tried):
-    pepper, count, refused, wrong = robots[base], amount(3, 60, 5_000), 0, []
+    pepper, count, refused, wrong = robots[base], amount(3, 40, 5_000), 0, []
     for case in range(count):
         path, options = random_path(pepper, rng), random_options(pepper, rng)
         try:
@@ -211,7 +211,7 @@ def test_whatever_is_asked_is_answered_or_refused_by_the_library(robots, amount,
 
 def test_bounds_between_states_hold_on_any_motion(robots, amount, rng, tried):
     """On polynomials that nobody timed, torques and speeds of hands at random instants."""
-    pepper, count, wrong = robots["fixed"], amount(4, 60, 5_000), []
+    pepper, count, wrong = robots["fixed"], amount(4, 40, 5_000), []
     for _ in range(count):
         order, segments = int(rng.integers(2, 8)), int(rng.integers(1, 6))
         breaks = np.concatenate([[0.0], np.cumsum(10.0 ** rng.uniform(-4, -0.5, segments))])

@@ -37,7 +37,7 @@ def scenes(rng, robot, count):
 @pytest.mark.parametrize("name", world.ROBOTS)
 def test_verdicts_on_states_are_those_of_coal(name, amount, rng, tried):
     robot, asked, wrong = world.robot_of(name), 0, []
-    for scene, margins, oracle in scenes(rng, robot, amount(1, 40, 2000)):
+    for scene, margins, oracle in scenes(rng, robot, amount(1, 26, 2000)):
         q = world.random_states(rng, robot, STATES)
         checker = fast_checker_for(robot.model, scene, *margins)
         together = checker.in_collision(q)
@@ -57,7 +57,7 @@ def test_verdicts_on_edges_are_those_of_their_states_by_coal(name, amount, rng, 
     """An edge is valid where nothing touches at any step and gravity is held, by Pinocchio's torques."""
     robot, asked, wrong = world.robot_of(name), 0, []
     effort = 0.95 * robot.model.effort_limits
-    for scene, margins, oracle in scenes(rng, robot, amount(1, 20, 1000)):
+    for scene, margins, oracle in scenes(rng, robot, amount(1, 14, 1000)):
         everything = np.arange(robot.model.n)
         validity = Checks(robot.model, scene).validity(robot.model.neutral(), everything, margins)
         for _ in range(EDGES):
