@@ -1,6 +1,7 @@
 """Modules besides ALMotion, and the table of methods."""
 
 import csv
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,22 @@ def test_waking_and_resting(broker, motion):
     assert motion.robotIsWakeUp()
     assert motion.getStiffnesses("LArm") == [1.0] * 6
     assert broker.module("ALRobotPosture").getPosture() == "Stand"
+
+
+def test_pictures_of_clients_at_the_same_time_are_their_own(broker):
+    video, body = broker.module("ALVideoDevice"), broker.body
+    names, spaces = {0: "camera_top", 1: "camera_bottom"}, {11: slice(None), 13: slice(None, None, -1)}
+    handles = {(k, s): video.subscribeCamera("test", k, 1, s, 10) for k in names for s in spaces}
+    cameras = {k: pk.twin.sensors.Camera(body.pepper, name) for k, name in names.items()}
+    for turn in (0.0, 0.5, -0.4):
+        broker.motion.setAngles("HeadYaw", turn, 0.5)
+        body.time.sleep(1.0)
+        expected = {k: camera.color(body.configuration(True)) for k, camera in cameras.items()}
+        with ThreadPoolExecutor(8) as pool:
+            asked = list(handles) * 4
+            found = list(pool.map(lambda key: video.getImageRemote(handles[key])[6], asked))
+        for (camera, space), data in zip(asked, found, strict=True):
+            assert data == expected[camera][..., spaces[space]].tobytes()
 
 
 def test_pictures_are_those_of_the_twins_camera(broker):
