@@ -7,6 +7,7 @@ function needs any privilege, nor changes what other programs get.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import platform
@@ -31,11 +32,16 @@ def wake_promptly() -> bool:
     threads that have a real-time policy already, nothing is changed.
     """
     number = _SET_ATTRIBUTES.get(platform.machine())
-    if sys.platform != "linux" or number is None or os.sched_getscheduler(0) != os.SCHED_OTHER:
+    if sys.platform != "linux" or number is None:
         return False
-    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    try:
+        nice, policy = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0)
+    except OSError:  # in some sandboxes
+        return False
+    if policy != os.SCHED_OTHER:
+        return False
     # struct sched_attr: size, policy, flags, nice, priority, runtime, deadline, period
-    attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_OTHER, 0, nice, 0, SLICE, 0, 0)
+    attributes = struct.pack("=IIQiIQQQ", 48, policy, 0, nice, 0, SLICE, 0, 0)
     return bool(ctypes.CDLL(None).syscall(number, 0, attributes, 0) == 0)
 
 
@@ -43,5 +49,6 @@ def yield_to_others() -> None:
     """Raise the nice value of this thread for good, where threads have one of their own (Linux)."""
     if sys.platform == "linux":
         thread = threading.get_native_id()
-        nice = os.getpriority(os.PRIO_PROCESS, thread)
-        os.setpriority(os.PRIO_PROCESS, thread, min(nice + PATIENCE, 19))
+        with contextlib.suppress(OSError):  # in some sandboxes
+            nice = os.getpriority(os.PRIO_PROCESS, thread)
+            os.setpriority(os.PRIO_PROCESS, thread, min(nice + PATIENCE, 19))
