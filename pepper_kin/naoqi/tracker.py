@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import ik
+from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.effectors import CHAIN_JOINTS, space_pose, standing_pepper
@@ -22,38 +23,45 @@ Array = NDArray[np.float64]
 
 MODES = ("Head", "BodyRotation", "WholeBody", "Move", "Navigate", "WholeBodyRotation")
 
+ARMS: dict[str, tuple[str, ...]] = {
+    "None": (),
+    "LArm": ("LArm",),
+    "RArm": ("RArm",),
+    "Arms": ("LArm", "RArm"),
+}
+"""Effector -> arms that point."""
+
 NEAR = 0.15
 """How far from its place relative to the target the base may be [m]."""
 
 
 class TrackTask(Task):
-    """The head follows a target; in the modes that move the base, this keeps it before the robot.
+    """Head and arms follow a target; in the modes that move the base, this keeps it before the robot.
 
     Args:
         tracker: Knows the place of the target.
         target: Its name.
+        effector: The arm that points at it, "LArm" or "RArm", "Arms" or "None".
     """
 
-    def __init__(self, tracker: ALTracker, target: str) -> None:
-        super().__init__("track", HEAD)
-        self.tracker, self.target = tracker, target
-        self._head = SpeedTask("track", {}, 0.3)
+    def __init__(self, tracker: ALTracker, target: str, effector: str) -> None:
+        super().__init__("track", (*HEAD, *(joint for arm in ARMS[effector] for joint in CHAIN_JOINTS[arm])))
+        self.tracker, self.target, self.effector = tracker, target, effector
+        self._motion = SpeedTask("track", {}, 0.3)
         self._count = 0
 
     def step(self, body: Body) -> bool:
-        """Aim the head at the target again, five times a second."""
+        """Aim head and arms at the target again, five times a second."""
         point = self.tracker.place_of(self.target)
         if point is None:
             return True
         if self._count % 10 == 0:
-            angles = gaze_angles(body, point)
-            speeds = {joint: body.command_rate(joint) for joint in angles}
-            self._head = SpeedTask("track", angles, 0.3)
-            self._head.start(body)
-            self._head._speed.update(speeds)
+            angles = gaze_angles(body, point) | pointing_angles(body, point, self.effector)
+            self._motion = SpeedTask("track", angles, 0.3)
+            self._motion.start(body)
             self._drive(body, point)
         self._count += 1
-        self._head.step(body)
+        self._motion.step(body)
         return True
 
     def _drive(self, body: Body, point: Array) -> None:
@@ -82,14 +90,36 @@ def gaze_angles(body: Body, point: Array, *, whole_body: bool = False) -> dict[s
         point: In the world [m], shape (3,).
         whole_body: Whether the hip turns, too.
     """
+    pepper, q, place = _seen_from_the_base(body, point)
+    joints = [*HEAD, *LEG] if whole_body else list(HEAD)
+    result = ik.solve(pepper, [ik.LookAt(place)], q, joints=joints, collisions=False, restarts=4)
+    return {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+
+
+def pointing_angles(body: Body, point: Array, effector: str) -> dict[str, float]:
+    """Return the angles [rad] of the arms that point at a point; none of "None".
+
+    Args:
+        body: The robot.
+        point: In the world [m], shape (3,).
+        effector: "LArm", "RArm", "Arms" or "None".
+    """
+    pepper, q, place = _seen_from_the_base(body, point)
+    angles: dict[str, float] = {}
+    for arm in ARMS[effector]:
+        hand, joints = "left" if arm == "LArm" else "right", list(CHAIN_JOINTS[arm])
+        result = ik.solve(pepper, [ik.PointAt(hand, place)], q, joints=joints, collisions=False)
+        angles |= {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+    return angles
+
+
+def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, Array]:
+    """Return a Pepper that stands still, the commanded angles, and a point of the world [m] in its world."""
     pepper = standing_pepper()
     inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
     place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]
     q = pepper.joint_vector({name: body.commanded(name) for name in pepper.joint_names})
-    q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
-    joints = [*HEAD, *LEG] if whole_body else list(HEAD)
-    result = ik.solve(pepper, [ik.LookAt(place)], q, joints=joints, collisions=False, restarts=4)
-    return {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+    return pepper, np.clip(q, pepper.lower_limits, pepper.upper_limits), place
 
 
 class ALTracker(Module):
@@ -148,20 +178,8 @@ class ALTracker(Module):
         if effector not in ("LArm", "RArm", "Arms"):
             raise self.fail(method, f"effector: got {quoted(effector)}, expected LArm, RArm or Arms")
         share = self.share(method, "maxSpeed", maxSpeed)
-        pepper = standing_pepper()
         with self.body.time.lock:
-            point = self._point(method, position, frame)
-            inverse = np.linalg.inv(self.body.frame_pose("base_footprint", False))
-            place = inverse[:3, :3] @ point + inverse[:3, 3]
-            arms = ["LArm", "RArm"] if effector == "Arms" else [effector]
-            q = pepper.joint_vector({name: self.body.commanded(name) for name in pepper.joint_names})
-            q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
-            angles: dict[str, float] = {}
-            for arm in arms:
-                hand = "left" if arm == "LArm" else "right"
-                joints = list(CHAIN_JOINTS[arm])
-                result = ik.solve(pepper, [ik.PointAt(hand, place)], q, joints=joints, collisions=False)
-                angles |= {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
+            angles = pointing_angles(self.body, self._point(method, position, frame), effector)
         self.broker.motion.move_together(method, angles, share)
 
     def _look_arguments(self, method: str, arguments: tuple[Any, ...]) -> tuple[int, float, bool]:
@@ -213,7 +231,7 @@ class ALTracker(Module):
             known = ", ".join(self._targets) or "(none)"
             raise self.fail("track", f"{quoted(pTarget)} is not registered; registered: {known}")
         self.stopTracker()
-        self._task = TrackTask(self, pTarget)
+        self._task = TrackTask(self, pTarget, self._effector)
         self.body.do(self._task)
 
     def trackEvent(self, pEventName: str) -> None:
@@ -273,9 +291,11 @@ class ALTracker(Module):
 
     def setEffector(self, pEffector: str) -> None:
         """Choose what points at the target: "None", "LArm", "RArm", "Arms"."""
-        if pEffector not in ("None", "LArm", "RArm", "Arms"):
-            raise self.fail("setEffector", f"got {quoted(pEffector)}, expected None, LArm, RArm or Arms")
+        if pEffector not in ARMS:
+            raise self.fail("setEffector", f"got {quoted(pEffector)}, expected {', '.join(ARMS)}")
         self._effector = pEffector
+        if self._task is not None:
+            self.track(self._task.target)
 
     def getEffector(self) -> str:
         """Return what points at the target."""
@@ -333,7 +353,7 @@ class ALTracker(Module):
         """Forget targets and settings."""
         self.stopTracker()
         self._targets.clear()
-        self._mode = "Head"
+        self._mode, self._effector = "Head", "None"
 
     def _set(self, name: str, value: Any) -> None:
         self._numbers[name] = self.number(f"set{name}", name, value)

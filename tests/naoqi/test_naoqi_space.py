@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.naoqi import Broker, RefusedByRobotError
+from pepper_kin.naoqi import Broker, NaoqiError, RefusedByRobotError
 
 
 def place(broker, frame, root="base_footprint"):
@@ -138,6 +138,14 @@ def test_mass_and_center_of_mass_are_those_of_the_description(broker, motion):
     assert motion.getCOM("Body", 1, False) == pytest.approx(list(pin.centerOfMass(model, data, q)), abs=1e-9)
 
 
+def off_aim(broker, side, point):
+    """Return the angle between a forearm and the line from the elbow to a point [rad]."""
+    letter = side[0]
+    elbow = place(broker, f"{letter.upper()}ForeArm").translation
+    forearm, aim = place(broker, f"{letter}_wrist").translation - elbow, point - elbow
+    return float(np.arccos(forearm @ aim / np.linalg.norm(forearm) / np.linalg.norm(aim)))
+
+
 def test_looking_and_pointing_aim_at_the_point(broker):
     point = np.array([1.2, 0.5, 1.1])
     tracker = broker.module("ALTracker")
@@ -146,10 +154,7 @@ def test_looking_and_pointing_aim_at_the_point(broker):
     found_here = camera.actInv(point)
     assert np.arctan2(np.hypot(found_here[0], found_here[1]), found_here[2]) < 0.01
     tracker.pointAt("LArm", list(point), 2, 0.4)
-    elbow, wrist = place(broker, "LForeArm").translation, place(broker, "l_wrist").translation
-    forearm, aim = wrist - elbow, point - elbow
-    turned = np.arccos(forearm @ aim / np.linalg.norm(forearm) / np.linalg.norm(aim))
-    assert turned < 0.2, turned
+    assert off_aim(broker, "left", point) < 0.2
 
 
 def test_a_tracked_target_is_followed_with_the_head(broker):
@@ -162,6 +167,30 @@ def test_a_tracked_target_is_followed_with_the_head(broker):
     assert np.arctan2(np.hypot(found_here[0], found_here[1]), found_here[2]) < 0.02
     tracker.stopTracker()
     assert not tracker.isActive()
+
+
+@pytest.mark.parametrize("arms", [("LArm",), ("RArm",), ("LArm", "RArm")], ids="_".join)
+def test_the_effector_points_at_what_is_tracked(broker, motion, arms):
+    tracker, sides = broker.module("ALTracker"), [{"L": "left", "R": "right"}[arm[0]] for arm in arms]
+    tracker.registerTarget("RedBall", 0.1)
+    tracker.place_target("RedBall", [1.5, 0.8, 1.2])
+    tracker.track("RedBall")
+    broker.body.time.sleep(1.0)
+    hanging = motion.getAngles("Arms", False)
+    tracker.setEffector(arms[0] if len(arms) == 1 else "Arms")
+    for target in ([1.5, 0.8, 1.2], [1.5, -0.3, 1.0], [1.2, 0.2, 1.4]):
+        tracker.place_target("RedBall", target)
+        broker.body.time.sleep(3.0)
+        assert [off_aim(broker, side, np.array(target)) for side in sides] == pytest.approx(
+            [0.0] * len(sides), abs=0.2
+        )
+        found_here = place(broker, "CameraTop_optical_frame").actInv(np.array(target))
+        assert np.arctan2(np.hypot(found_here[0], found_here[1]), found_here[2]) < 0.02
+    if len(arms) == 1:
+        still = "RArm" if arms == ("LArm",) else "LArm"
+        assert motion.getAngles(still, False) == (hanging[6:] if still == "RArm" else hanging[:6])
+    with pytest.raises(NaoqiError, match="expected None, LArm, RArm, Arms"):
+        tracker.setEffector("Head")
 
 
 def test_the_mode_robot_refuses_what_pepper_refuses():
