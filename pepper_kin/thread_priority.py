@@ -46,7 +46,7 @@ def wake_promptly() -> bool:
 
 
 def yield_to_others() -> None:
-    """Raise the nice value of this thread for good, where threads have one of their own (Linux)."""
+    """Raise the nice value of this thread for good, where each thread has one (Linux)."""
     if sys.platform == "linux":
         thread = threading.get_native_id()
         with contextlib.suppress(OSError):  # in some sandboxes

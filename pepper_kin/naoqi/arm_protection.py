@@ -104,12 +104,12 @@ class ArmProtection:
             return wanted
         objects = frozenset(scene.objects) if scene is not None else frozenset()
         near, result = near_pairs(self.pepper, before, LOOK, scene), wanted.copy()
-        room = DAMPING * np.maximum(near.distances - KEPT, 0.0)
+        margin = DAMPING * np.maximum(near.distances - KEPT, 0.0)
         for arm in moving:
             closing = -near.gradients[:, arm.joints] @ step[arm.joints]
-            counts = arm.concerned(near, objects) & (closing > room)
+            counts = arm.concerned(near, objects) & (closing > margin)
             if counts.any():
-                share = (room[counts] / closing[counts]).min()
+                share = (margin[counts] / closing[counts]).min()
                 result[arm.joints] = before[arm.joints] + share * step[arm.joints]
         self._hold(moving, near, before, result, scene, objects)
         for arm in moving:

@@ -62,7 +62,7 @@ class ALVideoDevice(Module):
         self._pictures: dict[tuple[int, int], tuple[float, NDArray[Any]]] = {}
         self._parameters: dict[tuple[int, int], int] = {}
         self._active = 0
-        # Of its own, so that cycles need not wait for a time slice of it.
+        # A separate thread, so that cycles need not wait for a time slice of it.
         self._drawing = ThreadPoolExecutor(1, "naoqi-camera", yield_to_others)
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
