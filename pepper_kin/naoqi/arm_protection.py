@@ -127,7 +127,16 @@ class ArmProtection:
         scene: Scene | None,
         objects: frozenset[str],
     ) -> None:
-        """Leave out the steps of arms by which a body comes nearer than `KEPT`; distances are not linear."""
+        """Leave out the steps of arms by which a body comes nearer than `KEPT`; distances are not linear.
+
+        Args:
+            moving: Arms that move.
+            near: Pairs that were near before.
+            before: Positions of the joints [rad or m], shape (n,).
+            result: After the cycle, shape (n,); changed.
+            scene: What stands around the robot.
+            objects: Names of its objects.
+        """
         after = near_pairs(self.pepper, result, KEPT, scene)
         if not len(after):
             return

@@ -114,7 +114,12 @@ def pointing_angles(body: Body, point: Array, effector: str) -> dict[str, float]
 
 
 def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, Array]:
-    """Return a Pepper that stands still, the commanded angles, and a point of the world [m] in its world."""
+    """Return a Pepper that stands still, its commanded angles, shape (n,), and where it has a point [m].
+
+    Args:
+        body: The robot, which may have moved.
+        point: In the world [m], shape (3,).
+    """
     pepper = standing_pepper()
     inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
     place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]

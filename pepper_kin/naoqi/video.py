@@ -285,6 +285,7 @@ class ALVideoDevice(Module):
         return self._drawing.submit(self._pixels, subscription, q).result()
 
     def _pixels(self, subscription: Subscription, q: NDArray[np.float64]) -> bytes:
+        """Return the pixels of a picture at q [rad or m], shape (n,)."""
         space = subscription.color_space
         picture = self._picture(subscription.camera, subscription.resolution, q)
         if subscription.camera == 2:
