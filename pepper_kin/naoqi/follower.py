@@ -82,7 +82,7 @@ class Follower:
 
     def run(self) -> RobotMotionResult:
         """Follow the trajectory to its end, or until something ends it."""
-        status, message = RobotMotionStatus.COMPLETED, ""
+        status, message, guard = RobotMotionStatus.COMPLETED, "", None
         try:
             self._note(self._reader.read(), 0.0)
             self._states.clear()
@@ -101,12 +101,13 @@ class Follower:
         except NaoqiError as error:
             status, message = RobotMotionStatus.REFUSED, str(error)
         with contextlib.suppress(RobotConnectionError, NaoqiError):
-            if status in (
+            if guard is not None and status in (
                 RobotMotionStatus.STOPPED,
                 RobotMotionStatus.DEVIATED,
                 RobotMotionStatus.REFUSED,
             ):
                 on_robot.hold(self._link.proxy("ALMotion"), self._joints)
+                guard.release()
             elif self._base and status is RobotMotionStatus.COMPLETED:
                 self._link.call("ALMotion", "stopMove")
         stamps = np.array([stamp for stamp, _, _ in self._states])

@@ -67,6 +67,11 @@ class Guard:
         """Return what the watchdog says about this motion."""
         return str(self._link.call(on_robot.NAME, "status", self._number))
 
+    def release(self) -> None:
+        """Be watched no longer, whatever the watchdog has done."""
+        if self._number is not None:
+            self._link.call(on_robot.NAME, "disarm", self._number)
+
     def end(self) -> None:
         """Be watched no longer.
 

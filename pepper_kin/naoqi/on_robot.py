@@ -58,13 +58,18 @@ class MotionWatchdog(object):
 
         Args:
             seconds: The longest silence [s], 0.05 to 10.
-            joints: Names of the joints that it moves; the base is stopped in any case.
+            joints: Names of the joints that it moves, which nobody else who is watched may move; the base is
+                stopped in any case.
         """
         limit = float(seconds)
         if not 0.05 <= limit <= 10.0:
             raise ValueError("seconds: got {0:g}, expected 0.05 to 10".format(limit))
         names = [str(name) for name in joints]
         with self._lock:
+            moved = [name for _, _, others in self._armed.values() for name in others]
+            taken = sorted(set(names).intersection(moved))
+            if taken:
+                raise ValueError("joints: another client moves {0}".format(", ".join(taken)))
             self._number += 1
             self._stopped = []  # whoever moves now is watched
             self._armed[self._number] = [limit, now(), names]

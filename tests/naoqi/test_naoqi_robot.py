@@ -318,6 +318,30 @@ def test_a_cut_connection_in_mid_motion_is_reported_and_the_robot_stands(robot, 
     time.sleep(LOOSE.silence + 0.5)  # until the watchdog has stopped what moves, which may be the next test's
 
 
+def test_of_two_clients_that_follow_at_once_the_second_is_refused(robot):
+    results, going = [], []
+
+    def intrude(other):
+        """Stay where the robot is; that it moves on meanwhile is within the tolerance of a start."""
+        pepper, here = pk.load_pepper(), other.state().q
+        q = pepper.posture("Stand").copy()
+        for name in pepper.joint_names:
+            q[pepper.joint_index(name)] = here[other.pepper.joint_index(name)]
+        q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
+        results.append(other.follow(pk.Trajectory.from_positions([0.0, 2.0], [q, q], pepper), options=LOOSE))
+        time.sleep(0.5)
+        going.append(moved_in(other, 0.5))
+        robot.stop()
+
+    with once_moving(robot, intrude):
+        result = robot.follow(waving(100.0), options=LOOSE)
+    assert result.status is RobotMotionStatus.STOPPED, result.report()
+    assert going[0] > 1e-3
+    (refused,) = results
+    assert refused.status is RobotMotionStatus.REFUSED
+    assert "another client moves HeadPitch, HeadYaw" in refused.message
+
+
 def test_a_host_that_dies_is_reported():
     with hosted_twin() as (url, process), Robot(url, timeout=2.0) as robot:
         trajectory = waving(30.0)
