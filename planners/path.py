@@ -46,7 +46,7 @@ class Path:
         """Return the path through way-points that are known to be sound, without checking or copying them.
 
         Args:
-            points: Finite float64 way-points, shape (k, n), that nobody else writes to.
+            points: Finite float64 way-points, shape (k, n), that are not written to afterwards.
             metric: The metric of n coordinates.
             arc_lengths: Length up to each of them where that is known, shape (k,).
         """

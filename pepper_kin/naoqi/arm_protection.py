@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -69,16 +68,9 @@ class ArmProtection:
     active: bool = True
     held: set[int] = field(default_factory=set)
 
-    @contextmanager
-    def suspended(self) -> Iterator[None]:
-        """Protect no arm meanwhile."""
-        before, self.active = self.active, False
-        try:
-            yield
-        finally:
-            self.active = before
-
-    def allowed(self, before: Array, wanted: Array, scene: Scene | None) -> Array:
+    def allowed(
+        self, before: Array, wanted: Array, scene: Scene | None, free: Set[int] = frozenset()
+    ) -> Array:
         """Return what of the wanted positions of the joints is allowed in a cycle, shape (n,).
 
         An arm's step d q is shortened until, for each pair of bodies at a distance d with the gradient g,
@@ -90,6 +82,7 @@ class ArmProtection:
             before: Positions of the joints [rad or m], shape (n,).
             wanted: After the cycle, shape (n,).
             scene: What stands around the robot.
+            free: Joints of arms that are not protected in this cycle.
         """
         step = wanted - before
         self.held.clear()
@@ -99,6 +92,7 @@ class ArmProtection:
             if self.active
             and (arm.from_body or (arm.from_scene and scene is not None))
             and step[arm.joints].any()
+            and free.isdisjoint(arm.joints)
         ]
         if not moving:
             return wanted

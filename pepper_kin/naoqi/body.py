@@ -247,9 +247,11 @@ class Body:
 
     def _cycle(self) -> None:
         """Do one cycle of 20 ms."""
+        free = self._unprotected()
         self.tasks.step(self)
+        free |= self._unprotected()  # of tasks that have just begun; before, of those that have just ended
         self._limit_rates()
-        self.command = self.protection.allowed(self._last, self.command, self.scene)
+        self.command = self.protection.allowed(self._last, self.command, self.scene, free)
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
         if limp:
             self.command[limp] = self._last[limp] = self.state.position[limp]
@@ -261,6 +263,11 @@ class Body:
             raise RuntimeError(f"the simulation of the body stopped: {run.message}")
         for listener in tuple(self.listeners):
             listener()
+
+    def _unprotected(self) -> set[int]:
+        """Return the joints that tasks move without protection."""
+        moved = (name for task in self.tasks if not task.protected for name in task.resources)
+        return {self.index[name] for name in moved if name in self.index}
 
     def _limit_rates(self) -> None:
         """Keep commanded angles within position and velocity limits, as ALMotion's last filter does."""

@@ -154,8 +154,17 @@ class JointMethods(Module):
             raise self.fail(method, f"handName: got {quoted(hand)}, expected one of {', '.join(HANDS)}")
         self.move_together(method, {hand: self.body.clipped(hand, value)}, 0.25)
 
-    def move_together(self, method: str, targets: dict[str, float], share: float) -> None:
-        """Move joints to angles with a share of the fastest speed, all arriving together; blocks."""
+    def move_together(
+        self, method: str, targets: dict[str, float], share: float, *, protected: bool = True
+    ) -> None:
+        """Move joints to angles with a share of the fastest speed, all arriving together; blocks.
+
+        Args:
+            method: Method that was called.
+            targets: Joint -> angle [rad or share].
+            share: Of the fastest speed, above 0 and at most 1.
+            protected: Whether arms are kept from what they would touch.
+        """
         body = self.body
         with body.time.lock:
             longest = max(
@@ -165,15 +174,16 @@ class JointMethods(Module):
             )
             duration = max(PEAK * longest, CYCLE)
             keys = {joint: (Key(duration, body.clipped(joint, angle)),) for joint, angle in targets.items()}
-            task = body.do(CurveTask(method, keys))
+            task = CurveTask(method, keys)
+            task.protected = protected
+            body.do(task)
         body.wait(task)
 
     def go_to_posture(self, posture: str, share: float, method: str) -> None:
         """Move all joints to a posture of the model, whatever protects the arms; blocks."""
         q = self.body.pepper.posture(posture)
         targets = {name: float(q[k]) for name, k in self.body.index.items()}
-        with self.body.protection.suspended():
-            self.move_together(method, targets, share)
+        self.move_together(method, targets, share, protected=False)
 
     # Reading arguments.
 

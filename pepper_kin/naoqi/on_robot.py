@@ -58,7 +58,7 @@ class MotionWatchdog(object):
 
         Args:
             seconds: The longest silence [s], 0.05 to 10.
-            joints: Names of the joints that it moves, which nobody else who is watched may move; the base is
+            joints: Names of the joints that it moves; no other watched client may move them. The base is
                 stopped in any case.
         """
         limit = float(seconds)

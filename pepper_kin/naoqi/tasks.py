@@ -31,6 +31,7 @@ class Task:
         begun: Whether its first cycle was prepared.
         failure: What it raised.
         error: Why it ended before its time; "" if it did not.
+        protected: Whether arms that it moves are kept from what they would touch.
     """
 
     def __init__(self, name: str, resources: Iterable[str], *, reactive: bool = False) -> None:
@@ -43,6 +44,7 @@ class Task:
         self.begun = False
         self.failure: Exception | None = None
         self.error = ""
+        self.protected = True
 
     def start(self, body: Body) -> None:
         """Prepare, at the beginning of the first cycle."""

@@ -1,4 +1,4 @@
-"""Motion from one state to another that starts from where the robot is, and changes its mind on the way."""
+"""Motion from one state to another that starts where the robot is and can get a new target on the way."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class BatchRun:
     def __post_init__(self) -> None:
         for name in ("time", "reference_position", "final_position", "final_velocity", "good_steps"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("position", "velocity", "torque"):  # too large to copy; nobody else has them
+        for name in ("position", "velocity", "torque"):  # too large to copy, and not referenced elsewhere
             getattr(self, name).flags.writeable = False
 
     def __len__(self) -> int:

@@ -67,6 +67,19 @@ def test_a_blocked_arm_ends_no_call_and_holds_up_none():
         assert posture.goToPosture("Stand", 0.6) is True  # and away from it
 
 
+def test_postures_are_free_of_it_and_what_follows_is_not():
+    """The straight way between these postures leads the hands through the shapes of the hips."""
+    with Broker(mode="robot", real_time=False) as broker:
+        motion, posture, distances = broker.motion, broker.module("ALRobotPosture"), watched(broker)
+        names, angles = colliding(broker.body.pepper, np.random.default_rng(4), None)
+        for name in ("Crouch", "Stand"):
+            assert posture.goToPosture(name, 0.6) is True
+        assert np.array(distances).min() < 0.0
+        distances.clear()
+        motion.angleInterpolation(names, angles, 3.0, True)
+        assert np.array(distances)[:, 0].min() > KEPT - 2e-4
+
+
 def test_in_the_mode_of_the_twin_arms_are_free():
     with Broker(real_time=False) as broker:
         names, angles = colliding(broker.body.pepper, np.random.default_rng(4), None)
