@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
+from collections.abc import Iterable
 from typing import Any, NoReturn
 
 from pepper_kin.atomic_file import PathName, as_path
@@ -61,8 +63,7 @@ def read_json(path: PathName) -> tuple[Any, str]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            names = [name for name, _ in pairs]
-            name = next(name for name in found if names.count(name) > 1)
+            name = repeated(name for name, _ in pairs)[0]
             quoted = json.dumps(name, ensure_ascii=False)
             raise FileFormatError(
                 path, f"field {shortened(repr(name))} occurs twice", line_of(text, quoted, 2)
@@ -99,6 +100,11 @@ def line_of(text: str, word: str, occurrence: int = 1) -> int | None:
         if place < 0:
             return None
     return text.count("\n", 0, place) + 1
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that occur more than once, each once, in the order of their first places."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def plain_number(text: str) -> float:

@@ -48,7 +48,11 @@ def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict
             size = sum(member.file_size for member in archive.zip.infolist())
             if size > MOST_BYTES:
                 raise FileFormatError(path, f"holds {size} bytes of arrays, at most {MOST_BYTES} are read")
-            return {name: archive[name] for name in names}
+            arrays = {name: archive[name] for name in names}
+            other = next((name for name, array in arrays.items() if not isinstance(array, np.ndarray)), None)
+            if other is not None:  # NumPy returns the bytes of a member that does not begin as arrays do
+                raise FileFormatError(path, f"is damaged: {shortened(repr(other))} is no array")
+            return arrays
     except FileFormatError:
         raise
     except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -213,11 +213,13 @@ def as_rigid(value: ArrayLike, quantity: str) -> NDArray[np.float64]:
         InvalidValueError: for NaN, a wrong shape, or what is not a rotation and a translation.
     """
     pose = as_finite(value, quantity, (4, 4))
-    rotation = pose[:3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        rigid = off < RIGID_TOLERANCE and np.linalg.det(rotation) > 0
-    if not rigid or np.abs(pose[3] - [0, 0, 0, 1]).max() > RIGID_TOLERANCE:
+    *rows, last = pose.tolist()  # of few numbers: NumPy would take ten times as long
+    x, y, z = (row[:3] for row in rows)
+    off = [sum(p * q for p, q in zip(*two, strict=True)) for two in ((x, y), (x, z), (y, z))]
+    off += [sum(p * p for p in row) - 1.0 for row in (x, y, z)]
+    off += [*last[:3], last[3] - 1.0]
+    volume = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
+    if not (volume > 0.0 and all(abs(number) <= RIGID_TOLERANCE for number in off)):
         raise InvalidValueError(
             quantity, "a matrix that is not rigid", "a rotation, a translation and the row 0 0 0 1"
         )
@@ -232,8 +234,8 @@ def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
             "Box, Sphere, Cylinder, Capsule, Mesh, HalfSpace, ConvexMesh, TriangleMesh or PointCloud",
         )
     if isinstance(geometry, Box | Sphere | Cylinder | Capsule):
-        lengths = np.array([length for field in astuple(geometry) for length in np.atleast_1d(field)])
-        within_world(f"size of {name!r}", lengths)
+        lengths = geometry.size if isinstance(geometry, Box) else tuple(vars(geometry).values())
+        within_world(f"size of {name!r}", np.array(lengths))
     if not isinstance(geometry, Mesh):
         return geometry
     return replace(geometry, path=Path(geometry.path).absolute())
@@ -254,6 +256,8 @@ def _radius(shape: SceneGeometry) -> float:
 
 
 def _color(name: str, color: Color) -> Color:
+    if color is WOOD:
+        return color
     numbers = as_finite(color, f"color of {name!r}", (4,))
     if not ((numbers >= 0) & (numbers <= 1)).all():
         raise InvalidValueError(f"color of {name!r}", color, "numbers in [0, 1]: r, g, b, opacity")

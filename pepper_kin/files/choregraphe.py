@@ -164,17 +164,20 @@ def _project(path: PathName) -> tuple[Timeline, ...]:
     if not behaviors:
         raise FileFormatError(path, "names no behavior", root.line)
     found: list[Timeline] = []
+    read: dict[tuple[Path, str], list[Timeline]] = {}
     for behavior in behaviors:
         folder, xar = (_attribute(path, behavior, name) for name in ("src", "xar"))
         below = Path(folder) / xar
         if below.is_absolute() or ".." in below.parts:
             raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behavior.line)
         file = Path(path).parent / below
-        try:
-            read_bytes(file)
-        except FileFormatError as error:
-            raise FileFormatError(path, f"names a behavior: {error}", behavior.line) from error
-        found += _timelines(file, _parse(file), (folder,))
+        if (file, folder) not in read:  # a project may name one file any number of times
+            try:
+                read_bytes(file)
+            except FileFormatError as error:
+                raise FileFormatError(path, f"names a behavior: {error}", behavior.line) from error
+            read[file, folder] = list(_timelines(file, _parse(file), (folder,)))
+        found += read[file, folder]
     if not found:
         raise FileFormatError(path, "has no behavior with a timeline that moves a joint")
     return tuple(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,8 @@ from pepper_kin.trajectory.trajectory import Trajectory
 CYCLE = 0.02
 """[s] NAOqi commands its joints once a cycle."""
 
+_TOKEN = re.compile(r"[\w.]+|[^\w\s.]")
+_MOST_TOKENS = 2_000_000  # a million numbers; the syntax tree takes up to 0.5 kB for each
 _LISTS = ("NAMES", "START", "ANGLES", "TIMES")
 _SCRIPT = '''# -*- coding: utf-8 -*-
 """A motion for NAOqi, of {duration:.3f} s: python THIS_FILE --ip ROBOT
@@ -184,11 +187,15 @@ def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
 
 def _lists(path: PathName) -> dict[str, Any]:
     """Return the syntax trees of the four lists."""
+    text = read_text(path)
+    if (size := sum(1 for _ in _TOKEN.finditer(text))) > _MOST_TOKENS:
+        raise FileFormatError(path, f"holds {size} words and signs, at most {_MOST_TOKENS} are read")
     try:
-        tree = ast.parse(read_text(path))
+        tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
-        raise FileFormatError(path, f"is not a complete Python script: {error}", line) from error
+        reason = str(error) or "its parts are nested too deep"
+        raise FileFormatError(path, f"is not a complete Python script: {reason}", line) from error
     found: dict[str, Any] = {}
     for statement in tree.body:
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):

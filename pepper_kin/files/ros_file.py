@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
-from pepper_kin.file_reading import plain_number, plain_whole, read_text
+from pepper_kin.file_reading import plain_whole, read_text
 from pepper_kin.files.sampled_motion import (
     NANOSECONDS,
     check_joint_names,
@@ -29,7 +30,9 @@ Array = NDArray[np.float64]
 _FIELDS = {"header", "joint_names", "points"}
 _LISTS = ("positions", "velocities", "accelerations", "effort")
 _POINT = {*_LISTS, "time_from_start"}
+_NUMBER = re.compile(r"[+-]?(\d+|(\d+\.\d*|\.\d+)([eE][+-]\d+)?)", re.ASCII)  # as YAML 1.1 has it
 _DEEPEST = 16  # lists and mappings in one another; a trajectory has five
+_MOST_NODES = 3_000_000  # with all that aliases stand for: a few can stand for more than memory holds
 
 
 def write_ros(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
@@ -97,10 +100,8 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         raise FileFormatError(
             path, "is truncated: its last line does not end with a newline", text.count("\n") + 1
         )
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        _check_depth(path, text, loader)
-        root = yaml.compose(text, Loader=loader)
+        root = _document(path, text)
     except yaml.MarkedYAMLError as error:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
         raise FileFormatError(path, f"is not complete YAML: {error.problem}", line) from error
@@ -110,55 +111,104 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     return _trajectory(_Reader(path), message, pepper)
 
 
-def _check_depth(path: PathName, text: str, loader: Any) -> None:
-    """Refuse documents nested deeper than any trajectory: they would overflow the stack of libyaml.
+class _Node(NamedTuple):
+    """A part of a YAML document.
+
+    Attributes:
+        kind: "mapping", "sequence" or "scalar".
+        value: Pairs of nodes, nodes, or a text.
+        line: Where it begins, counted from 1.
+        plain: Whether it is a scalar without quotes and without a tag, as numbers are.
+    """
+
+    kind: str
+    value: Any
+    line: int
+    plain: bool = False
+
+
+def _document(path: PathName, text: str) -> _Node | None:
+    """Return the one document of a YAML text; None where there is none.
+
+    The nodes are made here: PyYAML's know the type of each scalar and both its ends, which takes three times
+    as long, and libyaml's own composer overflows the stack for documents nested without end.
 
     Raises:
-        FileFormatError: naming the line.
+        FileFormatError: naming the line, for parts nested deeper than any trajectory, more than one document,
+            and aliases of nothing or of too much.
+        yaml.YAMLError: for what is not YAML.
     """
     import yaml
 
-    depth = 0
-    for event in yaml.parse(text, Loader=loader):
+    roots: list[_Node] = []
+    open_nodes: list[tuple[_Node, str | None, int]] = []
+    anchored: dict[str, tuple[_Node, int]] = {}  # and how many nodes each stands for
+    count = 0
+    for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+        if isinstance(event, yaml.CollectionEndEvent):
+            node, anchor, before = open_nodes.pop()
+            if anchor is not None:
+                anchored[anchor] = node, count - before
+            continue
+        if not isinstance(event, yaml.NodeEvent):
+            continue
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            node, size = anchored.get(event.anchor, (_Node("", None, line), 0))
+            count += size
+            if not size or count > _MOST_NODES:
+                what = f"more than {_MOST_NODES} values, with others" if size else "nothing before it"
+                raise FileFormatError(path, f"holds {shortened(event.anchor)!r}, an alias of {what}", line)
+        elif isinstance(event, yaml.ScalarEvent):
+            count += 1
+            node = _Node("scalar", event.value, line, event.style in (None, "") and event.tag is None)
+            if event.anchor is not None:
+                anchored[event.anchor] = node, 1
+        else:
+            node = _Node("mapping" if isinstance(event, yaml.MappingStartEvent) else "sequence", [], line)
+        (open_nodes[-1][0].value if open_nodes else roots).append(node)
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > _DEEPEST:
-                line = event.start_mark.line + 1
-                raise FileFormatError(
-                    path, f"is not a JointTrajectory: nested more than {_DEEPEST} deep", line
-                )
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
+            open_nodes.append((node, event.anchor, count))
+            count += 1
+            if len(open_nodes) > _DEEPEST:
+                reason = f"is not a JointTrajectory: nested more than {_DEEPEST} deep"
+                raise FileFormatError(path, reason, line)
+    others = [
+        node for node in roots[1:] if node.kind != "scalar" or node.value
+    ]  # `ros2 topic echo` ends in ---
+    if others:
+        raise FileFormatError(path, "holds more than one document", others[0].line)
+    return roots[0] if roots else None
 
 
-def _trajectory(read: _Reader, message: dict[str, Any], pepper: PepperModel | None) -> Trajectory:
+def _trajectory(read: _Reader, message: dict[str, _Node], pepper: PepperModel | None) -> Trajectory:
     names_node = message["joint_names"]
-    texts = [getattr(node, "value", None) for node in read.items(names_node, "joint_names")]
-    names = check_joint_names(read.path, texts, pepper, read.line(names_node))
+    texts = [node.value if node.kind == "scalar" else None for node in read.items(names_node, "joint_names")]
+    names = check_joint_names(read.path, texts, pepper, names_node.line)
     nodes = read.items(message["points"], "points")
     points = [read.mapping(node, _POINT, {"positions", "time_from_start"}, "point") for node in nodes]
     time = np.array([read.duration(point["time_from_start"]) for point in points]) / NANOSECONDS
-    check_times(read.path, time, lambda i: read.line(nodes[i] if nodes else message["points"]))
+    check_times(read.path, time, lambda i: (nodes[i] if nodes else message["points"]).line)
     found: dict[str, Array | None] = {}
     for name in _LISTS[:3]:
         rows = [read.numbers(point[name], name) if name in point else [] for point in points]
         found[name] = _table(read, name, rows, nodes, len(names))
     if found["positions"] is None:
-        raise FileFormatError(read.path, "points have no positions", read.line(nodes[0]))
+        raise FileFormatError(read.path, "points have no positions", nodes[0].line)
     if found["velocities"] is None and found["accelerations"] is not None:
-        raise FileFormatError(read.path, "points have accelerations but no velocities", read.line(nodes[0]))
+        raise FileFormatError(read.path, "points have accelerations but no velocities", nodes[0].line)
     units = units_for(names, pepper)
     values = (found["positions"], found["velocities"], found["accelerations"])
     return points_of_file(read.path, names, units, time, *values)
 
 
-def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[Any], n: int) -> Array | None:
+def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[_Node], n: int) -> Array | None:
     """Return values of all points, None where no point has any."""
     if not any(rows):
         return None
     for row, node in zip(rows, nodes, strict=True):
         if len(row) != n:
-            raise FileFormatError(read.path, f"{len(row)} {name} for {n} joints", read.line(node))
+            raise FileFormatError(read.path, f"{len(row)} {name} for {n} joints", node.line)
     return np.array(rows)
 
 
@@ -168,21 +218,17 @@ class _Reader:
     def __init__(self, path: PathName) -> None:
         self.path = path
 
-    def line(self, node: Any) -> int | None:
-        """Return the line of a node."""
-        return None if node is None else node.start_mark.line + 1
-
-    def fail(self, node: Any, reason: str) -> FileFormatError:
+    def fail(self, node: _Node | None, reason: str) -> FileFormatError:
         """Return the error that names the node's line."""
-        return FileFormatError(self.path, reason, self.line(node))
+        return FileFormatError(self.path, reason, None if node is None else node.line)
 
-    def mapping(self, node: Any, known: set[str], needed: set[str], what: str) -> dict[str, Any]:
+    def mapping(self, node: _Node | None, known: set[str], needed: set[str], what: str) -> dict[str, _Node]:
         """Return the nodes of a mapping by field."""
-        if getattr(node, "id", None) != "mapping":
+        if node is None or node.kind != "mapping":
             raise self.fail(node, f"is not a {what}: expected fields {', '.join(sorted(needed))}")
-        found: dict[str, Any] = {}
-        for key, value in node.value:
-            name = str(key.value)
+        found: dict[str, _Node] = {}
+        for key, value in zip(node.value[::2], node.value[1::2], strict=True):
+            name = key.value if key.kind == "scalar" else f"a {key.kind}"
             if name not in known:
                 raise self.fail(
                     key, f"unknown field {shortened(name)!r} of {what}, expected {', '.join(sorted(known))}"
@@ -190,29 +236,30 @@ class _Reader:
             if name in found:
                 raise self.fail(key, f"field {name!r} of {what} occurs twice")
             found[name] = value
-        for name in sorted(needed - set(found)):
-            raise self.fail(node, f"field {name!r} of {what} is missing")
+        if len(found) < len(needed) or needed - found.keys():
+            raise self.fail(node, f"field {min(needed - found.keys())!r} of {what} is missing")
         return found
 
-    def items(self, node: Any, what: str) -> list[Any]:
+    def items(self, node: _Node, what: str) -> list[_Node]:
         """Return the nodes of a sequence."""
-        if getattr(node, "id", None) != "sequence":
+        if node.kind != "sequence":
             raise self.fail(node, f"{what} is not a list")
-        return list(node.value)
+        nodes: list[_Node] = node.value
+        return nodes
 
-    def numbers(self, node: Any, what: str) -> list[float]:
+    def numbers(self, node: _Node, what: str) -> list[float]:
         """Return the finite numbers of a sequence."""
         return [self._number(item, what) for item in self.items(node, what)]
 
-    def _number(self, node: Any, what: str) -> float:
-        if getattr(node, "tag", "").rpartition(":")[2] in ("float", "int"):
-            value = plain_number(node.value)
+    def _number(self, node: _Node, what: str) -> float:
+        if node.plain and _NUMBER.fullmatch(node.value):
+            value = float(node.value)
             if math.isfinite(value):
                 return value
-        found = shortened(repr(getattr(node, "value", node)))
+        found = shortened(repr(node.value)) if node.kind == "scalar" else f"a {node.kind}"
         raise self.fail(node, f"{what} has {found}, expected a finite number")
 
-    def duration(self, node: Any) -> int:
+    def duration(self, node: _Node) -> int:
         """Return a duration in whole nanoseconds."""
         fields = self.mapping(node, {"sec", "nanosec"}, {"sec", "nanosec"}, "time_from_start")
         total = 0

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName, as_path
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.file_reading import plain_number, read_json, read_text
+from pepper_kin.file_reading import plain_number, read_json, read_text, repeated
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.quantities import UNITS, unit_of
 
@@ -122,6 +122,9 @@ def numbers_of(path: PathName, names: list[str], rows: list[str]) -> dict[str, A
     Raises:
         FileFormatError: as `load_table`, for what is wrong beyond the first line.
     """
+    for i, row in enumerate(rows):  # all of them before any memory is taken for so many columns
+        if row.count(",") != len(names) - 1:
+            raise FileFormatError(path, f"{row.count(',') + 1} values for {len(names)} columns", i + 2)
     table = np.empty((len(rows), len(names)))
     for i, row in enumerate(rows):
         table[i] = _numbers(path, i + 2, row, names)
@@ -154,7 +157,7 @@ def read_lines(path: PathName) -> tuple[list[str], list[str]]:
 
 def _check_header(path: PathName, names: list[str], expected: Iterable[str] | None) -> None:
     if len(set(names)) < len(names):
-        doubled = next(name for name in names if names.count(name) > 1)
+        doubled = repeated(names)[0]
         raise FileFormatError(path, f"column {shortened(repr(doubled))} occurs twice", 1)
     for name in names[1:]:
         joint, _, quantity = name.rpartition(".")
@@ -170,7 +173,8 @@ def _check_header(path: PathName, names: list[str], expected: Iterable[str] | No
     wanted = list(expected)
     if not all(isinstance(name, str) for name in wanted):
         raise InvalidValueError("expected", repr(wanted), "names of columns")
-    missing, unknown = [n for n in wanted if n not in names], [n for n in names if n not in wanted]
+    present, possible = set(names), set(wanted)
+    missing, unknown = [n for n in wanted if n not in present], [n for n in names if n not in possible]
     if unknown:
         hint = _known(unknown[0], wanted)
         raise FileFormatError(path, f"unknown column {shortened(repr(unknown[0]))}{hint}", 1)
@@ -192,8 +196,6 @@ def _known(name: str, wanted: list[str]) -> str:
 
 def _numbers(path: PathName, line: int, row: str, names: list[str]) -> list[float]:
     cells = row.split(",")
-    if len(cells) != len(names):
-        raise FileFormatError(path, f"{len(cells)} values for {len(names)} columns", line)
     # The usual number is written in ASCII, without what `float` takes besides: 1_0, infinity, other digits.
     try:
         values = [float(cell) for cell in cells] if row.isascii() and "_" not in row else []

@@ -20,6 +20,8 @@ from pepper_kin.model.joint_vectors import check_positive, check_seed, check_who
 from pepper_kin.numpy_archive import read_arrays
 
 MOST_SAMPLES = 1_000_000_000
+MOST_VOXELS = 40_000_000
+"""Voxels of a map: as many as a file may hold."""
 CHUNK = 20_000
 """States at a time: few enough to stay near the processor, many enough for the calls not to matter."""
 
@@ -69,7 +71,9 @@ class ReachMap:
 
     def __post_init__(self) -> None:
         for name, dtype in (("origin", np.float64), ("counts", np.int64), ("best", np.float32)):
-            array = np.array(getattr(self, name), dtype=dtype)
+            given = getattr(self, name)
+            owned = isinstance(given, np.ndarray) and given.flags.owndata and not given.flags.writeable
+            array = np.array(given, dtype=dtype, copy=None if owned else True)  # a file's may fill half a GB
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -146,6 +150,8 @@ class ReachMap:
             raise FileFormatError(path, "holds arrays whose shapes do not fit one another")
         if counts.min(initial=0) < 0 or fields["samples"] < 0 or not 1e-9 <= resolution <= 1e9:
             raise FileFormatError(path, "holds a count below 0, or a resolution outside 1e-9 to 1e9 m")
+        for name in ("counts", "best"):
+            fields[name].flags.writeable = False
         fields.update(
             frame=str(fields["frame"]),
             joints=tuple(fields["joints"].tolist()),
@@ -203,7 +209,7 @@ def reach_map(
     check_seed(seed)
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, -np.pi)[columns]
     upper = np.where(np.isfinite(pepper.upper_limits), pepper.upper_limits, np.pi)[columns]
-    rng, grid, done = np.random.default_rng(seed), _Grid(), 0
+    rng, grid, done = np.random.default_rng(seed), _Grid(size), 0
     place = batch.kernel(pepper, "frame_pose", frame)
     while done < samples:
         count = min(CHUNK, samples - done)
@@ -214,7 +220,7 @@ def reach_map(
             q = q[_checked_answer(valid(q), count)]
         if len(q):
             points = np.asarray(place(q))[:, :3, 3]
-            grid.add(np.floor(points / size).astype(np.int64), _manipulability(pepper, q, frame, columns))
+            grid.add(points, _manipulability(pepper, q, frame, columns))
         if progress is not None:
             progress(done / samples)
     if not grid.counts.size:
@@ -250,17 +256,31 @@ def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int
 class _Grid:
     """Voxels by integer coordinates, in arrays that grow with what is added."""
 
-    def __init__(self) -> None:
+    def __init__(self, resolution: float) -> None:
+        self.resolution = resolution
         self.corner = np.zeros(3, np.int64)
         self.counts = np.zeros((0, 0, 0), np.int64)
         self.best = np.zeros((0, 0, 0), np.float32)
 
-    def add(self, voxels: NDArray[np.int64], values: Array) -> None:
-        """Count samples in voxels, shape (k, 3), and keep the largest value of each."""
-        lowest, highest = voxels.min(axis=0), voxels.max(axis=0) + 1
+    def add(self, points: Array, values: Array) -> None:
+        """Count the voxels of points, shape (k, 3) [m], and keep the largest value of each.
+
+        Raises:
+            InvalidValueError: naming the resolution, where there would be more than MOST_VOXELS.
+        """
+        with np.errstate(over="ignore"):
+            places = np.floor(points / self.resolution)
+        low, high = places.min(axis=0), places.max(axis=0) + 1.0
         if self.counts.size:
-            lowest = np.minimum(lowest, self.corner)
-            highest = np.maximum(highest, self.corner + self.counts.shape)
+            low, high = np.minimum(low, self.corner), np.maximum(high, self.corner + self.counts.shape)
+        if not np.abs([low, high]).max() < 2**53 or np.prod(high - low) > MOST_VOXELS:
+            enough = 1.1 * float(np.cbrt(np.prod(np.ptp(points, axis=0) + 0.1) / MOST_VOXELS))
+            raise InvalidValueError(
+                "resolution",
+                f"{self.resolution:g} m",
+                f"one for at most {MOST_VOXELS} voxels, such as {enough:.2g} m",
+            )
+        voxels, lowest, highest = places.astype(np.int64), low.astype(np.int64), high.astype(np.int64)
         if not self.counts.size:
             shape = tuple(highest - lowest)
             self.counts, self.best = np.zeros(shape, np.int64), np.zeros(shape, np.float32)

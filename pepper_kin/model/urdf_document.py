@@ -26,6 +26,8 @@ MOST = 1e30
 """Largest number of a description, such as a limit or a mass [kg]: products of larger ones overflow."""
 MOST_MOVING = 4000
 """Joints that move, at most: matrices grow with the square of their number."""
+MOST_LINKS = 10_000
+"""Links, at most: Pinocchio compares the name of each with all before it."""
 LONGEST_CHAIN = 3000
 """Joints between the root and a link, at most: Pinocchio reads them in one another, on a stack that ends."""
 XACRO = "xacro"
@@ -271,10 +273,11 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
         parent_of[joint.child] = joint.parent
     roots = [link for link in links if link not in parent_of]
     if len(roots) != 1:
-        raise ModelError(
-            f"URDF: expected one root link, found {len(roots)}: {', '.join(roots) or '(a loop)'}"
-        )
+        listed = shortened(", ".join(roots)) or "(a loop)"
+        raise ModelError(f"URDF: expected one root link, found {len(roots)}: {listed}")
     _check_depth(links, parent_of, roots[0])
+    if len(links) > MOST_LINKS:
+        raise ModelError(f"URDF: {len(links)} links, at most {MOST_LINKS} are read")
     moving = {joint.name for joint in joints if joint.type != "fixed"}
     if len(moving) > MOST_MOVING:
         raise ModelError(f"URDF: {len(moving)} joints move, at most {MOST_MOVING} are read")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.core.splines import quintic_hermite
 from pepper_kin.exceptions import PepperKinError, shortened
+from pepper_kin.file_reading import repeated
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import Trajectory
@@ -79,8 +80,9 @@ def check_joints(names: Sequence[str], allowed: Sequence[str], controller: str) 
     Raises:
         TrajectoryRefusedError: with the code INVALID_JOINTS, naming them.
     """
-    unknown = [name for name in names if name not in allowed]
-    twice = [name for name in dict.fromkeys(names) if list(names).count(name) > 1]
+    known = set(allowed)
+    unknown = [name for name in names if name not in known]
+    twice = repeated(names)
     if names and not unknown and not twice:
         return
     what = "it has no joint names"

@@ -16,8 +16,10 @@ def braked(bounds: VelocityInterval, joints: np.ndarray, gentle: Array) -> Veloc
     Args:
         bounds: The bounds.
         joints: Which, shape (n,) of bool.
-        gentle: Velocities of the gentlest brake that will do [rad/s or m/s], shape (n,).
+        gentle: Velocities of the gentlest brake that will do [rad/s or m/s], shape (n,); near the end of its
+            range a joint brakes harder.
     """
+    gentle = np.clip(gentle, bounds.low, bounds.high)
     low, high = np.minimum(bounds.brake, gentle), np.maximum(bounds.brake, gentle)
     return bounds._replace(
         low=np.where(joints, low, bounds.low),

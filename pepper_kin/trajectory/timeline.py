@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.splines import shifted
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
+from pepper_kin.file_reading import repeated
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.trajectory.enforce_limits import enforce_limits
@@ -82,10 +83,12 @@ class Timeline:
         """
         object.__setattr__(self, "curves", _checked_parts(f"curves of {self.name}", self.curves, JointCurve))
         joints = [curve.joint for curve in self.curves]
-        doubled = [joint for i, joint in enumerate(joints) if joint in joints[:i]]
+        doubled = repeated(joints)
         if doubled or not joints:
             raise InvalidValueError(
-                f"curves of {self.name}", ", ".join(doubled) or "none", "one or more joints, each once"
+                f"curves of {self.name}",
+                shortened(", ".join(doubled)) or "none",
+                "one or more joints, each once",
             )
         if self.duration <= 0:
             raise InvalidValueError(f"duration of {self.name}", "0 s", "a key after time 0")

@@ -43,6 +43,15 @@ def test_other_arrays_and_a_single_one_are_refused(tmp_path: Path) -> None:
         read_arrays(tmp_path / "a.npy")
 
 
+def test_a_member_that_is_no_array_is_refused(tmp_path: Path) -> None:
+    """NumPy returns its bytes."""
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x.npy", b"something else")
+    with pytest.raises(FileFormatError, match=r"a\.npz: is damaged: 'x' is no array"):
+        read_arrays(path)
+
+
 @pytest.mark.parametrize("cut", range(0, 220, 20))
 def test_what_is_cut_short_names_the_file(tmp_path: Path, cut: int) -> None:
     np.savez_compressed(tmp_path / "whole.npz", x=np.arange(5))

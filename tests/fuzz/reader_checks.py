@@ -33,7 +33,8 @@ def finite(*arrays: Any) -> None:
     """Require finite numbers."""
     for array in arrays:
         values = np.asarray(array)
-        require(values.dtype.kind in "fiub" and np.isfinite(values).all(), f"numbers {str(array)[:60]}")
+        if values.dtype.kind not in "fiub" or not np.isfinite(values).all():
+            raise WrongResultError(f"numbers {str(array)[:60]}")
 
 
 def robot(model: pk.PepperModel) -> None:

@@ -31,11 +31,21 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    from large_files import FILES
     from reader_cases import READERS
 
-    print(json.dumps({"readers": list(READERS)}), file=answers, flush=True)
+    large = {name: (kind, whole) for name, (kind, whole, _) in FILES.items()}
+    print(json.dumps({"readers": list(READERS), "large": large}), file=answers, flush=True)
     for line in sys.stdin:
         print(json.dumps(batch(**json.loads(line))), file=answers, flush=True)
+
+
+def reader_named(name: str) -> Any:
+    """Return a reader of damaged files, or of a large one."""
+    from large_files import reader_of
+    from reader_cases import READERS
+
+    return READERS[name] if name in READERS else reader_of(name)
 
 
 def batch(reader: str, seed: int, first: int, count: int) -> dict[str, Any]:
@@ -70,10 +80,9 @@ def _note(faults: dict[str, list[str]], case: int, outcome: str) -> None:
 
 def _in_a_process(reader: str, seed: int, first: int, end: int) -> tuple[str, list[dict[str, Any]]]:
     """Run cases until the process ends; return how it ended, empty if at the end, and what it wrote."""
-    from reader_cases import READERS
-
-    READERS[reader].beside()  # made once, here
-    READERS[reader].damage(np.random.default_rng(0))
+    chosen = reader_named(reader)
+    chosen.beside()  # made once, here
+    chosen.damage(np.random.default_rng(0))
     receiving, sending = os.pipe()
     child = os.fork()
     if child == 0:
@@ -104,14 +113,12 @@ def _in_a_process(reader: str, seed: int, first: int, end: int) -> tuple[str, li
 
 
 def _cases(reader: str, seed: int, first: int, end: int, answers: Any) -> None:
-    from reader_cases import READERS
-
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
-    chosen = READERS[reader]
+    chosen = reader_named(reader)
     folder = Path(tempfile.mkdtemp(prefix="reader_"))
     os.chdir(folder)
     try:

@@ -22,8 +22,11 @@ import pytest
 
 import pepper_kin
 
+Server = tuple[subprocess.Popen[str], dict[str, tuple[str, bool]]]
+"""The process that reads, and the large files that it makes: name -> reader, whether a small one is read."""
 FOLDER = Path(__file__).parent
-STARTS_A_PROCESS = {"COLLADA", "PLY", "glTF"}
+LARGE = (20, 300, 4900)
+"""Sizes of large files [kB]."""
 READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
@@ -32,6 +35,16 @@ READERS = (
     "recording header", "recording", "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF",
     "Pepper's meshes",
 )  # fmt: skip
+WITHOUT_LARGE = {
+    "URDF text",
+    "URDF of Pepper",
+    "xacro",
+    "SDF",
+    "SRDF text",
+    "joint states",
+    "columns of a CSV",
+}
+"""Readers of texts and of files that others read."""
 NO_READERS = {
     "collision.AttachedObject.load", "collision.load_torque", "collision.load_wrench", "collision.loads_of",
     "kernels.CompiledFunction.load", "twin.Push.load",
@@ -49,7 +62,7 @@ FUNCTIONS = {
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[subprocess.Popen[str]]:
+def server() -> Iterator[Server]:
     """Start the process that runs the cases."""
     environment = {
         **os.environ,
@@ -60,35 +73,64 @@ def server() -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     )
-    assert tuple(json.loads(cast(IO[str], process.stdout).readline())["readers"]) == READERS
-    yield process
+    first = json.loads(cast(IO[str], process.stdout).readline())
+    assert tuple(first["readers"]) == READERS
+    assert {kind for kind, _ in first["large"].values()} == set(READERS) - WITHOUT_LARGE
+    yield process, first["large"]
     process.communicate(timeout=60)
 
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_damaged_file_is_read_or_refused_by_name(
-    server: subprocess.Popen[str],
+    server: Server,
     reader: str,
     amount: Callable[[int, int, int], int],
     tried: Callable[..., None],
     request: pytest.FixtureRequest,
 ) -> None:
-    small = 3 if reader in STARTS_A_PROCESS else 12
     batch = {
         "reader": reader,
         "seed": request.config.getoption("--fuzz-seed"),
         "first": 0,
-        "count": amount(small, 300, 10_000),
+        "count": amount(12, 300, 10_000),
     }
-    requests, answers = cast(IO[str], server.stdin), cast(IO[str], server.stdout)
-    requests.write(json.dumps(batch) + "\n")
-    requests.flush()
-    answer: dict[str, Any] = json.loads(answers.readline())
+    answer = answer_of(server, batch)
     tried("damaged files", batch["count"], answer["wrong"])
     assert answer["read"] + answer["refused"] + answer["wrong"] == batch["count"]
     assert not answer["faults"], "\n".join(answer["faults"])
     if batch["count"] >= 300 and reader not in NOT_READ:
         assert answer["read"], "no file was read: what is damaged was wrong before"
+
+
+@pytest.mark.parametrize("kind", [reader for reader in READERS if reader not in WITHOUT_LARGE])
+def test_a_large_file_is_read_or_refused_by_name(
+    server: Server,
+    kind: str,
+    amount: Callable[[int, int, int], int],
+    tried: Callable[..., None],
+    request: pytest.FixtureRequest,
+) -> None:
+    """Files of 20 kB, 300 kB or 4.9 MB, within 10 s of the processor and 1 GB."""
+    size = LARGE[["small", "middle", "long"].index(request.config.getoption("--fuzz-size"))]
+    named = {name: whole for name, (of, whole) in server[1].items() if of == kind}
+    amount(*[len(named)] * 3)
+    wrong = []
+    for name, whole in named.items():
+        answer = answer_of(server, {"reader": f"{name}, {size} kB", "seed": 0, "first": 0, "count": 1})
+        wrong += [f"{name}: {fault}" for fault in answer["faults"]]
+        if size == LARGE[0] and answer["read"] != whole:
+            wrong.append(f"{name}: {answer}")
+    tried("large files", len(named), len(wrong))
+    assert not wrong, "\n".join(wrong)
+
+
+def answer_of(server: Server, batch: dict[str, Any]) -> dict[str, Any]:
+    """Return what the process says of a batch."""
+    requests, answers = cast(IO[str], server[0].stdin), cast(IO[str], server[0].stdout)
+    requests.write(json.dumps(batch) + "\n")
+    requests.flush()
+    answer: dict[str, Any] = json.loads(answers.readline())
+    return answer
 
 
 def test_all_public_readers_are_tried() -> None:

@@ -174,6 +174,16 @@ def test_what_valid_may_not_answer(pepper):
         reach_map(pepper, LEFT, samples=10, valid=lambda q: np.zeros(len(q), dtype=bool))
 
 
+@pytest.mark.parametrize("resolution", [1e-3, 1e-6, 1e-12, 1e-300])
+def test_a_grid_that_no_memory_holds_is_refused_with_one_that_fits(pepper, resolution):
+    with pytest.raises(
+        InvalidValueError, match=r"resolution: got .* 40000000 voxels, such as 0\.00\d+ m"
+    ) as error:
+        reach_map(pepper, LEFT, samples=1000, resolution=resolution)
+    enough = float(str(error.value).split()[-2])
+    assert reach_map(pepper, LEFT, samples=1000, resolution=enough).counts.size <= 40_000_000
+
+
 def test_the_name_is_the_functions_however_it_is_imported():
     import pepper_kin.kinematics.reach_map  # noqa: F401
 

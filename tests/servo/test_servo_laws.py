@@ -6,6 +6,8 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.core.braking import brake_path, stopping_speed, ticks_to_rest
 from pepper_kin.core.quadratic_program import solve_program
+from pepper_kin.servo.braking import braked, velocity_bounds
+from pepper_kin.servo.motion_limits import motion_limits
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -49,6 +51,33 @@ def random_commands(servo, generator, ticks):
             servo.stop()
         path.append(servo.step().q)
     return np.array(path)
+
+
+def test_a_joint_made_to_brake_for_others_brakes_in_time_for_its_own_limit():
+    """The gentle brake that balance allows would have left a limit of which the bounds knew."""
+    rng = np.random.default_rng(0)
+    limits, dt = motion_limits(PEPPER, acceleration_scale=0.5), 0.04
+    everywhere = np.ones(PEPPER.n, dtype=bool)
+    harder = 0
+    for _ in range(200):
+        v = rng.uniform(-1, 1, PEPPER.n) * limits.velocity
+        room = brake_path(
+            np.abs(v), limits.acceleration, dt, np.array([ticks_to_rest(v, limits.acceleration, dt)])
+        )
+        room = (room[0] + np.abs(v) * dt) * rng.uniform(1.0, 1.2, PEPPER.n)
+        q = np.where(
+            v > 0,
+            np.maximum(limits.upper - room, limits.lower),
+            np.minimum(limits.lower + room, limits.upper),
+        )
+        bounds = velocity_bounds(q, v, limits, dt)
+        gentle = np.copysign(np.maximum(np.abs(v) - 0.1 * limits.acceleration * dt, 0.0), v)
+        found = braked(bounds, everywhere, gentle)
+        assert (found.low >= bounds.low).all()
+        assert (found.high <= bounds.high).all()
+        assert (found.low <= found.high).all()
+        harder += ((gentle > bounds.high) | (gentle < bounds.low)).sum()
+    assert harder > 100
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0, 400.0])
