@@ -156,6 +156,8 @@ def _scene_of(content: Any) -> Scene:
         found = shortened(repr(content.get("version")))
         raise _FaultError(f"is a scene of version {found}; this library reads version {VERSION}")
     _check_fields(content, ("objects",), ("format", "version", "units", "attached", "allowed"), "the scene")
+    if content.get("units", UNITS) not in (UNITS, "m"):  # "m": written by hand
+        raise _FaultError(f'units: {shortened(repr(content["units"]))} is neither "m" nor "{UNITS}"')
     objects: dict[str, SceneObject] = {}
     attached: dict[str, AttachedObject] = {}
     for key in ("objects", "attached"):

@@ -1,7 +1,8 @@
 """Independent Newton-Euler dynamics, as a reference for the other implementations.
 
 Straight from F = m a and tau = I alpha + omega x I omega, link by link, each in its own frame: no spatial
-algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.
+algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.  Of a robot whose `pinocchio_model`
+was changed by hand, which no URDF describes, numbers are read from there.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,13 +83,17 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, 
         q_all, v_all, a_all = np.broadcast_arrays(*arrays)
     except ValueError:
         raise InvalidValueError("q, v and a", [x.shape for x in arrays], "broadcastable shapes") from None
-    bodies, (gain, offset) = _read_bodies(pepper.urdf, tuple(loads)), _coupling(pepper)
+    bodies, (gain, offset) = _bodies(pepper, tuple(loads)), _coupling(pepper)
+    changed = pepper.dynamics_model.changed()
+    gravity = GRAVITY if changed is None else np.array(changed.gravity.linear)
+    armature = np.zeros(len(gain)) if changed is None else _armature(pepper, changed)
     flat = [x.reshape(-1, pepper.n) for x in (q_all, v_all, a_all)]
     tau = np.zeros_like(flat[0])
     for start in range(0, len(tau), _CHUNK):
         part = slice(start, start + _CHUNK)
         x, speed, change = (gain @ x[part].T for x in flat)
-        tau[part] = _torques(bodies, x + offset[:, None], speed, change).T @ gain
+        torques = _torques(bodies, x + offset[:, None], speed, change, gravity)
+        tau[part] = (torques + armature[:, None] * change).T @ gain
     return tau.reshape(q_all.shape)
 
 
@@ -137,9 +143,23 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
     return np.array([float(value) for value in text.split()])
 
 
-@lru_cache(maxsize=8)
-def _read_bodies(urdf: str, loads: Loads = ()) -> tuple[_Body, ...]:
+@kept_for_robot(most=8)
+def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
     """Return the links and loads that count, parents first: what moves, has inertia, or carries such."""
+    changed = pepper.dynamics_model.changed()
+    bodies, place, turns = _read_bodies(pepper.urdf) if changed is None else _changed_bodies(pepper, changed)
+    for load in loads:
+        if load.frame not in place:
+            raise UnknownNameError("link that carries a load", load.frame, place)
+        own = turns[load.frame]
+        center, inertia = own.T @ np.array(load.center), own.T @ load.tensor @ own
+        link = place[load.frame]
+        bodies.append(_Body(link, -1, "fixed", np.zeros(3), np.eye(3), load.mass, center, inertia))
+    return _that_count(bodies)
+
+
+def _read_bodies(urdf: str) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
+    """Return the links of a URDF, parents first, their places among them, and how their frames are turned."""
     root = ET.fromstring(urdf)
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
@@ -159,14 +179,49 @@ def _read_bodies(urdf: str, loads: Loads = ()) -> tuple[_Body, ...]:
                 ranks = place[parent], moving.index(joint) if joint in moving else -1
                 bodies.append(_body(ranks, joint, links[child], turns[parent], turns[child]))
                 waiting.remove(joint)
-    for load in loads:
-        if load.frame not in place:
-            raise UnknownNameError("link that carries a load", load.frame, place)
-        own = turns[load.frame]
-        center, inertia = own.T @ np.array(load.center), own.T @ load.tensor @ own
-        link = place[load.frame]
-        bodies.append(_Body(link, -1, "fixed", np.zeros(3), np.eye(3), load.mass, center, inertia))
-    return _that_count(bodies)
+    return bodies, place, turns
+
+
+def _changed_bodies(pepper: PepperModel, model: Any) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
+    """Return the same of a `pinocchio.Model` that was changed by hand, and of all frames on its bodies."""
+    joints = {str(j.get("name")): j for j in ET.fromstring(pepper.urdf).findall("joint")}
+    moving = [name for name, joint in joints.items() if joint.get("type") != "fixed"]
+    own, bodies = [np.eye(3)], []
+    for i, name in enumerate(model.names):
+        kind, parent, place, inertia = "fixed", -1, model.jointPlacements[i], model.inertias[i]
+        if i > 0:
+            kind = "prismatic" if joints[name].get("type") == "prismatic" else "revolute"
+            parent = model.parents[i]
+            own.append(_turn(joints[name]))
+        above, turn = own[parent] if i > 0 else np.eye(3), own[i]
+        bodies.append(
+            _Body(
+                parent,
+                moving.index(name) if i > 0 else -1,
+                kind,
+                above.T @ place.translation,
+                above.T @ place.rotation @ turn,
+                float(inertia.mass),
+                turn.T @ inertia.lever,
+                turn.T @ inertia.inertia @ turn,
+            )
+        )
+    place_of, turns = {}, {}
+    for name in pepper.frame_names:
+        frame = model.frames[pepper.frame_id(name)]
+        above = own[frame.parentJoint]
+        place_of[name], turns[name] = len(bodies), np.eye(3)
+        origin, turn = above.T @ frame.placement.translation, above.T @ frame.placement.rotation
+        bodies.append(_Body(frame.parentJoint, -1, "fixed", origin, turn, 0.0, np.zeros(3), np.zeros((3, 3))))
+    return bodies, place_of, turns
+
+
+def _armature(pepper: PepperModel, model: Any) -> Array:
+    """Return the armature of each moving joint in the URDF's order [kg m^2 or kg], shape (k,)."""
+    joints = ET.fromstring(pepper.urdf).findall("joint")
+    moving = [str(joint.get("name")) for joint in joints if joint.get("type") != "fixed"]
+    places = [model.joints[model.getJointId(name)].idx_v for name in moving]
+    return np.array(model.armature)[places]
 
 
 def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
@@ -254,10 +309,13 @@ def _turn_back(vectors: Array, cosine: Array, sine: Array) -> None:
     x[...] = turned
 
 
-def _torques(bodies: Sequence[_Body], position: Array, speed: Array, change: Array) -> Array:
+def _torques(
+    bodies: Sequence[_Body], position: Array, speed: Array, change: Array, gravity: Array = GRAVITY
+) -> Array:
     """Return the torques of all moving joints from their positions, speeds and accelerations, (k, T) each.
 
-    Coordinates come first and states last, (3, T) for a vector: whole rows at a time are multiplied.
+    `gravity` is the acceleration of free fall [m/s^2], shape (3,).  Coordinates come first and states last,
+    (3, T) for a vector: whole rows at a time are multiplied.
     """
     cosine, sine = np.cos(position), np.sin(position)
     rates: list[Array] = []  # angular velocity and acceleration, and that of the link's origin less gravity
@@ -273,7 +331,7 @@ def _torques(bodies: Sequence[_Body], position: Array, speed: Array, change: Arr
         k, j = body.parent, body.joint
         if k < 0:
             rate = np.zeros((3, 3, position.shape[1]))
-            rate[2] -= GRAVITY[:, None]
+            rate[2] -= gravity[:, None]
         else:
             rate = body.rotation.T @ rates[k]
             rate[2] += body.rotation.T @ turning(k, body.origin, body.cross_origin)

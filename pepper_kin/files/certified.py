@@ -8,6 +8,7 @@ from typing import Any
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.model.joint_vectors import shown
 from pepper_kin.trajectory.trajectory import Trajectory
 
 
@@ -31,8 +32,11 @@ def refuse_unsafe(
         advice: What else the caller may do, for the message.
 
     Raises:
-        InvalidValueError: with what fails, and by how much; or for joints of no robot that is known.
+        InvalidValueError: with what fails, and by how much; for joints of no robot that is known; or for an
+            `unchecked` that is neither True nor False.
     """
+    if not isinstance(unchecked, bool):
+        raise InvalidValueError("unchecked", shown(unchecked), "True or False")
     if unchecked:
         return
     robot = pepper_with_joints(trajectory.joint_names) if pepper is None else pepper

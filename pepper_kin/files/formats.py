@@ -16,7 +16,7 @@ from pepper_kin.files.naoqi_file import CYCLE, read_naoqi, write_naoqi
 from pepper_kin.files.npz_file import read_npz, write_npz
 from pepper_kin.files.ros_file import read_ros, write_ros
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
 
 
 class _Format(NamedTuple):
@@ -81,6 +81,7 @@ def save(
         MissingDependencyError: for "mcap" without its package.
         FileFormatError: where the file cannot be written.
     """
+    checked_trajectory(trajectory)
     chosen = _chosen(path, format)
     if any(chosen is FORMATS[name] for name in PLAYED):
         refuse_unsafe(trajectory, pepper, scene, payload, unchecked)

@@ -21,7 +21,7 @@ from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solve import DONE, Request, checked_scene, search_on, solve
+from pepper_kin.ik.solve import DONE, Request, checked_scene, reasons, search_on, solve
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
@@ -75,6 +75,8 @@ class BatchResult:
     _starts: Array = field(repr=False)
     _movable: np.ndarray | None = field(repr=False)
     _scene: Scene | None = field(repr=False)
+    _margin: float = field(repr=False)
+    _budget: SearchBudget = field(repr=False)
 
     def __len__(self) -> int:
         """Return N."""
@@ -97,20 +99,26 @@ class BatchResult:
         return CODES[int(self.codes[row])]
 
     def result(self, row: int) -> IKResult:
-        """Return one row as `solve` would, with a certificate computed from q; `time` is the whole call's."""
+        """Return one row as `solve` would, with a certificate computed from q; `time` is the whole call's.
+
+        Of a row that fails it looks for the reason first: a tenth of a second or so.
+        """
         tasks = tuple(task.at(row) for task in self._tasks)
-        q = read_only(self.q[row])
+        q, status, start = read_only(self.q[row]), self.status(row), self._starts[row]
+        world = Collisions(self._pepper, self._scene, self._margin)
+        request = Request(self._pepper, balanced(tasks), start, self._movable, world, self._budget)
+        conflict, hint = reasons(status, request, self.solver)
         return IKResult(
-            status=self.status(row),
+            status=status,
             q=q,
             iterations=int(self.iterations[row]),
             restarts=int(self.restarts[row]),
             time=self.time,
             solver=self.solver,
             seed=self.seed,
-            evidence=CertificateInputs(
-                self._pepper, tasks, self._starts[row], self._movable, self._scene, q
-            ).certificate,
+            evidence=CertificateInputs(self._pepper, tasks, start, self._movable, self._scene, q).certificate,
+            hint=hint,
+            conflict=conflict,
         )
 
     def report(self) -> str:
@@ -185,8 +193,8 @@ def solve_batch(
     check_whole("max_iterations", max_iterations, 1)
     check_whole("threads", threads, 1)
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
+    budget = SearchBudget(deadline=math.inf, **options)
     if solver == "fast" and known_structures(parts) is not None:
-        budget = SearchBudget(deadline=math.inf, **options)
         arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
     else:
         options |= {
@@ -200,7 +208,9 @@ def solve_batch(
     for array in arrays:
         array.setflags(write=False)
     duration = time.perf_counter() - begin
-    return BatchResult(*arrays, duration, solver, seed, pepper, parts, starts, movable, world.scene)
+    return BatchResult(
+        *arrays, duration, solver, seed, pepper, parts, starts, movable, world.scene, world.margin, budget
+    )
 
 
 def _solve_fast(

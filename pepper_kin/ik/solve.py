@@ -114,8 +114,7 @@ def solve(
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     request = Request(pepper, balanced(parts), q0, movable, around, budget)
     found = search_on(request, solver, _search(request, solver))
-    conflict = _conflict(found.status, request, solver)
-    hint = _hint(found.status, request, solver)
+    conflict, hint = reasons(found.status, request, solver)
     return IKResult(
         status=found.status,
         q=found.q,
@@ -206,6 +205,11 @@ def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResul
     q = solve_with_priorities(problem, SolverContext(solver, collisions, request.budget), found.q)
     met = problem.is_met(problem.residuals(q)) and collisions.free(q)
     return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
+
+
+def reasons(status: IKStatus, request: Request, solver: str) -> tuple[tuple[str, ...], str]:
+    """Return the tasks that exclude one another and the hint of a result, as far as they say why it fails."""
+    return _conflict(status, request, solver), _hint(status, request, solver)
 
 
 def _conflict(status: IKStatus, request: Request, solver: str) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_po
 from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.status import ResultStatus
 
 Array = NDArray[np.float64]
@@ -126,7 +127,8 @@ def cartesian_path(
         start: Joint positions to start from [rad or m], shape (n,).
         hand: "left" or "right".
         curves: `Line` and `Arc`, the first from where the hand is at `start`.
-        scene: The world around the robot; itself is always looked at.
+        scene: The world around the robot; itself is always looked at. Objects attached with a mass count for
+            what the joints can hold.
         direction: Where the hand should point in the world, shape (3,), not zero; None to leave it open.
         joints: Joints that may move, by names of joints and groups; the others keep `start`.  None for all.
         step: Largest distance between stops [m]; they lie nearer where a joint moves fast.
@@ -230,6 +232,7 @@ class _Follower:
             raise InvalidValueError("margin", margin, "0 or more [m]")
         self.checker = checker_for(pepper, scene, margin)
         self.exact = checker_for(pepper, scene)
+        self.statics = static_limits(pepper, None, None, scene)
 
     def follow(self, q: Array, stops: Array, route: Route) -> tuple[Array, Array, CartesianStatus, str]:
         """Move the hand from stop to stop.
@@ -244,7 +247,7 @@ class _Follower:
             stops' distances [m], shape (m,); how it ended, and why in words.
         """
         path, done = [q], [0.0]
-        fault = fault_of(self.exact, q, "start")
+        fault = fault_of(self.exact, q, "start", self.statics)
         if fault is not None:
             return np.array(path), np.array(done), CartesianStatus.START_INVALID, fault[1]
         ahead = list(stops[:0:-1])
@@ -327,10 +330,10 @@ class _Follower:
     def _contact(self, q: Array) -> tuple[CartesianStatus, str] | None:
         """Return which contact or torque forbids the joint positions q [rad or m], shape (n,), or None."""
         if self.checker.in_collision(q):
-            fault = fault_of(self.exact, q, "next stop")
+            fault = fault_of(self.exact, q, "next stop", self.statics)
             if fault is not None:
                 return CartesianStatus.IN_COLLISION, fault[1]
             near = "".join(f": {' and '.join(names)} come too near" for names in self.checker.contacts(q)[:1])
             return CartesianStatus.IN_COLLISION, f"the margin would not be kept{near}."
-        fault = fault_of(self.exact, q, "next stop")
+        fault = fault_of(self.exact, q, "next stop", self.statics)
         return None if fault is None else (CartesianStatus.TORQUE_LIMIT, fault[1])

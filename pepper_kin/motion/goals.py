@@ -32,6 +32,7 @@ OTHER_SOLVER = "placo"
 """For tasks of classes that the fast solver has no code for."""
 STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
+_THERE = 1e-7  # [rad or m]: way-points of a path of a few nanometers are all the same
 
 
 def fault_of(
@@ -310,7 +311,7 @@ def are_tasks(goal: object) -> bool:
 
 def is_there(start: NDArray[np.float64], goals: NDArray[np.float64]) -> bool:
     """Whether one of the goals, shape (m, n), is the start, shape (n,): then nothing need move."""
-    return bool((np.abs(goals - start) <= _SAME).all(axis=1).any())
+    return bool((np.abs(goals - start) <= _THERE).all(axis=1).any())
 
 
 def free_joints(

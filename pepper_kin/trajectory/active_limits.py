@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,11 +14,12 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.model.shapes import read_only
-from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
-from pepper_kin.trajectory.frame_speeds import hand_speeds
+from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves_base, support_polygon
+from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits
-from pepper_kin.trajectory.trajectory import Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits, checked_share, share_of
+from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -69,12 +70,16 @@ def active_limits(
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
     scene: Scene | None = None,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
 ) -> ActiveLimits:
     """Return the limit that is used most at each instant of a trajectory.
 
     Shares are |v| / v_max, |a| / a_max, |tau| / tau_max, speed over its limit, |j| / j_max, and for balance
     1 less the distance of the zero-moment point from the nearest edge, beyond the one that is kept, over the
-    distance that it has at rest in the middle of the triangle.
+    distance that it has at rest in the middle of the triangle.  Of a base that moves on wheels, speeds and
+    accelerations of the wheels and the speed of the base count, too.
 
     Args:
         pepper: The robot.
@@ -86,6 +91,9 @@ def active_limits(
         payload: As in `retime`.
         jerk: As in `retime`.
         scene: The scene whose attached objects count with their mass; None for none.
+        velocity_scale: Share of the velocity limits that may be used, in (0, 1], as in `retime`.
+        acceleration_scale: The same of acceleration limits.
+        torque_scale: The same of effort limits.
 
     Returns:
         Time, names and shares.
@@ -101,32 +109,28 @@ def active_limits(
         time = sample_times(trajectory.duration, step)
     else:
         time = as_finite(np.atleast_1d(as_batch(t, "t", ())), "t", (None,))
-    q, v, a = trajectory(time)
-    held = loads_of(pepper, scene, payload)
-    speeds, distance = hand_speeds(pepper, hand_speed), checked_balance(pepper, balance)
-    columns = [
-        *((f"velocity {name}", np.abs(v[:, j]) / pepper.velocity_limits[j]) for j, name in _joints(pepper)),
-        *(
-            (f"acceleration {name}", np.abs(a[:, j]) / pepper.acceleration_limits[j])
-            for j, name in _joints(pepper)
-        ),
-    ]
-    efforts = pepper.effort_limits if torque else None
-    quantities = LimitedQuantities(
-        pepper, Limits(pepper.velocity_limits, pepper.acceleration_limits, efforts, None, held, speeds)
+    state = trajectory(time)
+    scales = {"velocity_scale": velocity_scale, "acceleration_scale": acceleration_scale}
+    used = [checked_share(name, value) for name, value in scales.items()]
+    effort = pepper.effort_limits * checked_share("torque_scale", torque_scale) if torque else None
+    held, distance = loads_of(pepper, scene, payload), checked_balance(pepper, balance)
+    wheels = wheel_limits(pepper) if moves_base(pepper) else None
+    limits = Limits(
+        pepper.velocity_limits * used[0],
+        pepper.acceleration_limits * used[1],
+        effort,
+        None,
+        held,
+        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
+        None if wheels is None else wheels.scaled(*used),
     )
-    if quantities.torque_limit.size:
-        tau = np.abs(quantities.torque(q, v, a)) / pepper.effort_limits
-        columns += [(f"torque {name}", tau[:, j]) for j, name in _joints(pepper)]
-    if speeds:
-        shares = quantities.speed(q, v)
-        columns += [(f"speed {frame}", shares[:, k]) for k, (frame, _) in enumerate(speeds)]
+    columns = _shares(pepper, limits, state)
     if jerk is not None:
-        rate = np.abs(trajectory.jerk(time)) / jerk_limits(pepper, jerk)
-        columns += [(f"jerk {name}", rate[:, j]) for j, name in _joints(pepper)]
+        rate = share_of(np.abs(trajectory.jerk(time)), jerk_limits(pepper, jerk))
+        columns += _named("jerk", pepper.joint_names, rate)
     polygon = None if distance is None else support_polygon(pepper)
     if distance is not None and polygon is not None:
-        margin = balance_margin(pepper, polygon, q, v, a, held) - distance
+        margin = balance_margin(pepper, polygon, *state, held) - distance
         columns.append(("balance", 1.0 - margin / (_inner_radius(polygon) - distance)))
     table = np.stack([share for _, share in columns], axis=1)
     most = np.argmax(table, axis=1)
@@ -135,8 +139,26 @@ def active_limits(
     return ActiveLimits(read_only(time), names, read_only(table[np.arange(time.size), most]))
 
 
-def _joints(pepper: PepperModel) -> list[tuple[int, str]]:
-    return list(enumerate(pepper.joint_names))
+def _shares(pepper: PepperModel, limits: Limits, state: State) -> list[tuple[str, Array]]:
+    """Return quantity and joint, frame or wheel with the share that is used of each limit, shape (T,)."""
+    quantities, joints, n = LimitedQuantities(pepper, limits), pepper.joint_names, pepper.n
+    columns = _named("velocity", joints, share_of(np.abs(state.velocity), limits.velocity))
+    columns += _named("acceleration", joints, share_of(np.abs(state.acceleration), limits.acceleration))
+    wheels = () if limits.wheels is None else limits.wheels.names
+    if quantities.torque_limit.size:
+        use = share_of(np.abs(quantities.torque(*state)), quantities.torque_limit)
+        rows = len(wheels)
+        columns += _named("torque", joints if use.shape[1] == n + rows else (), use)
+        columns += _named("acceleration", wheels, use[:, use.shape[1] - rows :])
+    if quantities.frames:
+        names = (*(frame for frame, _ in limits.speed), *wheels, *(("the base",) if wheels else ()))
+        columns += _named("speed", names, quantities.speed(state.position, state.velocity))
+    return columns
+
+
+def _named(quantity: str, names: Iterable[str], shares: Array) -> list[tuple[str, Array]]:
+    """Return the columns of shares, shape (T, k or more), under the names of what they are shares of."""
+    return [(f"{quantity} {name}", shares[:, k]) for k, name in enumerate(names)]
 
 
 def _inner_radius(polygon: Array) -> float:

@@ -14,8 +14,10 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
+from pepper_kin.trajectory.limits import refuse_motionless, share_of
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -24,7 +26,7 @@ Array = NDArray[np.float64]
 
 _FINER = 4  # points of the time law per piece of the rounded curve
 _WINDOW = 0.05  # [s] over which a slow-down fades in and out
-_ROUNDS = 80
+_ROUNDS = 240
 _JUMP = 1e-4  # [rad or m]
 _SHARE = 0.98  # of each limit; the rest is for what happens between the points looked at
 _BALANCE = 0.001  # [m] from the edge of the wheels' triangle, for the same reason
@@ -47,7 +49,8 @@ def enforce_limits(
     which stays within the hull of its control points, begins and ends at rest, and turns corners and jumps
     into swings.  It is then run with ds/dt = sigma(s) <= 1, smooth, and as near to 1 as
         |q' sigma| <= v,  |q'' sigma^2 + q' sigma sigma'| <= a,  |torque| <= tau
-    and the zero-moment point within the wheels' triangle allow.  Unlike `retime` it is not the fastest:
+    and the zero-moment point within the wheels' triangle allow, and on a planar base the speeds and
+    accelerations of its wheels and its own speed.  Unlike `retime` it is not the fastest:
     pauses and slow passages stay as they were, and accelerations are continuous.
 
     Args:
@@ -64,7 +67,8 @@ def enforce_limits(
     Raises:
         InvalidValueError: where the joints are not the robot's, or for a rounding not in (0, duration].
         UnknownNameError: for a frame that the robot lacks.
-        InfeasibleError: where the robot could not even stand still in a position on the way.
+        InfeasibleError: where the robot could not even stand still in a position on the way, or where a joint
+            moves whose limit of velocity or acceleration is zero.
     """
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
@@ -73,6 +77,9 @@ def enforce_limits(
     h, loads = check_positive("rounding", rounding, "s"), loads_of(pepper, scene, payload)
     if h > trajectory.duration:
         raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")
+    changes = np.diff(trajectory.coefficients[:, :1], axis=0, append=trajectory.coefficients[-1:, :1])
+    steps = np.concatenate([trajectory.coefficients, changes], axis=1)  # a jump is a motion, too
+    refuse_motionless(pepper, steps, pepper.acceleration_limits, "safe motion")
     curve = _rounded(pepper, trajectory, h)
     s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
     speed = _speed(pepper, s, curve(s), loads)
@@ -85,6 +92,8 @@ def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajector
     points = np.concatenate([points[:1], points[:1], points, points[-1:], points[-1:]])
     four = np.stack([points[i : points.shape[0] - 3 + i] for i in range(4)], axis=1)
     coefficients = np.einsum("pk,ikn->ipn", _BASIS / h ** np.arange(4)[:, None], four)
+    still = np.ptp(points, axis=0) == 0  # exactly, for limits of zero
+    coefficients[:, 0, still], coefficients[:, 1:, still] = points[0, still], 0.0
     breaks = h * np.arange(coefficients.shape[0] + 1)
     return Trajectory(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
@@ -126,8 +135,8 @@ def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
     distance = np.abs(end - start)
     # Of q = d (10 u^3 - 15 u^4 + 6 u^5), u = t / T: |v| <= 1.875 d / T and |a| <= 5.774 d / T^2.
     time = max(
-        float(np.max(1.875 * distance / pepper.velocity_limits)),
-        float(np.sqrt(np.max(5.774 * distance / pepper.acceleration_limits))),
+        float(np.max(share_of(1.875 * distance, pepper.velocity_limits))),
+        float(np.sqrt(np.max(share_of(5.774 * distance, pepper.acceleration_limits)))),
     )
     u = np.linspace(0.0, 1.0, max(2, int(np.ceil(time / h))) + 1)[1:-1, None]
     return start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
@@ -170,10 +179,25 @@ def _speed(pepper: PepperModel, s: Array, path: State, loads: Loads) -> Any:
 
 def _ceiling(pepper: PepperModel, path: State) -> Array:
     """Return the greatest constant speed up to 1 that velocity and acceleration allow at each point."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        velocity = np.nanmin(_SHARE * pepper.velocity_limits / np.abs(path.velocity), axis=1)
-        bend = np.nanmin(_SHARE * pepper.acceleration_limits / np.abs(path.acceleration), axis=1)
-    return np.minimum(1.0, np.minimum(velocity, np.sqrt(bend)))
+    velocity = share_of(np.abs(path.velocity), pepper.velocity_limits).max(axis=1)
+    bend = share_of(np.abs(path.acceleration), pepper.acceleration_limits).max(axis=1)
+    for speed, acceleration in _of_wheels(pepper, path):
+        velocity, bend = np.maximum(velocity, speed), np.maximum(bend, acceleration)
+    with np.errstate(divide="ignore"):
+        return np.minimum(1.0, np.minimum(_SHARE / velocity, np.sqrt(_SHARE / bend)))
+
+
+def _of_wheels(pepper: PepperModel, state: State) -> list[tuple[Array, Array]]:
+    """Return the shares of wheels' and base's speeds and of wheels' accelerations, shape (T,) each.
+
+    The list is empty for a robot without a planar base.
+    """
+    wheels = wheel_limits(pepper)
+    if wheels is None:
+        return []
+    speeds = wheels.shares(state.position, state.velocity).max(axis=1)
+    accelerations = np.abs(wheels.accelerations(*state)).max(axis=1) / wheels.acceleration
+    return [(speeds, accelerations)]
 
 
 def _state(path: State, sigma: Array, slope: Array) -> State:
@@ -192,10 +216,12 @@ def _use(pepper: PepperModel, state: State, loads: Loads) -> Array:
     """Return the largest share of any limit used at each point; above 1 where one is exceeded, shape (T,)."""
     torque = inverse_dynamics_with(pepper, loads, *state)
     shares = [
-        (np.abs(state.velocity) / pepper.velocity_limits).max(axis=1) / _SHARE,
-        (np.abs(state.acceleration) / pepper.acceleration_limits).max(axis=1) / _SHARE,
-        (np.abs(torque) / pepper.effort_limits).max(axis=1) / _SHARE,
+        share_of(np.abs(state.velocity), pepper.velocity_limits).max(axis=1) / _SHARE,
+        share_of(np.abs(state.acceleration), pepper.acceleration_limits).max(axis=1) / _SHARE,
+        share_of(np.abs(torque), pepper.effort_limits).max(axis=1) / _SHARE,
     ]
+    for speed, acceleration in _of_wheels(pepper, state):
+        shares += [speed / _SHARE, acceleration / _SHARE]
     polygon = support_polygon(pepper)
     if polygon is not None:
         shares.append(np.where(balance_margin(pepper, polygon, *state, loads) < _BALANCE, 1.5, 0.0))
@@ -205,7 +231,8 @@ def _use(pepper: PepperModel, state: State, loads: Loads) -> Array:
 def _refuse_unholdable(pepper: PepperModel, position: Array, loads: Loads) -> None:
     """Raise where gravity overloads a joint or tips the robot over: positions [rad or m], shape (T, n)."""
     still, carrying = np.zeros_like(position), carried_words(loads)
-    share = np.abs(inverse_dynamics_with(pepper, loads, position, still, still)) / pepper.effort_limits
+    torque = np.abs(inverse_dynamics_with(pepper, loads, position, still, still))
+    share = share_of(torque, pepper.effort_limits)
     if share.max() > _SHARE:
         joint = pepper.joint_names[int(np.argmax(share.max(axis=0)))]
         reason = (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits, share_of
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 Array = NDArray[np.float64]
@@ -42,8 +42,8 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
         The shares used and how much slower the motion would have to be.
     """
     share = {
-        "velocity": np.abs(state.velocity).max(axis=0) / limits.velocity,
-        "acceleration": np.abs(state.acceleration).max(axis=0) / limits.acceleration,
+        "velocity": share_of(np.abs(state.velocity).max(axis=0), limits.velocity),
+        "acceleration": share_of(np.abs(state.acceleration).max(axis=0), limits.acceleration),
     }
     square = max(1.0, float(share["velocity"].max()) ** 2, float(share["acceleration"].max()))
     quantities, q = LimitedQuantities(pepper, limits), state.position
@@ -52,7 +52,7 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
         square = max(square, float(share["frame speed"].max()) ** 2)
     if quantities.torque_limit.size:
         torque = quantities.torque(*state)
-        share["torque"] = np.abs(torque).max(axis=0) / quantities.torque_limit
+        share["torque"] = share_of(np.abs(torque).max(axis=0), quantities.torque_limit)
         over = (np.abs(torque) > quantities.torque_limit).any(axis=1)
         if over.any():
             still = np.zeros_like(q[over])
@@ -85,7 +85,7 @@ def stretch_at_extremes(trajectory: Trajectory, limits: Limits, jerk: Array | No
     for order, bound in enumerate(bounds, start=1):
         segments = derivative(trajectory.coefficients, order)
         greatest = np.maximum(*(maxima(trajectory.breaks, sign * segments).value for sign in (1.0, -1.0)))
-        stretch = max(stretch, float(np.max(greatest / bound)) ** (1 / order))
+        stretch = max(stretch, float(np.max(share_of(greatest, bound))) ** (1 / order))
     return stretch
 
 

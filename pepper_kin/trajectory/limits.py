@@ -14,12 +14,61 @@ from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_pr
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
 from pepper_kin.trajectory.wheels import WheelLimits
 
 Array = NDArray[np.float64]
+
+
+def checked_share(quantity: str, value: float) -> float:
+    """Return the share of a limit that may be used, such as `velocity_scale`, as a float.
+
+    Raises:
+        InvalidValueError: unless it is in (0, 1].
+    """
+    share = check_positive(quantity, value)
+    if share > 1.0:
+        raise InvalidValueError(quantity, value, "a number in (0, 1]")
+    return share
+
+
+def share_of(size: Array, limit: Array) -> Array:
+    """Return sizes over limits, shape (..., n): of a limit of zero 0 if that is kept, else inf."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = size / limit
+    return np.where((limit == 0) & (size == 0), 0.0, share)
+
+
+def moving_joints(coefficients: Array) -> NDArray[np.bool_]:
+    """Return which joints move along a piecewise polynomial, coefficients of shape (m, k, n)."""
+    return np.asarray(np.abs(coefficients[:, 1:]).max(axis=(0, 1)) > 0)
+
+
+def refuse_motionless(pepper: PepperModel, coefficients: Array, acceleration: Array, what: str) -> None:
+    """Refuse a curve that moves joints whose limits of velocity or acceleration are zero.
+
+    Args:
+        pepper: The robot.
+        coefficients: Of the curve, shape (m, k, n).
+        acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+        what: What there is none of then, such as "trajectory".
+
+    Raises:
+        InfeasibleError: naming joint and limit.
+    """
+    if pepper.velocity_limits.all() and acceleration.all():
+        return
+    for quantity, limits in (("velocity", pepper.velocity_limits), ("acceleration", acceleration)):
+        for j in np.flatnonzero(moving_joints(coefficients) & (limits == 0)):
+            raise InfeasibleError(
+                what,
+                f"{pepper.joint_names[j]} moves along the path, and its {quantity} limit is 0",
+                "keep that joint where it is, or give the robot another limit by with_limits()",
+            )
 
 
 @dataclass(frozen=True, eq=False)

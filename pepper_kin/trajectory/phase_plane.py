@@ -107,8 +107,9 @@ def phase_plane(
         np.concatenate([bend, swing], axis=1),
         np.concatenate([still, gravity], axis=1),
     )
-    with np.errstate(divide="ignore"):
-        fastest = np.min(pepper.velocity_limits / np.abs(direction), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = np.where(direction == 0, np.inf, pepper.velocity_limits / np.abs(direction))
+    fastest = np.min(most, axis=1)
     force = _greatest(*rows, np.concatenate([bound, effort], axis=1), 4.0 * np.maximum(fastest, rate[:, 0]))
     return PhasePlane(way[moving], speed[moving], fastest, force)
 

@@ -41,7 +41,7 @@ from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
-from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.limits import Limits, checked_share, moving_joints, refuse_motionless
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
 from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
@@ -123,11 +123,12 @@ def retime(
     greatest = pepper.acceleration_limits
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
-    rate = None if jerk is None else jerk_limits(pepper, jerk, greatest)
+    rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, greatest))
     if rate is not None and np.isinf(rate).all():
         rate = None
     options = _checked(pepper, scales, balance, carried_along(pepper, path, scene, payload), hand_speed)
     curve = as_cubic_path(pepper, path)
+    refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
     limits = _limits(pepper, greatest, options, _drives(pepper, curve.coefficients))
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
@@ -159,9 +160,9 @@ def _checked(
     """Check what a user says about limits; the arguments are those of `retime`."""
     velocity, acceleration, torque = scales
     shares = (
-        _share("velocity_scale", velocity),
-        _share("acceleration_scale", acceleration),
-        None if torque is None else _share("torque_scale", torque),
+        checked_share("velocity_scale", velocity),
+        checked_share("acceleration_scale", acceleration),
+        None if torque is None else checked_share("torque_scale", torque),
     )
     return _Options(shares, checked_balance(pepper, balance), loads, hand_speeds(pepper, hand_speed))
 
@@ -185,8 +186,8 @@ def _made_limits(pepper: PepperModel, greatest: Array, options: _Options, drives
     velocity, acceleration, torque = options.shares
     wheels = wheel_limits(pepper) if drives else None
     return Limits(
-        pepper.velocity_limits * velocity,
-        greatest * acceleration,
+        _where_joints_move(pepper.velocity_limits) * velocity,
+        _where_joints_move(greatest) * acceleration,
         None if torque is None else pepper.effort_limits * torque,
         options.balance,
         options.loads,
@@ -199,6 +200,11 @@ def _made_limits(pepper: PepperModel, greatest: Array, options: _Options, drives
 def _kept_limits(pepper: PepperModel, options: _Options, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
     return _made_limits(pepper, pepper.acceleration_limits, options, drives)
+
+
+def _where_joints_move(limits: Array) -> Array:
+    """Return limits, shape (n,), without those of zero: such joints rest, see `refuse_motionless`."""
+    return np.where(limits == 0, np.inf, limits)
 
 
 def _drives(pepper: PepperModel, coefficients: Array) -> bool:
@@ -285,19 +291,12 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
     return slow
 
 
-def _share(quantity: str, value: float) -> float:
-    share = check_positive(quantity, value)
-    if share > 1.0:
-        raise InvalidValueError(quantity, value, "a number in (0, 1]")
-    return share
-
-
 def _refuse_missing(pepper: PepperModel, coefficients: Array, named: LimitsLike | None) -> None:
     """Refuse a curve, shape (m, 4, n), that moves joints of which no acceleration limit is stated."""
     missing = ~np.isfinite(pepper.acceleration_limits)
     if not missing.any():
         return
-    missing &= _moving(coefficients)
+    missing &= moving_joints(coefficients)
     said = named if isinstance(named, Mapping) else pepper.joint_names if named is not None else ()
     names = [pepper.joint_names[j] for j in np.flatnonzero(missing) if pepper.joint_names[j] not in said]
     if names:
@@ -309,16 +308,11 @@ def _refuse_missing(pepper: PepperModel, coefficients: Array, named: LimitsLike 
         )
 
 
-def _moving(coefficients: Array) -> NDArray[np.bool_]:
-    """Return which joints move along a piecewise cubic curve, shape (n,)."""
-    return np.asarray(np.abs(coefficients[:, 1:]).max(axis=(0, 1)) > 0)
-
-
 def _refuse_unbounded(coefficients: Array, limits: Limits) -> None:
     """Refuse a curve, coefficients of shape (m, 4, n), if no joint that moves has a finite limit."""
     if np.isfinite(limits.velocity).all():
         return
-    moving = _moving(coefficients)
+    moving = moving_joints(coefficients)
     bounds = [limits.velocity, limits.acceleration, *([] if limits.torque is None else [limits.torque])]
     if not limits.speed and not any(np.isfinite(bound[moving]).any() for bound in bounds):
         raise InvalidValueError(

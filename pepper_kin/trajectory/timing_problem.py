@@ -16,7 +16,7 @@ from pepper_kin.core.timing.whole_timing import TimedPath, time_path
 from pepper_kin.dynamics.load import carried_words
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.limits import Limits, quantities_of
+from pepper_kin.trajectory.limits import Limits, quantities_of, share_of
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ class TimingProblem:
             failed_at: Grid point at which the search ended.
         """
         torque, limit = self.effects.torque[0], self.limits.torque
-        use = np.abs(torque) / limit  # of wheels 0: at rest they do not accelerate
+        use = share_of(np.abs(torque), limit)  # of wheels 0: at rest they do not accelerate
         if use.size and use.max() >= 1.0:
             node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
             reason = (

@@ -427,6 +427,14 @@ def _known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], *
     return value
 
 
+def checked_trajectory(value: Trajectory) -> Trajectory:
+    """Return a trajectory; anything else is refused by name, such as a plan, which has no times."""
+    if not isinstance(value, Trajectory):
+        allowed = "a Trajectory: of a plan that of retime(), of other results their `trajectory`"
+        raise InvalidValueError("trajectory", f"a {type(value).__name__}", allowed)
+    return value
+
+
 def examination_step(duration: float) -> float:
     """Return the time between states that an examination looks at [s]: 1 ms, or more where that is long."""
     return EXAMINED_EVERY * max(1.0, float(np.ceil(duration / _LONG)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
-from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, times
         InvalidValueError: for other joints, a hold time that is not a finite number of at least 0, or more
             than ten million steps.
     """
-    if trajectory.joint_names != pepper.joint_names:
+    if checked_trajectory(trajectory).joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
         )

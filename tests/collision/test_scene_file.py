@@ -123,6 +123,8 @@ def without(key, part):
         (json.dumps(content(objects=[box(size=[1, True, 1])])), r"objects\[0\] \('b'\): size: got"),
         (json.dumps(content(objects=[box(position=[0, "1", 0])])), r"objects\[0\] \('b'\): position: got"),
         (json.dumps(content(version=1.0)), "is a scene of version 1.0"),
+        (json.dumps(content(units="mm")), r"units: 'mm' is neither \"m\" nor \"m; rpy in rad"),
+        (json.dumps(content(units=None)), "units: None is neither"),
         (json.dumps(content()).replace("[1, 1, 1]", "[1, 1, 1" + "0" * 5000 + "]"), "expected finite"),
         (json.dumps(content(objects=[box(name="\ud800")])), "half of a surrogate pair"),
         (

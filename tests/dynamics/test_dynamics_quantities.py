@@ -1,4 +1,5 @@
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
@@ -166,3 +167,28 @@ def test_misuse_is_named():
     fall[0] = 1e4
     with pytest.raises(InfeasibleError, match="the floor would have to pull"):
         pk.dynamics.tip_over_margin(pepper, pepper.joint_vector({"KneePitch": 0.5}), zero, fall)
+
+
+@pytest.mark.parametrize("options", [{}, {"base": "planar", "hands": "mimic"}])
+def test_newton_euler_counts_what_was_changed_by_hand(options):
+    """Masses, placements, frames that carry loads, gravity and armatures, all at once."""
+    robot = pk.load_robot(pk.load_pepper(**options).urdf)
+    plain = pk.dynamics.newton_euler(robot, robot.neutral(), robot.neutral(), robot.neutral())
+    model = robot.pinocchio_model
+    turn = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([0.05, 0.01, -0.02]))
+    for joint in ("HipRoll", "LElbowYaw"):
+        place = model.jointPlacements[model.getJointId(joint)]
+        model.jointPlacements[model.getJointId(joint)] = place * turn
+    model.inertias[model.getJointId("LWristYaw")].mass += 0.5
+    model.gravity.linear = np.array([1.0, 2.0, -3.7])
+    model.armature = np.linspace(0.1, 0.3, model.nv)
+    model.frames[model.getFrameId("LArm_effector")].placement *= turn
+    rng = np.random.default_rng(3)
+    q, v, a = rng.uniform(-1.0, 1.0, (3, 20, robot.n))
+    expected = pk.dynamics.inverse_dynamics(robot, q, v, a)
+    np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a), expected, atol=1e-10)
+    loads = pk.collision.loads_of(robot, None, {"left": 0.4})
+    expected = expected + pk.collision.load_torque(robot, loads, q, v, a)
+    np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a, loads), expected, atol=1e-10)
+    at_first = robot.neutral()
+    assert np.abs(pk.dynamics.newton_euler(robot, at_first, at_first, at_first) - plain).max() > 0.1

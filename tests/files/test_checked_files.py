@@ -58,3 +58,25 @@ def test_pepper_with_another_base_is_known_by_its_joints(tmp_path):
     save(drive, tmp_path / "drive.yaml")
     with pytest.raises(InvalidValueError, match="base_speed"):
         save(drive.scaled(0.8), tmp_path / "fast.yaml")
+
+
+def test_only_true_writes_what_is_not_checked(pepper, tmp_path):
+    """Any text did, "no" among them."""
+    stand = pepper.posture("Stand")
+    fast = pk.retime(pepper, [stand, pepper.joint_vector({"HeadYaw": 0.5})]).scaled(0.2)
+    with pytest.raises(InvalidValueError, match="unchecked: got 'no', expected True or False"):
+        save(fast, tmp_path / "fast.yaml", unchecked="no")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_is_no_trajectory(pepper, tmp_path):
+    """It ended in an AttributeError: a plan has no times."""
+    stand = pepper.posture("Stand")
+    plan = pk.plan(pepper, stand, pepper.joint_vector({"HeadYaw": 0.5}))
+    words = r"trajectory: got a Plan, expected a Trajectory: of a plan that of retime\(\)"
+    for name in ("a.csv", "a.npz", "a.yaml"):
+        with pytest.raises(InvalidValueError, match=words):
+            save(plan, tmp_path / name)
+    for twin in (pk.Twin(pepper), pk.TwinBatch(pepper, 2)):
+        with pytest.raises(InvalidValueError, match=words):
+            twin.execute(plan)

@@ -79,6 +79,29 @@ def test_every_task_takes_many_targets():
             assert CODES[found.codes[i]] is pk.ik.IKStatus.SOLVED
 
 
+def test_a_row_that_fails_says_why_as_solve_does():
+    """A batch called contradictory tasks beyond reach, and named nothing that is in the way."""
+    pepper = pk.load_pepper()
+    points, other = [(0.3, 0.3, 0.9), (9.0, 0.0, 0.0)], (0.3, 0.1, 0.9)
+    tasks = [pk.ik.HandPosition("left", np.array(points)), pk.ik.HandPosition("left", np.tile(other, (2, 1)))]
+    found = pk.ik.solve_batch(pepper, tasks)
+    for row, point in enumerate(points):
+        single = pk.ik.solve(pepper, [pk.ik.HandPosition("left", point), pk.ik.HandPosition("left", other)])
+        assert found.result(row).conflict == single.conflict
+        assert found.result(row).advice == single.advice
+    assert "contradict each other" in found.result(0).report()
+
+    scene = pk.Scene().add_box("box", (0.3, 0.3, 0.3), (0.45, 0.2, 0.85))
+    for target, options in (
+        (pk.ik.HandPosition("left", (0.45, 0.2, 0.85)), {"scene": scene, "margin": 0.01}),
+        (pk.ik.HandPosition("left", (0.45, 0.2, 0.5)), {"joints": "left_arm"}),
+    ):
+        single = pk.ik.solve(pepper, target, **options)
+        row = pk.ik.solve_batch(pepper, pk.ik.HandPosition("left", target.target[None]), **options).result(0)
+        assert single.hint
+        assert row.hint == single.hint
+
+
 def test_no_targets_is_an_empty_result():
     found = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", np.empty((0, 3))), collisions=False)
     assert found.q.shape == (0, 15)

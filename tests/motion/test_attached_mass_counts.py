@@ -217,3 +217,28 @@ def test_the_effort_that_is_optimized_is_that_of_the_loaded_robot():
     state = alone.trajectory(np.linspace(0.0, duration, 151))
     share = (torques(loaded_model(), *state) / PEPPER.effort_limits) ** 2
     assert np.trapezoid(share.sum(axis=1), dx=duration / 150) > effort
+
+
+def test_a_hand_follows_no_line_with_what_it_cannot_hold():
+    """Of a cup of 5 kg, which LWristYaw cannot hold, the hand did all of the line."""
+    line = [pk.motion.Line((0.0, 0.0, 0.02), relative=True)]
+    light, heavy = (CUP.attach("cup", "l_gripper", POSE.homogeneous, mass=mass) for mass in (0.05, 5.0))
+    assert pk.motion.cartesian_path(PEPPER, STAND, "left", line, light).success
+    found = pk.motion.cartesian_path(PEPPER, STAND, "left", line, heavy)
+    assert found.status is pk.motion.CartesianStatus.START_INVALID
+    assert "with 5 kg of 'cup' at l_gripper" in found.message
+
+    low = PEPPER.joint_vector({"LShoulderPitch": 1.3, "LElbowRoll": -0.6, "LShoulderRoll": 0.4})
+    out = [pk.motion.Line((0.2, 0.0, 0.25), relative=True)]
+    held = [CUP.attach("cup", "l_gripper", np.eye(4), mass=mass) for mass in (0.05, 1.0)]
+    free, found = (
+        pk.motion.cartesian_path(PEPPER, low, "left", out, scene, joints="left_arm") for scene in held
+    )
+    assert found.status is pk.motion.CartesianStatus.TORQUE_LIMIT
+    assert 0.0 < found.fraction < free.fraction
+    model = PEPPER.inner_model.copy()
+    place = model.frames[PEPPER.frame_id("l_gripper")]
+    inertia = pinocchio.Inertia.FromBox(1.0, *SIZE)
+    model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
+    torque = np.abs(torques(model, found.path, 0 * found.path, 0 * found.path))
+    assert np.all(torque <= PEPPER.effort_limits)

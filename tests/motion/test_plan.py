@@ -358,3 +358,17 @@ print(plan.path.tolist())
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     np.testing.assert_allclose(eval(done.stdout), pk.plan(pepper, start, goal, TABLE).path, atol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [1.1e-9, 1e-8, 9e-8, 1e-6])
+@pytest.mark.parametrize("smooth", [False, True])
+def test_goals_that_are_all_but_the_start_are_no_error(distance, smooth):
+    """Way-points between them were refused as equal."""
+    pepper = pk.load_pepper()
+    start = pepper.posture("Stand")
+    goal = start.copy()
+    goal[pepper.joint_index("HeadYaw")] += distance
+    plan = pk.plan(pepper, start, goal, smooth=smooth)
+    assert plan.success
+    if len(plan.path) > 1:
+        assert pk.retime(pepper, plan).duration > 0.0

@@ -187,3 +187,18 @@ def test_the_check_shares_no_code_with_the_core(pepper, monkeypatch):
     monkeypatch.setattr(CompiledFunction, "__call__", refuse)
     after = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0}, collisions=False)
     assert after.report() == before.report()
+
+
+def test_a_robot_changed_by_hand_is_certified_as_it_is_now():
+    """Torques were those of the description: a hand of 1.5 kg more passed that LWristYaw cannot hold."""
+    robot = pk.load_robot(pk.load_pepper().urdf)
+    out = robot.joint_vector({"LShoulderPitch": 0.3, "LElbowRoll": -0.5, "HipPitch": -0.1})
+    plain = pk.retime(robot, [robot.neutral(), out])
+    assert check(robot, plain, collisions=False).success
+    model = robot.pinocchio_model
+    model.inertias[model.getJointId("LWristYaw")].mass += 1.5
+    found = check(robot, plain, collisions=False)
+    assert "torque" in found.failures
+    time = np.linspace(0.0, plain.duration, 2001)
+    torque = np.abs(pk.dynamics.inverse_dynamics(robot, *plain(time))) - robot.effort_limits
+    np.testing.assert_allclose(found.torque.margin.min(), -torque.max(), atol=2e-2)

@@ -1,5 +1,7 @@
 """Whatever is asked of timing ends in a motion that is certified, or in an error of the library's."""
 
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pytest
 
@@ -101,3 +103,51 @@ def test_the_reason_of_any_result_that_failed_is_handed_on(pepper, points):
     assert not line.success
     with pytest.raises(InfeasibleError, match="planning failed"):
         pk.retime(pepper, line)
+
+
+def with_limit_of_zero(pepper, joint, quantity):
+    """Return the robot of a description in which a limit of a joint is zero, as of idle joints in many."""
+    root = ET.fromstring(pepper.urdf)
+    next(j for j in root.iter("joint") if j.get("name") == joint).find("limit").set(quantity, "0")
+    return pk.load_robot(ET.tostring(root, encoding="unicode"), pepper.export("srdf"))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("quantity", ["velocity", "acceleration"])
+@pytest.mark.parametrize("options", [{}, {"jerk": "moderate"}, {"solver": "toppra"}])
+def test_a_joint_at_rest_may_have_a_limit_of_zero(pepper, points, quantity, options):
+    """Timing with jerk ended in an error of SciPy's, what acts was NaN, toppra found no speed."""
+    robot = with_limit_of_zero(pepper, "RWristYaw", quantity)
+    motion = pk.retime(robot, points, **options)
+    expected = pk.retime(pepper, points, **options)
+    assert motion.duration == pytest.approx(expected.duration, rel=1e-6)
+    found = motion.check(robot, jerk=options.get("jerk"), collisions=False)
+    assert found.success, found.report()
+    assert motion.active_limits(robot).share.max() == pytest.approx(
+        expected.active_limits(pepper).share.max(), rel=1e-6
+    )
+    assert np.isfinite(pk.trajectory.phase_plane(robot, motion).velocity_limit).all()
+    enforced = pk.trajectory.enforce_limits(robot, motion.scaled(0.5))
+    assert enforced.check(robot, collisions=False).success
+    assert np.isfinite(pk.motion.optimize(robot, points).figures_before.jerk)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("quantity", ["velocity", "acceleration"])
+def test_a_joint_that_moves_against_a_limit_of_zero_is_named(pepper, points, quantity):
+    robot, motion = with_limit_of_zero(pepper, "HeadYaw", quantity), pk.retime(pepper, points)
+    for refused in (
+        lambda: pk.retime(robot, points),
+        lambda: pk.retime(robot, points, jerk="gentle"),
+        lambda: pk.trajectory.enforce_limits(robot, motion),
+    ):
+        with pytest.raises(InfeasibleError, match=rf"HeadYaw moves .* its {quantity} limit is 0"):
+            refused()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_joint_without_effort_is_named(pepper, points):
+    robot = with_limit_of_zero(pepper, "RWristYaw", "effort")
+    with pytest.raises(InfeasibleError, match=r"RWristYaw needs .* its limit is 0 N m"):
+        pk.retime(robot, points)
+    assert pk.retime(robot, points, torque=False).active_limits(robot).share.max() == np.inf

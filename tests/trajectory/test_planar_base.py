@@ -147,3 +147,36 @@ def test_online_motion_drives_straight_as_fast_as_its_wheels(robot):
     v[:2] = 0.5, 0.5
     with pytest.raises(InvalidValueError, match=r"v: got .* times the speed of"):
         OnlineMotion(robot, start, v)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_the_limit_that_acts_on_a_base_is_that_of_its_wheels(robot, share):
+    """Only joints were looked at, of which none was near a limit."""
+    start = robot.posture("Stand")
+    target = start.copy()
+    target[:3] = 1.0, 0.5, 2.0
+    scales = {"velocity_scale": share, "acceleration_scale": share}
+    found = pk.retime(robot, [start, target], **scales).active_limits(robot, **scales)
+    assert found.active.mean() > 0.95
+    assert found.share.max() <= 1 + 1e-6
+    assert {name.split()[-1] for name in found.names[found.active]} <= {
+        "WheelFL",
+        "WheelFR",
+        "WheelB",
+        "base",
+    }
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_base_that_is_too_fast_is_slowed_to_what_its_wheels_can(robot, seed):
+    """Such a motion failed its certificate: only the joints' limits were enforced."""
+    rng = np.random.default_rng(seed)
+    points = np.tile(robot.posture("Stand"), (3, 1))
+    points[1:, :3] = rng.uniform(-2, 2, (2, 3))
+    fast = pk.retime(robot, points).scaled(0.5)
+    assert not fast.check(robot, collisions=False).success
+    motion = pk.trajectory.enforce_limits(robot, fast)
+    found = motion.check(robot, collisions=False)
+    assert found.success, found.report()
+    time = np.linspace(1e-5, motion.duration - 1e-5, 6001)
+    assert np.abs(wheel_speeds(robot, motion, time)).max() <= FASTEST * (1 + 1e-4)

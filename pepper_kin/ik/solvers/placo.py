@@ -215,10 +215,21 @@ def robot_of(pepper: PepperModel) -> Any:
             raise ModelError(f"placo orders the joints of robot {pepper.name!r} in another way")
         changed = pepper.dynamics_model.changed()
         if changed is not None:
-            for joint, inertia in enumerate(changed.inertias):
-                robot.model.inertias[joint + 1] = inertia
+            _change(robot.model, changed)
         local.robot = robot
     return robot
+
+
+def _change(model: Any, changed: Any) -> None:
+    """Bring what was changed in a robot's `pinocchio_model` to placo's, which begins with a floating base."""
+    for joint, inertia in enumerate(changed.inertias):
+        model.inertias[joint + 1] = inertia
+        if joint > 0:
+            model.jointPlacements[joint + 1] = changed.jointPlacements[joint]
+    for frame in changed.frames:
+        if model.existFrame(frame.name):
+            model.frames[model.getFrameId(frame.name)].placement = frame.placement
+    model.gravity = changed.gravity
 
 
 def _full_names(robot: Any) -> list[str]:

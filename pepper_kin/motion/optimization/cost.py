@@ -79,8 +79,8 @@ class Figures:
 
 def jerk_scale(pepper: PepperModel) -> Array:
     """Return the jerk of each joint that counts as 1: its greatest acceleration per second, shape (n,)."""
-    finite = np.isfinite(pepper.acceleration_limits)
-    return np.where(finite, pepper.acceleration_limits, 1.0)
+    stated = np.isfinite(pepper.acceleration_limits) & (pepper.acceleration_limits > 0)
+    return np.where(stated, pepper.acceleration_limits, 1.0)
 
 
 def figures_of(pepper: PepperModel, trajectory: Trajectory, loads: Loads = ()) -> Figures:
