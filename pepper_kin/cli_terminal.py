@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.atomic_file import make_folder
+from pepper_kin.atomic_file import check_file
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
@@ -104,12 +104,13 @@ def check_record(path: Path | None, *suffixes: str) -> None:
 
     Raises:
         InvalidValueError: for another ending.
+        FileFormatError: for a file that could not be written in the end.
     """
     if path is None:
         return
     if path.suffix.lower() not in suffixes:
         raise InvalidValueError("--record", repr(str(path)), f"a file that ends in {' or '.join(suffixes)}")
-    make_folder(path.parent)
+    check_file(path)
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:
@@ -140,7 +141,7 @@ def stages(silent: bool) -> Iterator[Callable[[str], None]]:
     Yields:
         What to call with the name of each stage as it begins.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda stage: None if silent else print(f"  {stage} ...", file=sys.stderr, flush=True)
         return
     with _bar() as bar:
