@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.naoqi import run_script
 from pepper_kin.naoqi.shims import almath
 
@@ -89,3 +89,27 @@ def test_dubins_ways_arrive():
         *_, last = almath.getDubinsSolutions(goal, 0.3)
         assert math.hypot(last.x - goal.x, last.y - goal.y) < 1e-9
         assert abs(math.remainder(last.theta - goal.theta, 2 * math.pi)) < 1e-9
+
+
+def test_a_folder_and_code_that_is_nested_too_deep_are_refused(broker, tmp_path):
+    with pytest.raises(FileFormatError, match="cannot be read: Is a directory"):
+        run_script(tmp_path, broker=broker)
+    script = tmp_path / "deep.py"
+    script.write_text("-" * 100_000 + "1")
+    with pytest.raises(FileFormatError, match=r"deep\.py: cannot be compiled by Python: "):
+        run_script(script, broker=broker)
+
+
+def test_what_a_script_says_as_it_exits_is_seen(broker, tmp_path, capsys):
+    script = tmp_path / "exits.py"
+    script.write_text("import sys\nsys.exit('usage: exits.py IP')\n")
+    result = run_script(script, broker=broker)
+    assert (result.ended, result.code) == ("exited", 1)
+    assert capsys.readouterr().err == "usage: exits.py IP\n"
+
+
+@pytest.mark.parametrize("longest", [0.0, -1.0, float("nan")])
+def test_a_time_that_is_none_is_refused(broker, tmp_path, longest):
+    (tmp_path / "s.py").write_text("")
+    with pytest.raises(InvalidValueError, match="a time above 0"):
+        run_script(tmp_path / "s.py", broker=broker, longest=longest)
