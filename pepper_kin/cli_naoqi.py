@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pepper_kin.atomic_file import check_file
-from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written
+from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written, save_log
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def run(
         outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
         print_json(outcome)
     print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
-    if result.error is not None:
+    if result.ended == "failed":
         import traceback
 
         traceback.print_exception(result.error)
@@ -244,8 +244,7 @@ def _broker(
             yield broker
         finally:
             if log is not None and record is not None:
-                log.run().save(record)
-                print(f"Written: {record}", file=sys.stderr)
+                save_log(log, record)
             if close is not None:
                 close()
 

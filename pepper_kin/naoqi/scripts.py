@@ -47,8 +47,8 @@ class ScriptResult:
     """What came of a script.
 
     Attributes:
-        ended: "completed", "exited" (by `sys.exit`), "time is up" or "failed".
-        code: What it exited with.
+        ended: "completed", "exited" (by `sys.exit`), "time is up", "interrupted" (by Ctrl-C) or "failed".
+        code: What it exited with; 130 where it was interrupted.
         duration: Time of the twin [s].
         error: The exception that ended it.
     """
@@ -217,7 +217,9 @@ def run_script(
             status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
             if exit_.code is not None and not isinstance(exit_.code, int):
                 print(exit_.code, file=sys.stderr)  # as Python does
-        except (Exception, KeyboardInterrupt) as failure:
+        except KeyboardInterrupt as failure:
+            ended, status, error = "interrupted", 130, failure
+        except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:
             sys.modules["__main__"], sys.argv = main, argv
