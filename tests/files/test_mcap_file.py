@@ -98,7 +98,7 @@ def test_wrong_mcap(tmp_path, change, message):
 
 
 @pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
-def test_a_recording_that_is_small_and_takes_all_memory_is_refused(pepper, tmp_path, monkeypatch, compression):
+def test_a_small_recording_that_takes_all_memory_is_refused(pepper, tmp_path, monkeypatch, compression):
     """91 KB took 3 GB."""
     mcap = pytest.importorskip("mcap.writer")
     monkeypatch.setattr(bags, "MOST_BYTES", 10_000_000)
