@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,9 +67,34 @@ def check_folder(path: str | os.PathLike[str]) -> None:
         raise FileFormatError(path, f"cannot be written: no permission in {there}")
 
 
+def check_file(path: str | os.PathLike[str]) -> Path:
+    """Make the folder of a file, and check that the file can be written, before long work that ends in it.
+
+    Raises:
+        FileFormatError: naming the path and what is in the way.
+    """
+    target = as_path(path)
+    folder = make_folder(target.parent)
+    try:
+        there, is_folder = target.exists(), target.is_dir()
+    except OSError as error:
+        raise FileFormatError(target, f"cannot be written: {error.strerror or error}") from error
+    if is_folder:
+        raise FileFormatError(target, "cannot be written: it is a folder")
+    place = target if there and not target.is_file() else folder
+    if not os.access(place, os.W_OK):
+        raise FileFormatError(target, f"cannot be written: no permission in {place}")
+    return target
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a text as UTF-8, its line ends as they are; see `write_bytes`."""
-    return write_bytes(path, text.encode("utf-8"))
+    try:
+        content = text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        reason = f"cannot be written: character {error.start} of its text is half of a surrogate pair"
+        raise FileFormatError(as_path(path), reason) from error
+    return write_bytes(path, content)
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
@@ -94,7 +121,8 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     The content goes to a temporary file in the same folder, which takes the file's name in one step at the
     end of the context, and is removed after an exception.  An existing file keeps its permissions; a new one
-    gets the usual ones.
+    gets the usual ones.  Where the path is a link, what it names is replaced, not the link.  A device or a
+    pipe gets the content at the end of the context.
 
     Args:
         path: The file; its folder must exist.
@@ -103,34 +131,55 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         FileFormatError: naming the path and why it cannot be written; nothing is left behind.
     """
     target = as_path(path)
-    temporary = None
     try:
         if target.is_dir():
-            raise IsADirectoryError(f"it is a folder: {target}")
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
-        with os.fdopen(handle, "wb") as file:
+            raise IsADirectoryError("it is a folder")
+        if target.exists() and not target.is_file():
+            with _written_through(target) as file:
+                yield file
+        else:
+            with _replaced(Path(os.path.realpath(target))) as file:
+                yield file
+    except OSError as error:
+        raise FileFormatError(target, f"cannot be written: {error.strerror or error}") from error
+
+
+@contextlib.contextmanager
+def _replaced(target: Path) -> Iterator[BinaryIO]:
+    """Open a temporary file beside a file, whose name it takes at the end."""
+    handle, temporary = _temporary(target)
+    try:
+        with os.fdopen(handle, "w+b") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, _permissions(target))
         os.replace(temporary, target)
-    except OSError as error:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-        raise FileFormatError(target, f"cannot be written: {error.strerror or error}") from error
     except BaseException:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
         raise
 
 
-def _permissions(target: Path) -> int:
-    """Return the mode bits of an existing file, or what the process's mask leaves of 0666."""
+@contextlib.contextmanager
+def _written_through(target: Path) -> Iterator[BinaryIO]:
+    """Open a temporary file whose content a device or a pipe gets at the end: it cannot be replaced."""
+    with tempfile.TemporaryFile() as file:
+        yield file
+        file.seek(0)
+        with open(target, "wb") as device:
+            shutil.copyfileobj(file, device)
+
+
+def _temporary(target: Path) -> tuple[int, Path]:
+    """Make a file beside another, with its permissions, or with those that a new file gets."""
     try:
-        return target.stat().st_mode & 0o777
+        mode: int | None = target.stat().st_mode & 0o777
     except FileNotFoundError:
-        mask = os.umask(0)
-        os.umask(mask)
-        return 0o666 & ~mask
+        mode = None
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    # Of a long name a part: with more around it no file could be named so.
+    temporary = target.parent / f".{target.name[:32]}.{secrets.token_hex(6)}.part"
+    handle = os.open(temporary, flags, 0o666 if mode is None else mode)
+    if mode is not None:
+        os.chmod(temporary, mode)
+    return handle, temporary

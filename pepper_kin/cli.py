@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -382,11 +383,15 @@ def main() -> None:
 
     Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, with one line of explanation; 130 Ctrl-C.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text in its encoding
     try:
         try:
             app()
         finally:
-            sys.stdout.flush()  # here, where a failure to write can still be reported
+            # Here a failure to write can still be reported; there is no stream where it was closed.
+            if sys.stdout is not None and not sys.stdout.closed:
+                sys.stdout.flush()
     except InfeasibleError as error:
         print(f"pepper-kin: {error}", file=sys.stderr)
         sys.exit(FAILED)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written
+from pepper_kin.atomic_file import check_file
+from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written, save_log
+from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi import Broker, Mirror
@@ -98,6 +100,8 @@ def run(
     """
     from pepper_kin.naoqi.scripts import run_script
 
+    if max_time is not None and not max_time > 0:
+        raise InvalidValueError("--max-time", max_time, "a time above 0, in seconds")
     with _broker(mode, not fast, scene, view, record) as broker:
         broker.on_log = lambda time, text: print(f"[{time:8.2f} s] {text}", file=sys.stderr)
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
@@ -107,7 +111,7 @@ def run(
         outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
         print_json(outcome)
     print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
-    if result.error is not None:
+    if result.ended == "failed":
         import traceback
 
         traceback.print_exception(result.error)
@@ -133,6 +137,10 @@ def mirror(
 
     Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
     """
+    from pepper_kin.qi_library import libqi
+
+    if "://" in source:
+        libqi()  # before all others, or a connection that is refused keeps the process from its end
     from pepper_kin.body_page import MirrorPage
     from pepper_kin.end_signals import ended_by_signals
     from pepper_kin.exceptions import PepperKinError
@@ -198,6 +206,7 @@ def watchdog(
     """
     from pepper_kin.naoqi import Robot
 
+    check_file(output)
     print_written([Robot.write_watchdog(output)], as_json)
 
 
@@ -235,8 +244,7 @@ def _broker(
             yield broker
         finally:
             if log is not None and record is not None:
-                log.run().save(record)
-                print(f"Written: {record}", file=sys.stderr)
+                save_log(log, record)
             if close is not None:
                 close()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import Json, check_record, one_of, print_json
+from pepper_kin.cli_terminal import Json, check_record, one_of, print_json, save_log
 
 if TYPE_CHECKING:
     from pepper_kin.ros import RobotNode, Transport
@@ -78,8 +78,8 @@ def ros(
         finally:
             body.time.stop()
             if log is not None and record is not None:
-                log.run().save(record)
-            if record is not None and record.exists():
+                save_log(log, record)
+            elif record is not None and record.exists():
                 print(f"Written: {record}", file=sys.stderr)
             if page is not None:
                 page.close()

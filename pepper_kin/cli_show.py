@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from pepper_kin.atomic_file import make_folder
+from pepper_kin.atomic_file import check_file
 from pepper_kin.cli_terminal import (
     VIEWS,
     Base,
@@ -60,7 +60,7 @@ def plot(
 
     pepper = load_pepper(base=base, hands=hands)
     trajectory = load(file, pepper)
-    make_folder(output.parent)
+    check_file(output)
     held = None if scene is None else Scene.load(scene)
     draw(pepper, trajectory, output, title=file.name, scene=held)
     print_written([output], as_json)
@@ -115,7 +115,7 @@ def render(
     pepper = load_pepper(base=base, hands=hands)
     motion = load_motion(file, pepper)
     around = scene_of(file, scene, no_scene)
-    make_folder(output.parent)
+    check_file(output)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
     with progress("rendering") as report:

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.atomic_file import make_folder
+from pepper_kin.atomic_file import check_file
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.naoqi import RunLog
 
 FAILED = 1
 MISUSED = 2
@@ -104,12 +105,22 @@ def check_record(path: Path | None, *suffixes: str) -> None:
 
     Raises:
         InvalidValueError: for another ending.
+        FileFormatError: for a file that could not be written in the end.
     """
     if path is None:
         return
     if path.suffix.lower() not in suffixes:
         raise InvalidValueError("--record", repr(str(path)), f"a file that ends in {' or '.join(suffixes)}")
-    make_folder(path.parent)
+    check_file(path)
+
+
+def save_log(log: RunLog, path: Path) -> None:
+    """Write a log as a run, and say so; one that is too short for a run is no failure of what was logged."""
+    if len(log) < 2:
+        print(f"Not written: {path}: fewer than two cycles of 20 ms were logged", file=sys.stderr)
+        return
+    log.run().save(path)
+    print(f"Written: {path}", file=sys.stderr)
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:
@@ -140,7 +151,7 @@ def stages(silent: bool) -> Iterator[Callable[[str], None]]:
     Yields:
         What to call with the name of each stage as it begins.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda stage: None if silent else print(f"  {stage} ...", file=sys.stderr, flush=True)
         return
     with _bar() as bar:

@@ -81,6 +81,7 @@ def _restored(
     kind: type[PepperKinError], args: tuple[Any, ...], attributes: dict[str, Any]
 ) -> PepperKinError:
     error = kind.__new__(kind, *args)
+    error.args = args  # those that are an OSError too take them in `__init__` alone
     error.__dict__.update(attributes)
     return error
 

@@ -4,6 +4,7 @@ import ast
 import enum
 import importlib
 import inspect
+import pickle
 import pkgutil
 import re
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, did_you_mean, shortened
-from pepper_kin.naoqi import Robot
+from pepper_kin.naoqi import NaoqiError, Robot, RobotConnectionError
 from pepper_kin.ros import RobotClient
 
 ROOT = Path(__file__).parents[1]
@@ -172,3 +173,21 @@ def test_an_orientation_that_is_met_is_said_so():
     assert turned.attained(pepper, stand).startswith(
         "an orientation (0.0, 0.0, 5.7) deg about the world's axes"
     )
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InvalidValueError("q", 1, "2"),
+        UnknownNameError("joint", "Tail", ["HeadYaw"]),
+        RobotConnectionError("tcp://robot:9559", "connect: nobody listens"),
+        NaoqiError("ALMotion", "wakeUp", "no"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_travel_between_processes_with_their_sentence(error):
+    """Errors that are an OSError as well arrived without a word."""
+    arrived = pickle.loads(pickle.dumps(error))
+    assert type(arrived) is type(error)
+    assert str(arrived) == str(error) != ""
+    assert (arrived.args, vars(arrived)) == (error.args, vars(error))

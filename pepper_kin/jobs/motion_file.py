@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from pepper_kin.exceptions import FileFormatError
@@ -31,7 +32,7 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
         MissingDependencyError: for .mcap without its package.
         FileFormatError: naming path, line and what is wrong.
     """
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         recording = load_recording(path)
         if recording.joint_names != pepper.joint_names:
             raise FileFormatError(path, f"has other joints: {', '.join(recording.joint_names)}")
@@ -47,9 +48,9 @@ def scene_beside(path: str | Path) -> Path | None:
     Args:
         path: As `load_motion` takes it.
     """
-    folder = Path(path) if Path(path).is_dir() else Path(path).parent
+    folder = Path(path) if os.path.isdir(path) else Path(path).parent
     file = folder / SCENE_FILE
-    return file if file.is_file() else None
+    return file if os.path.isfile(file) else None
 
 
 def _first_line(path: str | Path) -> str:

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from pepper_kin.end_signals import EndRequest, ended_by_signals
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.wire import Wire
@@ -48,8 +49,9 @@ class Host:
 
     Raises:
         MissingDependencyError: where `qi` is not installed.
-        InvalidValueError: for an address that is not this machine's without `allow_remote`, or a token that
-            is too short to be one.
+        InvalidValueError: for an address that is not this machine's without `allow_remote`, a token that is
+            too short to be one, or a port that there is not.
+        InfeasibleError: for an address or a port that cannot be had.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class Host:
         allow_remote: bool = False,
         token: str | None = None,
     ) -> None:
+        if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
+            raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
         self.broker = broker
         self.token = Access.of(address, allow_remote, token, RISK).token
         qi = libqi()
@@ -68,8 +72,13 @@ class Host:
         self._session = qi.Session()
         self._open: dict[str, Any] = {}
         self._closed = threading.Lock()
+        try:
+            self._session.listenStandalone(f"tcp://{address}:{port}")
+        except RuntimeError as error:
+            detail = str(error).splitlines()[-1].partition(" [")[0]
+            reason = f"{address} port {port} cannot be had: {detail}"
+            raise InfeasibleError("server of NAOqi", reason, "choose another address or port") from error
         atexit.register(self.close)
-        self._session.listenStandalone(f"tcp://{address}:{port}")
         self.url = str(self._session.endpoints()[0])
         for name in broker.module_names:
             service = self._wire.service(broker.module(name), locked=self.token is not None)

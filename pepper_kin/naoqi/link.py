@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 from collections.abc import Callable
 from typing import Any
+from urllib.parse import urlsplit
 
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
 from pepper_kin.qi_library import libqi
+
+PORT = 9559
+"""Where NAOqi listens."""
 
 ANSWER = 5.0
 """The longest time that an answer takes [s]."""
@@ -34,11 +39,32 @@ class Link:
         self._session = qi.Session()
         self._services: dict[str, Any] = {}
         self._opened: Any = None
+        self._look_for(url)
         self.value(self._session.connect(url, _async=True), "connect")
         if token is not None:
             access = self.service("Access")
             self._opened = self.value(access.unlock(token, _async=True), "Access.unlock")
             self._services.clear()
+
+    def _look_for(self, url: str) -> None:
+        """Refuse an address where nobody listens, before libqi does, which may then never let go.
+
+        It does so in processes that loaded coal before it; see `pepper_kin.qi_library`.
+        """
+        try:
+            parts = urlsplit(url)
+            host, port = parts.hostname, parts.port or PORT
+        except ValueError as error:
+            raise RobotConnectionError(url, f"connect: {error}") from error
+        if host is None:
+            raise RobotConnectionError(url, "connect: no host in it, expected tcp://HOST:PORT")
+        try:
+            socket.create_connection((host, port), self.timeout).close()
+        except TimeoutError as error:
+            raise RobotConnectionError(url, f"connect: no answer within {self.timeout:g} s") from error
+        except (OSError, UnicodeError) as error:  # the second for names that no host has
+            reason = getattr(error, "strerror", None) or error
+            raise RobotConnectionError(url, f"connect: {reason}") from error
 
     @property
     def alive(self) -> bool:

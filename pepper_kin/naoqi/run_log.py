@@ -23,6 +23,9 @@ class RunLog:
         self._rows: list[tuple[np.ndarray, ...]] = []
         body.listeners.append(self._note)
 
+    def __len__(self) -> int:
+        return len(self._rows)
+
     def stop(self) -> None:
         """Note no further cycles."""
         if self._note in self.body.listeners:

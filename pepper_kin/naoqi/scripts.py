@@ -19,7 +19,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.atomic_file import as_path
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.file_reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, set_broker, vision_definitions
 
@@ -45,8 +47,8 @@ class ScriptResult:
     """What came of a script.
 
     Attributes:
-        ended: "completed", "exited" (by `sys.exit`), "time is up" or "failed".
-        code: What it exited with.
+        ended: "completed", "exited" (by `sys.exit`), "time is up", "interrupted" (by Ctrl-C) or "failed".
+        code: What it exited with; 130 where it was interrupted.
         duration: Time of the twin [s].
         error: The exception that ended it.
     """
@@ -68,8 +70,7 @@ def python3_source(path: Path) -> str:
     Raises:
         FileFormatError: naming the line, for a script that is neither.
     """
-    raw = path.read_bytes()
-    text = raw.decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    text = read_bytes(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     source = _RESERVED.sub(".async_", _ASYNC_ARGUMENT.sub("_async=", text))
     try:
         with warnings.catch_warnings():
@@ -78,6 +79,8 @@ def python3_source(path: Path) -> str:
         return source
     except SyntaxError as first:
         return _translated(path, source, first)
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise FileFormatError(path, f"cannot be compiled by Python: {error}") from error
 
 
 def _translated(path: Path, source: str, first: SyntaxError) -> str:
@@ -173,15 +176,19 @@ def run_script(
         path: The script, in Python 3 or 2.
         arguments: What stands behind its name on the command line.
         broker: The simulated robot.
-        longest: Time of the twin after which it is interrupted, as by Ctrl-C [s].
+        longest: Time of the twin after which it is interrupted, as by Ctrl-C [s]; at its next wait, or when
+            it asks for the time.
 
     Returns:
         How it ended.
 
     Raises:
         FileFormatError: for a file that is no script.
+        InvalidValueError: for a time that is not above 0.
     """
-    script = Path(path)
+    if longest is not None and not longest > 0:
+        raise InvalidValueError("longest", longest, "a time above 0 [s]")
+    script = as_path(path)
     code = compile(python3_source(script), str(script), "exec")
     module = types.ModuleType("__main__")
     module.__file__ = str(script.resolve())
@@ -208,7 +215,11 @@ def run_script(
         except SystemExit as exit_:
             ended = "exited"
             status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-        except (Exception, KeyboardInterrupt) as failure:
+            if exit_.code is not None and not isinstance(exit_.code, int):
+                print(exit_.code, file=sys.stderr)  # as Python does
+        except KeyboardInterrupt as failure:
+            ended, status, error = "interrupted", 130, failure
+        except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:
             sys.modules["__main__"], sys.argv = main, argv

@@ -26,6 +26,10 @@ from pepper_kin.ros_messages.schemas import schema_text, schema_type
 
 _ENCODING, _SCHEMA = "cdr", "ros2msg"
 
+MOST_BYTES = 250_000_000
+"""Most that is decompressed [bytes] of a file that is small; of others MOST_TIMES their size."""
+MOST_TIMES = 50
+
 
 class BagMessage(NamedTuple):
     """A message of a recording.
@@ -175,7 +179,10 @@ class Bag:
             FileFormatError: as the class.
         """
         try:
+            self._check_size()
             summary = self._reader().get_summary()
+        except FileFormatError:
+            raise
         except Exception as error:  # a damaged file makes the library fail in ways without a common base
             raise self._damaged(error) from error
         if summary is None:
@@ -229,12 +236,42 @@ class Bag:
             if types is None or schema.name in types:
                 yield schema, channel, record
 
+    def _check_size(self) -> None:
+        """Refuse a file that is small and takes all memory when it is decompressed."""
+        from mcap.records import Chunk
+        from mcap.stream_reader import StreamReader
+
+        most, size = max(MOST_BYTES, MOST_TIMES * len(self._content)), 0
+        for record in StreamReader(io.BytesIO(self._content), emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                size += _decompressed_size(record, most)
+            if size > most:
+                raise FileFormatError(self.path, f"is more than {most} bytes when decompressed")
+
     def _reader(self) -> Any:
         return self._make_reader(io.BytesIO(self._content), validate_crcs=True)
 
     def _damaged(self, error: Exception) -> FileFormatError:
         what = f"{type(error).__name__}: {shortened(error)}"
         return FileFormatError(self.path, f"is not a complete MCAP file: {what}")
+
+
+def _decompressed_size(chunk: Any, most: int) -> int:
+    """Return how many bytes the package `mcap` will make of a chunk, or any number above `most`."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        # What the frame announces is made, whatever the chunk announces; else that is the limit.
+        announced = int(zstandard.frame_content_size(chunk.data))
+        return announced if announced >= 0 else int(chunk.uncompressed_size)
+    if chunk.compression == "lz4":
+        import lz4.frame
+
+        announced = int(lz4.frame.get_frame_info(chunk.data)["content_size"])
+        if announced > most:  # so much is set aside before anything is decompressed
+            return announced
+        return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most + 1))
+    return max(int(chunk.uncompressed_size), len(chunk.data))
 
 
 def missing() -> MissingDependencyError:

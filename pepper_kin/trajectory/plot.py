@@ -81,7 +81,9 @@ def plot(
         height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
     )
     heading = f"{len(places)} joints in {trajectory.duration:.2f} s{carried_words(held)}"
-    figure.suptitle(title or heading, fontsize=13)
+    # Names of files may hold what is no character, and `$` is not to begin a formula.
+    shown = (title or heading).encode("utf-8", "replace").decode()
+    figure.suptitle(shown, fontsize=13, parse_math=False)
     peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places, held) for name in QUANTITIES]
     _draw_legend(axes["legend"], pepper, places, peaks)
     _draw_plane(axes["plane"], plane)
@@ -187,11 +189,13 @@ def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[
     words = [
         f"{pepper.joint_names[j]}: " + "; ".join(peak[i] for peak in peaks) for i, j in enumerate(places)
     ]
-    axes.legend(
+    legend = axes.legend(
         handles, words, loc="center", ncols=2 if len(places) > 1 else 1, fontsize=7.2, frameon=False,
         title=_LEGEND, title_fontsize=8,
         columnspacing=1.0, handlelength=1.6,
     )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a `$` in the name of a joint begins no formula
 
 
 def _draw_plane(axes: Any, plane: PhasePlane) -> None:

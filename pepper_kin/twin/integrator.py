@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -121,7 +122,7 @@ class Integrator:
     Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
     Rigid Body Dynamics Algorithms (2008), table 7.1.
 
-    Not to be shared among threads.
+    Threads that share one take turns; their steps then depend on one another's.
 
     Args:
         pepper: The robot.
@@ -153,6 +154,8 @@ class Integrator:
         self._nothing = np.zeros((1, pepper.n))
         self._alone = no_world(pepper.n)
         self._made: Simulator | None = None
+        # Machine code runs beside Python, in a working memory of which there is one.
+        self._turn = threading.RLock()
 
     def gravity_torque(self, q: Array) -> Array:
         """Return g(q) [N m or N], shape (n,)."""
@@ -276,17 +279,17 @@ class Integrator:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
         n = self._pepper.n
-        tables = self._simulator.tables
-        space = self._space
         *inputs, effort = self._vectors(q=q, v=v, q_ref=q_ref, v_ref=v_ref, feedforward=feedforward)
         inputs += [self._actuators.strength * effort, self._nothing[0]]
         if load is not None:
             inputs[-1] = self._vectors(load=load)[0]
-        for row, values in enumerate(inputs):
-            space.step_input[row * n : (row + 1) * n] = values
-        space.step_input[6 * n :] = tables.constant[0]
         mass_hat, force = np.empty((n, n)), np.empty(n)
-        linearized_step(tables, space, mass_hat, force)
+        with self._turn:
+            tables, space = self._simulator.tables, self._space
+            for row, values in enumerate(inputs):
+                space.step_input[row * n : (row + 1) * n] = values
+            space.step_input[6 * n :] = tables.constant[0]
+            linearized_step(tables, space, mass_hat, force)
         return mass_hat, force
 
     def run(
@@ -317,10 +320,11 @@ class Integrator:
         Raises:
             InvalidValueError: for a wrong shape, or an `every` that is no divisor of T.
         """
-        tables, world = self._simulator.tables, self._alone if world is None else world
+        world = self._alone if world is None else world
         shape = steps, n = command.position.shape
         if steps == 1 and every == 1:
-            return self._one_step(q, v, command, load, world)
+            with self._turn:
+                return self._one_step(q, v, command, load, world)
         if not (
             n == self._pepper.n
             and getattr(q, "shape", None) == getattr(v, "shape", None) == (n,)
@@ -337,7 +341,9 @@ class Integrator:
         state, good = np.empty((3, 1, n)), np.array([steps])
         state[0, 0], state[1, 0] = position[0], velocity[0] = q, v
         log = Log(position[np.newaxis], velocity[np.newaxis], torque[np.newaxis], good)
-        outcome = rollout(Span(steps, every, 0, 1), tables, self._space, inputs, state, log, world)
+        with self._turn:
+            tables = self._simulator.tables
+            outcome = rollout(Span(steps, every, 0, 1), tables, self._space, inputs, state, log, world)
         kept = (position, velocity, torque)
         return Series(position[1:], velocity[1:], torque[1:], int(good[0]) // every, int(outcome), kept)
 
@@ -351,7 +357,7 @@ class Integrator:
             load: Torque from elsewhere [N m or N], shape (1, n).
             world: What the robot meets.
         """
-        single = self._single
+        tables, single = self._simulator.tables, self._single
         try:
             for row, values in zip(single.rows, (q, v, *command, load), strict=True):
                 row[:] = values
@@ -360,9 +366,7 @@ class Integrator:
             wanted = _shapes_wanted(self._pepper.n)
             raise InvalidValueError("state, command and load", got, wanted) from None
         single.log.good[0] = 1
-        outcome = rollout(
-            _ONE, self._simulator.tables, self._space, single.inputs, single.state, single.log, world
-        )
+        outcome = rollout(_ONE, tables, self._space, single.inputs, single.state, single.log, world)
         position, velocity, torque = single.step_output.copy()
         return Series(position, velocity, torque, int(single.log.good[0]), outcome)
 
@@ -370,9 +374,10 @@ class Integrator:
     def _simulator(self) -> Simulator:
         if self._made is None:
             one = ActuatorTable(*(values[np.newaxis] for values in self._actuators))
-            self._made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity, loads=self._loads)
-            self._space = self._made.workspace()
+            made = Simulator(self._pepper, self.timestep, one, gravity=self._gravity, loads=self._loads)
+            self._space = made.workspace()
             self._single = _SingleStep.of(self._pepper.n)
+            self._made = made
         return self._made
 
 

@@ -90,6 +90,7 @@ def write_frames_page(
     names = tuple(link_names)
     if len(set(names)) != len(names):
         raise InvalidValueError("link_names", "a name twice", "each link once")
+    title = title.encode("utf-8", "replace").decode()  # names of files may hold what is no character
     everything = (*drawables, *markers)
     drawn = {drawable.link for drawable in everything}
     for link in drawn - {None, *names}:

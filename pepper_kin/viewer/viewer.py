@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import tempfile
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -94,6 +95,7 @@ class Viewer:
         self._targets: dict[str, Drawable] = {}
         self._motion = still(pepper, pepper.neutral())
         self._server: ViewerServer | None = None
+        self._starting = threading.Lock()
         self._listener: TargetListener | None = None
 
     def __enter__(self) -> Viewer:
@@ -110,14 +112,14 @@ class Viewer:
     @property
     def url(self) -> str | None:
         """Address of the live page, or None while there is none."""
-        return self._server.url if self._server else None
+        return server.url if (server := self._server) else None
 
     @property
     def q(self) -> NDArray[np.float64]:
         """Joint positions that the live page shows now, shape (n,) [rad or m]; at first those of Stand."""
-        if self._server is None:
+        if (server := self._server) is None:
             return self._motion.positions[0].copy()
-        return self._server.call(lambda session: session.q.copy())
+        return server.call(lambda session: session.q.copy())
 
     def _repr_html_(self) -> str:
         """Show the live page in a notebook."""
@@ -405,9 +407,9 @@ class Viewer:
         if self._listener is not None:
             self._listener.stop()
             self._listener = None
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()
 
     def _frames(self, motion: JointMotion, series: Mapping[str, Series], fps: float) -> MotionFrames:
         """Compute poses at the frames alone: those of every sample would cost most of the time."""
@@ -416,12 +418,15 @@ class Viewer:
         return frames_of_samples(motion.times, kept, poses, len(self._drawn_links), series)
 
     def _live(self) -> ViewerServer:
-        if self._server is None:
-            from pepper_kin.viewer.server import ViewerServer
+        with self._starting:  # threads share one
+            server = self._server
+            if server is None:
+                from pepper_kin.viewer.server import ViewerServer
 
-            self._server = ViewerServer(self._pepper, port=self._port)
-            self._server.call(self._furnish)
-        return self._server
+                server = ViewerServer(self._pepper, port=self._port)
+                server.call(self._furnish)
+                self._server = server
+        return server
 
     def _furnish(self, session: Session) -> None:
         """Give a new session what the viewer shows already."""
@@ -433,8 +438,8 @@ class Viewer:
         session.set_joints(self._motion.positions[0])
 
     def _tell(self, do: Callable[[Session], None]) -> None:
-        if self._server is not None:
-            self._server.call(do)
+        if (server := self._server) is not None:
+            server.call(do)
 
 
 def _joined(known: Scene, more: Scene) -> Scene:

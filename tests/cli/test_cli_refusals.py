@@ -1,5 +1,6 @@
 """What cannot be done is refused in one line, before long work, and nothing is ignored silently."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -79,3 +80,50 @@ def test_an_output_that_cannot_be_written_is_reported_in_one_line(tmp_path, argu
         )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr == "pepper-kin: the output cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        (("render", "nod.npz"), "-o"),
+        (("plot", "nod.npz"), "-o"),
+        (("naoqi", "run", "script.py", "--fast"), "--record"),
+        (("ros", "--port", "0"), "--record"),
+        (("naoqi", "mirror", "nod.npz"), "--record"),
+    ],
+)
+def test_a_file_that_is_a_folder_is_reported_before_the_work(run, nod, tmp_path, command, option):
+    """A recording would have been lost in the end."""
+    (tmp_path / "nod.npz").symlink_to(nod)
+    (tmp_path / "script.py").write_text("open('begun', 'w')")
+    output = "out.csv" if option == "--record" else "out.png"
+    (tmp_path / output).mkdir()
+    done = run(*command, option, output, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == f"pepper-kin: {output}: cannot be written: it is a folder\n"
+    assert not (tmp_path / "begun").exists()
+
+
+def test_without_a_standard_output_a_command_ends_as_with_one(tmp_path):
+    program = "import sys; from pepper_kin.cli import main; main()"
+    command = f'exec "{sys.executable}" -c "{program}" check limits >&-'
+    done = subprocess.run(
+        ["sh", "-c", command], stderr=subprocess.PIPE, text=True, cwd=tmp_path, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes")
+@pytest.mark.parametrize(("command", "suffix"), [("plot", ".svg"), ("render", ".html")])
+def test_names_of_files_need_not_be_text(nod, tmp_path, command, suffix):
+    name = b"caf\xe9 $\\bad$"
+    (tmp_path / os.fsdecode(name + b".npz")).symlink_to(nod)
+    program = "import sys; from pepper_kin.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, command, name + b".npz", "-o", name + suffix.encode()],
+        capture_output=True, cwd=tmp_path, timeout=120, check=False,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == b"Written: caf\\udce9 $\\bad$" + suffix.encode() + b"\n"
+    assert (tmp_path / os.fsdecode(name + suffix.encode())).stat().st_size > 1000

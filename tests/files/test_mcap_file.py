@@ -5,7 +5,8 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.files import load, save
+from pepper_kin.files import load, read_joint_states, save
+from pepper_kin.ros_messages import bags
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +95,24 @@ def test_wrong_mcap(tmp_path, change, message):
         writer.finish()
     with pytest.raises(FileFormatError, match=message):
         load(tmp_path / "wrong.mcap")
+
+
+@pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
+def test_a_small_recording_that_takes_all_memory_is_refused(pepper, tmp_path, monkeypatch, compression):
+    """91 KB took 3 GB."""
+    mcap = pytest.importorskip("mcap.writer")
+    monkeypatch.setattr(bags, "MOST_BYTES", 10_000_000)
+    path = tmp_path / "bomb.mcap"
+    for count in (8, 12):  # messages of a megabyte each
+        writer = mcap.Writer(
+            str(path), compression=getattr(mcap.CompressionType, compression), chunk_size=1 << 40
+        )
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"float64[] position")
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for time in range(count):
+            writer.add_message(channel, time, bytes(1_000_000), time)
+        writer.finish()
+        reason = "is more than 10000000 bytes when decompressed" if count > 10 else "begins with 0000"
+        with pytest.raises(FileFormatError, match=f"bomb.mcap: .*{reason}"):
+            read_joint_states(path, pepper)

@@ -214,3 +214,57 @@ def test_what_a_wrong_column_might_have_been_is_said(good):
         load_table(good, ["time", "B.position", "B.velocity"])
     with pytest.raises(FileFormatError, match=r"'A.position'; of A there can be velocity, torque$"):
         load_table(good, ["time", "A.velocity", "A.torque"])
+
+
+def test_what_a_link_names_is_written_and_the_link_stays(tmp_path):
+    (tmp_path / "kept").mkdir()
+    target, link = tmp_path / "kept" / "t.txt", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    atomic_file.write_text(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    (tmp_path / "dangling").symlink_to(tmp_path / "made.txt")
+    atomic_file.write_text(tmp_path / "dangling", "new")
+    assert (tmp_path / "made.txt").read_text() == "new"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_a_pipe_gets_the_content_and_stays(tmp_path):
+    """A device is no other case: to root `-o /dev/null` must not be a file that takes its place."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        atomic_file.write_text(pipe, "all of it")
+        assert os.read(reader, 100) == b"all of it"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs the device that is always full")
+def test_a_full_device_is_refused_by_name(tmp_path):
+    (tmp_path / "full").symlink_to("/dev/full")
+    with pytest.raises(FileFormatError, match="full: cannot be written: No space left on device"):
+        atomic_file.write_text(tmp_path / "full", "x" * 100_000)
+
+
+def test_names_as_long_as_the_system_allows(tmp_path):
+    for name in ("n" * 255, "\u00e9" * 127):
+        assert atomic_file.write_text(tmp_path / name, "x").read_text() == "x"
+    with pytest.raises(FileFormatError, match="cannot be written: File name too long"):
+        atomic_file.check_file(tmp_path / ("n" * 256))
+
+
+def test_the_mask_of_the_process_is_not_touched(tmp_path, monkeypatch):
+    """It is one for all threads: files that others make meanwhile would be open to everybody."""
+    monkeypatch.setattr(os, "umask", lambda mask: pytest.fail("the mask is changed"))
+    atomic_file.write_text(tmp_path / "t.txt", "x")
+
+
+def test_a_text_that_is_none_is_refused_by_the_file(tmp_path):
+    with pytest.raises(FileFormatError, match=r"t.txt: cannot be written: character 1 .* surrogate"):
+        atomic_file.write_text(tmp_path / "t.txt", "a\udce9")
+    assert list(tmp_path.iterdir()) == []

@@ -3,13 +3,14 @@
 import importlib.util
 import json
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
 
 import pytest
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.naoqi import Broker, Host
 
 pytestmark = pytest.mark.skipif(
@@ -213,3 +214,46 @@ def test_a_token_is_needed_to_move_and_not_to_read(host):
 def test_an_empty_token_is_refused(host):
     with pytest.raises(InvalidValueError, match="token"):
         Host(host.broker, port=0, token="")
+
+
+@pytest.mark.parametrize("port", [-1, 65536, True, 9559.0, "9559"])
+def test_a_port_that_there_is_not_is_refused(host, port):
+    """libqi takes another one for it, without a word."""
+    with pytest.raises(InvalidValueError, match=r"port: got .*, expected a whole number in 0 \.\.\. 65535"):
+        Host(host.broker, port=port)
+
+
+def test_an_address_or_a_port_that_cannot_be_had_is_refused_by_name(host):
+    port = int(host.url.rpartition(":")[2])
+    with pytest.raises(InfeasibleError, match=f"127.0.0.1 port {port} cannot be had: .*in use"):
+        Host(host.broker, port=port)
+    with pytest.raises(InfeasibleError, match=r"no-such-host\.invalid port 9559 cannot be had: "):
+        Host(host.broker, "no-such-host.invalid", allow_remote=True)
+    assert ask(host).wait(60) == 0  # the simulated robot is as it was
+
+
+@pytest.mark.parametrize("listens", [False, True], ids=["nobody", "silent"])
+def test_a_robot_that_does_not_answer_is_named_and_the_process_ends(listens):
+    """Also where coal was loaded before libqi, which then keeps a process whose connection is refused."""
+    program = textwrap.dedent(
+        """
+        import sys, time
+        import coal
+        from pepper_kin.naoqi import Robot, RobotConnectionError
+        begun = time.monotonic()
+        try:
+            Robot(sys.argv[1])
+        except RobotConnectionError as error:
+            print(error, time.monotonic() - begun < 10.0)
+        """
+    )
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        if not listens:
+            server.close()
+        url = f"tcp://127.0.0.1:{port}"
+        done = subprocess.run(
+            [sys.executable, "-c", program, url], capture_output=True, text=True, timeout=90, check=False
+        )
+    reason = "no answer within 5 s" if listens else "Connection refused"
+    assert (done.returncode, done.stdout) == (0, f"{url}: connect: {reason} True\n"), done.stderr

@@ -1,6 +1,9 @@
 """Scripts run as they are: in Python 2 with proxies, in Python 3 with sessions."""
 
+import json
 import math
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -8,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pepper_kin.exceptions import FileFormatError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.naoqi import run_script
 from pepper_kin.naoqi.shims import almath
 
@@ -89,3 +92,56 @@ def test_dubins_ways_arrive():
         *_, last = almath.getDubinsSolutions(goal, 0.3)
         assert math.hypot(last.x - goal.x, last.y - goal.y) < 1e-9
         assert abs(math.remainder(last.theta - goal.theta, 2 * math.pi)) < 1e-9
+
+
+def test_a_folder_and_code_that_is_nested_too_deep_are_refused(broker, tmp_path):
+    with pytest.raises(FileFormatError, match="cannot be read: Is a directory"):
+        run_script(tmp_path, broker=broker)
+    script = tmp_path / "deep.py"
+    script.write_text("-" * 100_000 + "1")
+    with pytest.raises(FileFormatError, match=r"deep\.py: cannot be compiled by Python: "):
+        run_script(script, broker=broker)
+
+
+def test_what_a_script_says_as_it_exits_is_seen(broker, tmp_path, capsys):
+    script = tmp_path / "exits.py"
+    script.write_text("import sys\nsys.exit('usage: exits.py IP')\n")
+    result = run_script(script, broker=broker)
+    assert (result.ended, result.code) == ("exited", 1)
+    assert capsys.readouterr().err == "usage: exits.py IP\n"
+
+
+@pytest.mark.parametrize("longest", [0.0, -1.0, float("nan")])
+def test_a_time_that_is_none_is_refused(broker, tmp_path, longest):
+    (tmp_path / "s.py").write_text("")
+    with pytest.raises(InvalidValueError, match="a time above 0"):
+        run_script(tmp_path / "s.py", broker=broker, longest=longest)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals as on Unix")
+def test_ctrl_c_ends_a_script_with_130_and_keeps_the_recording(tmp_path):
+    script = tmp_path / "endless.py"
+    script.write_text(
+        "import time\ntime.sleep(0.2)\nprint('begun', flush=True)\nwhile True:\n    time.sleep(0.1)\n"
+    )
+    program = "import sys; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
+    words = ["naoqi", "run", str(script), "--record", str(tmp_path / "run.csv"), "--json"]
+    with subprocess.Popen(
+        [sys.executable, "-c", program, *words],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr.readline() == "begun\n"
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert json.loads(output)["ended"] == "interrupted"
+    assert "Traceback" not in errors
+    assert (tmp_path / "run.csv").read_text().startswith("time,")
+
+
+def test_a_recording_too_short_for_a_run_hides_nothing_of_the_script(run, tmp_path):
+    (tmp_path / "wrong.py").write_text("raise ValueError('the reason')\n")
+    done = run("naoqi", "run", "wrong.py", "--fast", "--record", "run.csv", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "Not written: run.csv: fewer than two cycles" in done.stderr
+    assert "ValueError: the reason" in done.stderr

@@ -1,6 +1,8 @@
 """The twin: following trajectories, single steps, refusals, runs and their files."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -227,3 +229,30 @@ def test_other_timesteps_follow_too(pepper, trajectory, h):
     run = Twin(pepper, h).execute(trajectory, hold_time=0.5)
     assert run.success
     assert np.abs(run.tracking_error[-1]).max() < 1e-3
+
+
+def test_threads_that_share_a_twin_take_turns():
+    """In a process of its own, which ended by a segmentation fault."""
+    program = """if True:
+        import threading
+        import pepper_kin as pk
+        pepper = pk.load_pepper()
+        still = pk.retime(pepper, [pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.5})])
+        for _ in range(3):
+            twin, ended = pk.Twin(pepper), []
+            barrier = threading.Barrier(4)
+            def execute():
+                barrier.wait()
+                for _ in range(3):
+                    ended.append(twin.execute(still).success)
+            threads = [threading.Thread(target=execute) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            print(len(ended))
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "12\n" * 3), done.stderr

@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.viewer import JointMotion, Viewer, save_reach_html
 
 
@@ -213,3 +213,59 @@ def test_a_target_is_moved_from_python_as_by_dragging(pepper):
             viewer.move_target("left foot", [0.4, 0.2, 0.9])
         with pytest.raises(InvalidValueError, match="position of target 'gaze'"):
             viewer.move_target("gaze", [0.4, np.nan, 0.9])
+
+
+def test_threads_that_show_while_another_closes_go_on(pepper):
+    """A call whose turn came after the server's end was answered by nobody, and hung."""
+    q = pepper.posture("Stand")
+    for _ in range(5):
+        viewer, ended = Viewer(pepper, port=0), []
+        viewer.show(q)
+        server = viewer._server
+
+        def call(server=server, ended=ended):
+            try:
+                while True:
+                    server.call(lambda session: session.q)
+            except InfeasibleError as error:
+                ended.append(str(error))
+
+        threads = [threading.Thread(target=call, daemon=True) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        viewer.close()
+        for thread in threads:
+            thread.join(20.0)
+        assert ended == ["no live page: its server has ended; make a new viewer"] * 4
+
+
+def test_threads_share_one_server_and_any_may_close_it(pepper):
+    viewer, urls = Viewer(pepper, port=0), set()
+    q = pepper.posture("Stand")
+    threads = [threading.Thread(target=lambda: urls.add(viewer.show(q))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert len(urls) == 1
+    server = viewer._server
+    threads = [threading.Thread(target=server.close) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60.0)
+    assert not server._thread.is_alive()
+
+
+def test_what_draws_may_call_the_viewer(pepper):
+    """It runs in the server's thread, which would wait for itself."""
+    with Viewer(pepper, port=0) as viewer:
+        done = threading.Event()
+
+        def draw():
+            viewer.draw(lambda board: viewer.show(pepper.posture("Crouch")))
+            done.set()
+
+        threading.Thread(target=draw, daemon=True).start()
+        assert done.wait(60.0)
+        assert viewer.q == pytest.approx(pepper.posture("Crouch"))

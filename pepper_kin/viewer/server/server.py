@@ -8,7 +8,7 @@ import errno
 import socket
 import threading
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
@@ -57,6 +57,9 @@ class ViewerServer:
         self._worker = Worker(self._deliver)
         self._tasks = LongTasks(pepper, self._worker)
         self._hub = Hub(pepper, self._tasks)
+        self._lock = threading.Lock()
+        self._calls: set[concurrent.futures.Future[Any]] = set()
+        self._ended = False
         self._thread = threading.Thread(target=self._run, name="pepper-kin viewer", daemon=True)
         self._started = threading.Event()
         self._thread.start()
@@ -72,8 +75,10 @@ class ViewerServer:
         """Do something with the session in the thread that owns it; return what it returns.
 
         Raises:
-            InfeasibleError: after the server has ended.
+            InfeasibleError: after the server has ended, or where it ends meanwhile.
         """
+        if threading.current_thread() is self._thread:  # it cannot wait for itself
+            return do(self._hub.session)
         outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
 
         def work() -> None:
@@ -83,11 +88,16 @@ class ViewerServer:
                 outcome.set_exception(error)
             self._hub.wake()
 
-        try:
+        with self._lock:
+            if self._ended:
+                raise _has_ended()
+            self._calls.add(outcome)
             self._loop.call_soon_threadsafe(work)
-        except RuntimeError as error:
-            raise InfeasibleError("live page", "its server has ended", "make a new viewer") from error
-        return outcome.result()
+        try:
+            return outcome.result()
+        finally:
+            with self._lock:
+                self._calls.discard(outcome)
 
     def warm_up(self) -> None:
         """Begin to load what following and planning need; returns at once."""
@@ -95,9 +105,11 @@ class ViewerServer:
 
     def close(self) -> None:
         """End the server; pages try to come back."""
-        if self._thread.is_alive():
-            self._worker.stop()
-            self._loop.call_soon_threadsafe(self._stop.set)
+        with self._lock:
+            if not self._ended:
+                self._worker.stop()
+                self._loop.call_soon_threadsafe(self._stop.set)
+        if threading.current_thread() is not self._thread:
             self._thread.join()
 
     def _deliver(self, do: Callable[[], None]) -> None:
@@ -115,7 +127,13 @@ class ViewerServer:
         try:
             self._loop.run_until_complete(self._serve())
         finally:
-            self._loop.close()
+            with self._lock:
+                self._ended = True
+                self._loop.close()
+                calls = tuple(self._calls)
+            for outcome in calls:
+                if not outcome.done():  # its turn would come after the end: nobody would answer it
+                    outcome.set_exception(_has_ended())
 
     async def _serve(self) -> None:
         from tornado.httpserver import HTTPServer
@@ -138,6 +156,10 @@ class ViewerServer:
         self._hub.close_pages()
         await server.close_all_connections()
         await asyncio.gather(ticking, return_exceptions=True)  # it has yet to hear of its end
+
+
+def _has_ended() -> InfeasibleError:
+    return InfeasibleError("live page", "its server has ended", "make a new viewer")
 
 
 def _bound(host: str, port: int | None) -> list[socket.socket]:
