@@ -161,7 +161,9 @@ def _by_kernel(
     """
     for value, what in zip(arrays, quantities, strict=True):
         flat_value = value.reshape(-1)
-        if not flat_value.dot(flat_value) <= MOST_SQUARED:  # a large sum, which needs a closer look, or NaN
+        if (
+            not np.vdot(flat_value, flat_value) <= MOST_SQUARED
+        ):  # a large sum, which needs a closer look, or NaN
             as_joint_vectors(pepper, value, what)
     name, *args = quantity
     compiled = kernel(pepper, str(name), *args, wide=math.prod(batch) >= WIDE_FROM)

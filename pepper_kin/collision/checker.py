@@ -21,6 +21,7 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Mesh, PepperModel, kept_for_robot
+from pepper_kin.model.dynamics_model import working_memory
 from pepper_kin.model.joint_vectors import as_joint_vectors, as_real
 from pepper_kin.model.shapes import read_only
 
@@ -172,7 +173,10 @@ class CollisionChecker:
         data = getattr(self._local, "data", None)
         if data is None:
             model = self.pepper.inner_model
-            data = self._local.data = (model.createData(), pair_queries(model, self._shapes, self._margins))
+            data = self._local.data = (
+                working_memory(model),
+                pair_queries(model, self._shapes, self._margins),
+            )
         return data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from pepper_kin.ik.result import IKStatus
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.task import words_for_length
+from pepper_kin.model.dynamics_model import working_memory
 from pepper_kin.model.shapes import read_only
 
 RESTARTS = 3
@@ -181,7 +182,7 @@ def least_shortfall(problem: Problem, task: FramePosition) -> float:
     chain = chain[moving[0] :]
     if not all(model.joints[joint].shortname().startswith("JointModelR") for joint in chain):
         return 0.0
-    data = model.createData()
+    data = working_memory(model)
     pinocchio.forwardKinematics(model, data, pepper.to_full(problem.q0))
     lengths = [float(np.linalg.norm(model.jointPlacements[joint].translation)) for joint in chain[1:]]
     radius = sum(lengths) + float(np.linalg.norm(frame.placement.translation))

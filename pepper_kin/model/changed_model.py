@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.model.urdf_document import parse_urdf
+from pepper_kin.model.urdf_document import MOST, parse_urdf
 
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
@@ -75,6 +75,8 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
         if name not in found:
             raise UnknownNameError("link with a mass", name, found)
         new = check_positive(f"mass of {name}", value, "kg")
+        if new > MOST:
+            raise InvalidValueError(f"mass of {name}", new, f"at most {MOST:g} kg, as in descriptions")
         mass, inertia = found[name].find("mass"), found[name].find("inertia")
         assert mass is not None
         factor = new / float(mass.get("value", "0"))

@@ -110,6 +110,7 @@ def compare(
 
     Raises:
         FileFormatError: where a path cannot be read.
+        ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     a, b = read_tolerantly(read_source(first)), read_tolerantly(read_source(second))
     found: list[Difference] = []

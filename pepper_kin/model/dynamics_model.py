@@ -10,6 +10,24 @@ import numpy as np
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.urdf_document import UrdfDocument
 
+MOST_COMPUTED = 300
+"""Moving joints that Pinocchio can compute with: for so many its working memory takes 0.9 GB."""
+
+
+def working_memory(model: Any) -> Any:
+    """Return a `pinocchio.Data`, which holds four arrays of n^3 numbers (second derivatives of torques).
+
+    Raises:
+        ModelError: for more than MOST_COMPUTED moving joints, naming what they would take.
+    """
+    if model.nv > MOST_COMPUTED:
+        size = 32e-9 * model.nv**3
+        raise ModelError(
+            f"robot {model.name!r} has {model.nv} moving joints, for which Pinocchio's working memory takes "
+            f"{size:.3g} GB; this is computed for at most {MOST_COMPUTED}"
+        )
+    return model.createData()
+
 
 class DynamicsModel:
     """Builds `pinocchio.Model` of a checked document once, and detects changes made to it since.

@@ -9,6 +9,7 @@ from pepper_kin.model.export_srdf import srdf_text
 from pepper_kin.model.export_urdf import urdf_text
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.urdf_source import described
 
 FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 
@@ -33,7 +34,8 @@ def export(
 
     Raises:
         InvalidValueError: for another format or mesh_paths, or zero_inertials where it has no meaning.
-        ModelError: for a chain of joints that is too long for a format whose bodies hold one another.
+        ModelError: for a chain of joints that is too long for a format whose bodies hold one another, and for
+            a robot whose `pinocchio_model` was changed by hand, which only an SRDF does not speak of.
     """
     check_choice("format", format, FORMATS)
     try:
@@ -48,6 +50,7 @@ def _text(pepper: PepperModel, format: str, mesh_paths: str | None, zero_inertia
         raise InvalidValueError("zero_inertials", "True", "False: only URDF leaves the mass of a link out")
     if format == "srdf":
         return srdf_text(pepper)
+    described(pepper)
     if format == "urdf":
         return urdf_text(pepper, mesh_paths or "package", zero_inertials)
     if format == "sdf":

@@ -176,7 +176,7 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
         type(value) is np.ndarray
         and value.dtype == np.float64
         and value.shape == (pepper.n,)
-        and value.dot(value) < _MOST_SQUARED
+        and np.vdot(value, value) < _MOST_SQUARED  # `dot` warns where it overflows
     ):
         return value
     try:

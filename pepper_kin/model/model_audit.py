@@ -111,6 +111,7 @@ def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] =
 
     Raises:
         FileFormatError: where a path cannot be read.
+        ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     facts = read_tolerantly(read_source(source), mesh_folders(source, package_dirs))
     faults = list(facts.faults)

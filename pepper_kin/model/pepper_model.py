@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.model.dynamics_model import DynamicsModel
+from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.model.semantics import Semantics
 from pepper_kin.model.urdf_document import UrdfDocument
@@ -151,11 +151,15 @@ class PepperModel:
 
     @property
     def pinocchio_data(self) -> Any:
-        """A `pinocchio.Data` of this thread, overwritten by every computation on it."""
+        """A `pinocchio.Data` of this thread, overwritten by every computation on it.
+
+        Raises:
+            ModelError: for a robot of so many joints that it would take more than a GB.
+        """
         try:
             return self._local.data
         except AttributeError:
-            self._local.data = self.inner_model.createData()
+            self._local.data = working_memory(self.inner_model)
             return self._local.data
 
     @property

@@ -18,12 +18,27 @@ def read_source(source: PepperModel | str | Path) -> str:
 
     Raises:
         FileFormatError: where a file cannot be read as text.
+        ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     if isinstance(source, PepperModel):
-        return source.urdf
+        return described(source).urdf
     if isinstance(source, str) and is_text(source):
         return source.lstrip("\ufeff \t\r\n")
     return read_text(source)
+
+
+def described(pepper: PepperModel) -> PepperModel:
+    """Return the robot if its description holds all there is to know of it.
+
+    Raises:
+        ModelError: where its `pinocchio_model` was changed by hand.
+    """
+    if pepper.dynamics_model.changed() is not None:
+        raise ModelError(
+            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which its description does not "
+            "hold; change limits and masses by with_limits() and with_masses(), placements in the URDF"
+        )
+    return pepper
 
 
 @contextlib.contextmanager

@@ -19,10 +19,11 @@ from pepper_kin.ik import IKResult, Task, TaskGroup, solve
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
+from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.planners_code import load_code_of
+from pepper_kin.motion.problem import check_examined
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.motion.task_goals import clear_goals, load_tasks
 
@@ -183,7 +184,7 @@ def _candidates(pepper: PepperModel, goal: Any) -> Array:
         )
     if not len(candidates):
         raise InvalidValueError("goal", "no configuration", f"one or more, shape (m, {pepper.n}), m >= 1")
-    check_within_limits(pepper, candidates, "goal")
+    check_examined(pepper, candidates, "goal")
     return candidates.reshape(-1, pepper.n)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import (
@@ -224,8 +225,30 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
     q_start = as_joint_vectors(pepper, start, "start")
     if q_start.ndim != 1:
         raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
-    check_within_limits(pepper, q_start, "start")
+    check_examined(pepper, q_start, "start")
     return np.minimum(np.maximum(q_start, pepper.lower_limits), pepper.upper_limits)
+
+
+def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
+    """Refuse positions outside the joint limits, or beyond what the check for collisions takes.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        quantity: Name for the message.
+
+    Raises:
+        LimitError: naming the worst joint, its value and its limits.
+        InvalidValueError: for a joint that turns for ever, or a base, beyond WIDEST.
+    """
+    check_within_limits(pepper, q, quantity)
+    far = np.abs(q) > WIDEST
+    if far.any():
+        index = tuple(np.argwhere(far)[0])
+        joint = int(index[-1])
+        unit = pepper.joint_units[joint]
+        allowed = f"-{WIDEST:g} to {WIDEST:g} {unit}" + (", less by full turns" if unit == "rad" else "")
+        raise InvalidValueError(quantity, f"{pepper.joint_names[joint]} = {q[index]:.6g} {unit}", allowed)
 
 
 def checked_margin(margin: float) -> float:

@@ -217,8 +217,8 @@ class StaticLimits:
         if joint is not None:
             name, unit = self.pepper.joint_names[joint], _UNITS[self.pepper.joint_units[joint]]
             asked, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
-            most = f"near or over the {limit:.2f} {unit} it has"
-            return f"The {what} takes {asked:.2f} {unit} at {name}{carried}, {most}."
+            most = f"near or over the {_amount(limit)} {unit} it has"
+            return f"The {what} takes {_amount(asked)} {unit} at {name}{carried}, {most}."
         if not self.tips(q, margin):
             return ""
         inside, asked = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
@@ -307,3 +307,8 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
         wrench += casadi.vertcat(weight, casadi.cross(arms, -pull))
     found = casadi.vertcat(torque, wrench[_WRENCH]) if balanced else torque
     return casadi.Function("static_load", [inputs], [casadi.cse(casadi.densify(found))])
+
+
+def _amount(value: float) -> str:
+    """Return a torque or force for a message; a hundredth is told apart from nothing."""
+    return f"{value:.2f}" if 0.01 <= value < 1e6 else f"{value:.3g}"

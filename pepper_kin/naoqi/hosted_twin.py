@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,12 +60,16 @@ def hosted_twin(scene: Scene | None = None, *options: str) -> Iterator[tuple[str
                 errors.seek(0)
                 reason = errors.read().strip().splitlines() or ["it did not start"]
                 raise InfeasibleError("simulated robot", reason[-1], "run: pepper-kin naoqi serve --port 0")
+            # libqi logs to it: a pipe that nobody reads is full some day, and the process waits for ever.
+            threading.Thread(
+                target=deque, args=(process.stdout, 0), name="hosted-twin-log", daemon=True
+            ).start()
             yield line.split(": ")[0], process
         finally:
             late.cancel()
             process.terminate()
             try:
-                process.communicate(timeout=END)
+                process.wait(END)
             except subprocess.TimeoutExpired:
                 process.kill()
-                process.communicate(timeout=END)
+                process.wait(END)

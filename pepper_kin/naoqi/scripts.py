@@ -205,7 +205,8 @@ def run_script(
             module.__dict__[name] = value
     main, argv = sys.modules["__main__"], sys.argv
     begun = broker.body.time.now
-    ended, status, error = "completed", 0, None
+    ended, status = "completed", 0
+    error: BaseException | None = None
     with stand_ins(broker, script.parent, None if longest is None else begun + longest):
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:
@@ -217,8 +218,8 @@ def run_script(
             status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
             if exit_.code is not None and not isinstance(exit_.code, int):
                 print(exit_.code, file=sys.stderr)  # as Python does
-        except KeyboardInterrupt as failure:
-            ended, status, error = "interrupted", 130, failure
+        except KeyboardInterrupt as interrupt:
+            ended, status, error = "interrupted", 130, interrupt
         except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:

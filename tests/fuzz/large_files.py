@@ -79,8 +79,8 @@ def followers(i: int) -> str:
 
 
 def chain(size: int) -> bytes:
-    """Return a chain of moving links; with more of them Pinocchio's matrices would take the memory."""
-    count = min(1200, 1000 * size // 250)
+    """Return a long chain of moving links."""
+    count = min(2900, 1000 * size // 250)
     links = "".join(
         f'<link name="l{i + 1}">{MASS}</link><joint name="j{i}" type="revolute"><parent link="l{i}"/>'
         f'<child link="l{i + 1}"/>{LIMIT}</joint>'

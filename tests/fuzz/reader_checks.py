@@ -14,6 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.model import FORMATS, load_robot
+from pepper_kin.model.dynamics_model import MOST_COMPUTED
 from pepper_kin.ros_messages import Bag, decode, encode
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import load_recording
@@ -54,6 +55,8 @@ def robot(model: pk.PepperModel) -> None:
         finite(placement.homogeneous, inertia.matrix())
     for shape in (*model.visual_shapes, *model.collision_shapes):
         finite(shape.transform_shape_to_link, shape.color)
+    if len(model.full_offset) > MOST_COMPUTED:
+        return
     finite(*pk.kinematics.frame_poses(model, model.neutral(), model.frame_names[:50]))
     finite(pk.dynamics.inverse_dynamics(model, model.neutral(), np.zeros(model.n), np.zeros(model.n)))
     for group in model.group_names:

@@ -113,3 +113,10 @@ def test_weights_are_brought_to_one_scale():
     assert [task.weight for task in equally_weighted(tasks)][:2] == [1.0, 1.0]
     least = [pk.ik.HandPosition("left", (0.4, 0.2, 0.9), weight=5e-324)]
     assert [task.weight for task in balanced(least)] == [1.0]
+
+
+@pytest.mark.parametrize("value", [True, "1", [1.0], None, 0.0, np.nan])
+@pytest.mark.parametrize("quantity", ["weight", "tolerance"])
+def test_what_is_no_number_is_refused(quantity, value):
+    with pytest.raises(pk.PepperKinError, match=quantity):
+        pk.ik.HandPosition("left", [0.3, 0.2, 0.9], **{quantity: value})

@@ -151,6 +151,8 @@ def test_wrong_masses_are_named():
         PEPPER.with_masses({"LArm_effector": 1.0})
     with pytest.raises(InvalidValueError, match="mass of Head: got 0"):
         PEPPER.with_masses({"Head": 0.0})
+    with pytest.raises(InvalidValueError, match=r"mass of Head: got 1e\+31, expected at most 1e\+30 kg"):
+        PEPPER.with_masses({"Head": 1e31})  # no description may hold it either
 
 
 def test_what_was_changed_by_hand_is_not_lost_in_silence():
@@ -158,3 +160,27 @@ def test_what_was_changed_by_hand_is_not_lost_in_silence():
     robot.pinocchio_model.inertias[4] = pinocchio.Inertia.Random()
     with pytest.raises(ModelError, match="changed by hand"):
         robot.with_limits(velocity=1.0)
+
+
+@pytest.mark.parametrize("format", ["urdf", "sdf", "mjcf"])
+def test_what_was_changed_by_hand_is_not_written_as_it_was_before(format):
+    robot = pk.load_robot(PEPPER.urdf)
+    handed_out = robot.pinocchio_model
+    assert robot.export(format)
+    handed_out.gravity.linear = np.array([0.0, 0.0, -1.62])
+    with pytest.raises(
+        ModelError, match=r"robot 'pepper': its pinocchio_model was changed by hand.*with_masses"
+    ):
+        robot.export(format)
+    assert robot.export("srdf")
+
+
+@pytest.mark.parametrize(
+    "read", [pk.model.audit, lambda robot: pk.model.compare(PEPPER, robot), pk.load_robot]
+)
+def test_what_was_changed_by_hand_is_not_read_as_it_was_before(read):
+    """`compare` found no difference between a robot and one with another hand."""
+    robot = pk.load_robot(PEPPER.urdf)
+    robot.pinocchio_model.inertias[4] = pinocchio.Inertia.Random()
+    with pytest.raises(ModelError, match="changed by hand"):
+        read(robot)

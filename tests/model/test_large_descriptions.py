@@ -12,6 +12,7 @@ import pepper_kin as pk
 from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, ModelError
 from pepper_kin.model import audit, compare
+from pepper_kin.model.dynamics_model import MOST_COMPUTED
 from pepper_kin.model.neighbors import neighboring_pairs
 from pepper_kin.model.tree_order import depth_first
 from pepper_kin.model.urdf_document import LONGEST_CHAIN, MOST_MOVING, parse_urdf
@@ -71,6 +72,21 @@ def test_longer_chains_and_too_many_joints_are_refused() -> None:
     star = "".join(f'<link name="l{i}"/>{joint(f"j{i}", "root", f"l{i}")}' for i in range(MOST_MOVING + 1))
     with pytest.raises(ModelError, match=f"{MOST_MOVING + 1} joints move, at most {MOST_MOVING}"):
         pk.load_robot(f'<robot name="star"><link name="root"/>{star}</robot>')
+
+
+def test_more_joints_than_pinocchio_can_compute_with_are_refused_by_number() -> None:
+    """Its working memory grows with the cube: 7 GB for 600 joints."""
+    robot = pk.load_robot(chain(MOST_COMPUTED + 1))
+    for compute in (
+        lambda: pk.kinematics.frame_poses(robot, robot.neutral(), ["l5", "l9"]),
+        lambda: robot.pinocchio_data,
+        lambda: pk.dynamics.mass_matrix(robot, robot.neutral()),
+    ):
+        with pytest.raises(ModelError, match=r"has 301 moving joints.*takes 0\.873 GB; .* at most 300"):
+            compute()
+    most = pk.load_robot(chain(MOST_COMPUTED))
+    end = pk.kinematics.frame_pose(most, most.neutral(), f"l{MOST_COMPUTED}")
+    np.testing.assert_array_equal(end, np.eye(4))
 
 
 def test_a_long_loop_of_followers_is_reported_in_little_time() -> None:

@@ -385,3 +385,22 @@ def test_the_watchdog_for_the_robot_is_one_file(tmp_path):
     )
     assert "No module named 'qi'" in done.stderr  # the only thing that it needs
     assert path.read_text().isascii()
+
+
+def test_what_a_hosted_twin_logs_never_stops_it():
+    """A pipe that nobody reads is full after 64 kB, and libqi then waits for ever."""
+    with hosted_twin() as (url, process):
+        pipe = os.open(f"/proc/{process.pid}/fd/1", os.O_WRONLY | os.O_NONBLOCK)
+        try:
+            left, end = 1_000_000, time.monotonic() + 60.0
+            while left and time.monotonic() < end:
+                try:
+                    left -= os.write(pipe, b"[W] something\n" * min(1000, left // 14 + 1))
+                except BlockingIOError:
+                    time.sleep(0.01)
+                left = max(left, 0)
+        finally:
+            os.close(pipe)
+        assert not left
+        with Robot(url) as robot:
+            assert robot.state().q.size

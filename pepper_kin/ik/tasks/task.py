@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, shown
+from pepper_kin.model.joint_vectors import as_finite, as_real, shown
 from pepper_kin.model.shapes import read_only
 
 Array: TypeAlias = NDArray[np.float64]
@@ -195,12 +195,9 @@ def checked_hard(hard: bool, label: str) -> bool:
 
 
 def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidValueError(quantity, shown(value), allowed) from None
+    number = as_real(value)
     if not number > 0 or (math.isinf(number) and not infinite):
-        raise InvalidValueError(quantity, value, allowed)
+        raise InvalidValueError(quantity, shown(value), allowed)
     return number
 
 
