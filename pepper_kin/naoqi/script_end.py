@@ -36,12 +36,12 @@ def interrupted(clock: SimulatedTime, end: float | None, error: type[BaseExcepti
     raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
 
     def watch() -> None:
-        seen, since = clock.now, time.monotonic()
+        latest, since = clock.now, time.monotonic()
         while not over.wait(_EVERY):
             now, wall = clock.now, time.monotonic()
             late = now >= end
-            if now != seen and not (late and seen >= end):
-                seen, since = now, wall
+            if now != latest and not (late and latest >= end):
+                latest, since = now, wall
             if wall - since >= (_GRACE if late else patience):
                 with lock:
                     if not over.is_set():

@@ -207,7 +207,8 @@ def run_script(
             module.__dict__[name] = value
     main, argv = sys.modules["__main__"], sys.argv
     begun = broker.body.time.now
-    ended, status, error = "completed", 0, None
+    ended, status = "completed", 0
+    error: BaseException | None = None
     with stand_ins(broker, script.parent, None if longest is None else begun + longest):
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:

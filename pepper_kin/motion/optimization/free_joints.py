@@ -11,5 +11,5 @@ from pepper_kin.trajectory.limits import Limits
 
 def free_joints(pepper: PepperModel, limits: Limits) -> NDArray[np.bool_]:
     """Return which joints may move, shape (n,): those of which no limit is zero, nor the range."""
-    room = pepper.upper_limits > pepper.lower_limits
-    return np.asarray(room & (limits.velocity > 0) & (limits.acceleration > 0))
+    has_range = pepper.upper_limits > pepper.lower_limits
+    return np.asarray(has_range & (limits.velocity > 0) & (limits.acceleration > 0))

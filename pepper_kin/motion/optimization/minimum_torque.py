@@ -176,7 +176,7 @@ def _shares(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> dict
     return found
 
 
-def _motionless(pepper: PepperModel, moving: Array, limits: Limits) -> str:
+def _motionless(pepper: PepperModel, moving: NDArray[np.bool_], limits: Limits) -> str:
     """Say which joint cannot move as it has to, or "" if none; `moving` is a mask, shape (n,)."""
     stuck = [
         (pepper.effort_limits == 0, "effort", "and all joints are moved"),
