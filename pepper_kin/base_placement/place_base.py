@@ -15,7 +15,7 @@ from pepper_kin.base_placement.obstacles import obstacle_clearance
 from pepper_kin.base_placement.proposals import propose
 from pepper_kin.base_placement.result import Placement, PlacementResult, PlacementStatus
 from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
-from pepper_kin.base_placement.task_sets import Given
+from pepper_kin.base_placement.task_sets import Given, TaskSet
 from pepper_kin.base_placement.trial import Trials
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.result import IKResult, IKStatus
@@ -98,10 +98,11 @@ def place_base(
     trials = _tried(job, candidates)
     placements = _finalists(job, trials, keep)
     status = _status(trials, placements)
+    unreached = tuple(np.flatnonzero(~trials.reached.any(axis=0)).tolist())
     return PlacementResult(
         status=status,
         placements=placements,
-        unreached=tuple(np.flatnonzero(~trials.reached.any(axis=0)).tolist()),
+        unreached=unreached,
         places=read_only(trials.places),
         scores=read_only(trials.scores),
         reached=_frozen(trials.reached),
@@ -109,6 +110,7 @@ def place_base(
         names=tuple(", ".join(task.label for task in group) for group in job.evaluator.sets),
         time=time.perf_counter() - begin,
         seed=job.evaluator.seed,
+        conflicts=tuple(_conflict(job, job.evaluator.sets[k]) for k in unreached),
     )
 
 
@@ -245,6 +247,26 @@ def _status(trials: Trials, placements: tuple[Placement, ...]) -> PlacementStatu
     if not trials.reached.any(axis=0).all():
         return PlacementStatus.UNREACHABLE
     return PlacementStatus.NOT_TOGETHER
+
+
+def _conflict(job: Job, tasks: TaskSet) -> tuple[str, ...]:
+    """Return the names of tasks that contradict each other in a set that no place reaches.
+
+    Asked for with a base that moves like a joint: tasks that are met each from another place count, too.
+    """
+    if len(tasks) < 2:
+        return ()
+    evaluator = job.evaluator
+    robot, base = evaluator.moving.robot, evaluator.moving.base
+    return solve(
+        robot,
+        tasks,
+        evaluator.moving.states(evaluator.q0, job.stand[None])[0],
+        collisions=False,
+        joints=[*evaluator.names, *(robot.joint_names[j] for j in base)],
+        seed=evaluator.seed,
+        restarts=RESTARTS,
+    ).conflict
 
 
 def _frozen(mask: np.ndarray) -> np.ndarray:

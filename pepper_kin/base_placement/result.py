@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
-from pepper_kin.ik.result import NOT_EXAMINED, IKResult
+from pepper_kin.ik.result import CONFLICT_ADVICE, NOT_EXAMINED, IKResult, listed
 from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
 from pepper_kin.status import ResultStatus
 
@@ -93,6 +93,8 @@ class PlacementResult:
         names: What each set moves, in words.
         time: Wall-clock time of the call [s].
         seed: Of the search.
+        conflicts: For each of `unreached` the names of its tasks that contradict each other; none where it is
+            just too far.
     """
 
     status: PlacementStatus
@@ -105,6 +107,7 @@ class PlacementResult:
     names: tuple[str, ...]
     time: float
     seed: int
+    conflicts: tuple[tuple[str, ...], ...]
 
     @property
     def success(self) -> bool:
@@ -123,8 +126,10 @@ class PlacementResult:
 
     @property
     def advice(self) -> str:
-        """What to do next, in a sentence."""
-        return self.status.advice
+        """What to do next, in a sentence; or in two, where some tasks contradict each other, not all."""
+        if self.status is not PlacementStatus.UNREACHABLE or not any(self.conflicts):
+            return self.status.advice
+        return CONFLICT_ADVICE if all(self.conflicts) else f"{self.status.advice}  {CONFLICT_ADVICE}"
 
     def score_map(self, resolution: float = 0.1) -> PlacementMap:
         """Return the best score of the places that were tried, by cells of the floor; see `placement_map`.
@@ -169,13 +174,25 @@ class PlacementResult:
         reached = sum(result.success for result in best.results)
         start = {
             PlacementStatus.NOT_TOGETHER: "not found: no place reaches all targets",
-            PlacementStatus.UNREACHABLE: f"not found: {self._listed()} out of reach from every place",
+            PlacementStatus.UNREACHABLE: f"not found: {self._unreached()}",
             PlacementStatus.BLOCKED_BY_COLLISION: "not found: every place that reaches all is in collision",
         }[self.status]
         return f"{start}; nearest is {best.words()}, which reaches {reached} of {len(self.names)}"
 
-    def _listed(self) -> str:
-        return ", ".join(f"target {k + 1} ({self.names[k]})" for k in self.unreached)
+    def _unreached(self) -> str:
+        """Say of all sets that no place reaches whether they are too far or contradictory."""
+        sets = [
+            (f"target {k + 1}", self.names[k], conflict)
+            for k, conflict in zip(self.unreached, self.conflicts, strict=True)
+        ]
+        far = [f"{target} ({name})" for target, name, conflict in sets if not conflict]
+        parts = [f"{', '.join(far)} out of reach from every place"] if far else []
+        parts += [
+            f"of {target}, {listed(conflict)} contradict each other, wherever the base stands"
+            for target, _, conflict in sets
+            if conflict
+        ]
+        return "; ".join(parts)
 
     def _targets(self) -> list[str]:
         lines = []

@@ -281,7 +281,7 @@ class IKResult:
             lines.append(f"met: {', '.join(self.met)}; not met: {', '.join(self.unmet)}")
         lines += [self._line(error) for error in self.errors]
         if self.conflict:
-            lines.append(f"{_listed(self.conflict)} contradict each other: any fewer of them can be met.")
+            lines.append(f"{listed(self.conflict)} contradict each other: any fewer of them can be met.")
         if self.hint:
             lines.append(f"{self.hint}.")
         if not self.success:
@@ -323,7 +323,7 @@ class IKResult:
             hard = " (hard)" if error.hard else ""
             return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
         limits = self.blocking_limits
-        blocked = f": {_listed(limits)} at {_their(limits)}" if limits else ""
+        blocked = f": {listed(limits)} at {_their(limits)}" if limits else ""
         return f"{error.shortfall}{blocked}; comes to {error.attained}"
 
     def _extent(self) -> list[str]:
@@ -342,7 +342,8 @@ class IKResult:
         return line if use.ratio <= 1 else line + ": the robot cannot hold this posture"
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def listed(names: tuple[str, ...]) -> str:
+    """Return names as a sentence has them: "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +25,7 @@ from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
 BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
+_FAR = 1e4  # [m] from which few digits are said
 HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
 
@@ -105,7 +108,8 @@ def reach(
         tasks.append(LookAt(gaze, camera=CAMERA))
     clock = _Clock(on_stage)
     clock.enter("inverse kinematics and path")
-    found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout)
+    with np.errstate(over="ignore"):
+        found = plan(pepper, q_start, tasks, scene, seed=seed, timeout=timeout)
 
     def outcome(message: str, **more: Any) -> ReachOutcome:
         fields: dict[str, Any] = {"trajectory": None, "certificate": None, "run": None, "figures": {}}
@@ -137,15 +141,26 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
     if found.status is not PlanStatus.NO_IK or found.ik is None:
         return found.report()
     # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
-    alone = solve(pepper, [task], start=pepper.neutral(), solver="placo", scene=scene, seed=seed)
+    with np.errstate(over="ignore"):  # squares of distances to targets that nobody reaches
+        alone = solve(pepper, [task], start=pepper.neutral(), solver="placo", scene=scene, seed=seed)
     palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
-    wanted, point = (f"({', '.join(f'{x:.3f}' for x in p)})" for p in (task.target, palm))
+    wanted, point = (f"({', '.join(map(_coordinate, p))})" for p in (task.target, palm))
     if alone.success:
         return f"The hand reaches {wanted}, but not with the gaze as well: {_unmet(found.ik)}."
-    gap = float(np.linalg.norm(palm - task.target))
+    gap = min(math.hypot(*(palm - task.target)), sys.float_info.max)  # squares of 1e300 m would be infinite
     cause = ", without a collision," if alone.status is IKStatus.CLOSEST_COLLISION else ""
-    near = f"the closest point found{cause} is {point}, {gap * 100:.1f} cm away"
+    near = f"the closest point found{cause} is {point}, {_distance(gap)} away"
     return f"The hand cannot reach {wanted}: {near}."
+
+
+def _coordinate(value: float) -> str:
+    """Return a coordinate [m] to the millimeter, or in few digits where it is far out."""
+    return f"{value:.3f}" if abs(value) < _FAR else f"{value:.4g}"
+
+
+def _distance(value: float) -> str:
+    """Return a distance [m] in centimeters, or in meters and few digits where it is far."""
+    return f"{value * 100:.1f} cm" if value < _FAR else f"{value:.4g} m"
 
 
 def _unmet(result: IKResult) -> str:

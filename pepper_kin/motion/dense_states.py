@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.motion_tree import motion_bounds
-from pepper_kin.core.collision.curve_check import SHORTEST
+from pepper_kin.core.collision.curve_check import SHORTEST, count_intervals
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -22,6 +22,8 @@ from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, p
 Array = NDArray[np.float64]
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"
+MOST_STATES = 4_000_000
+"""States of one path, an hour's or 2 km: half a gigabyte for Pepper, and minutes to look at them."""
 INSTANTS = 0.001
 """Between states of a trajectory, where they are not nearer for the body's sake [s]."""
 
@@ -96,6 +98,9 @@ def dense_states(
         scene: The world, with what the robot holds; None for the robot alone.
         path: Way-points [rad or m], shape (k, n); a curve or a trajectory.
         step: The greatest distance that a point moves [m].
+
+    Raises:
+        InvalidValueError: for a path so long that these are more than `MOST_STATES`.
     """
     if isinstance(path, Trajectory):
         return _of_trajectory(pepper, scene, path, step)
@@ -104,6 +109,9 @@ def dense_states(
             return DenseStates(path, np.zeros(1))
         path = polyline(path)
     reach = reach_along(pepper, scene, path)
+    counts = np.empty(len(path.coefficients), np.int64)
+    count = count_intervals(path.breaks, path.coefficients, reach, step, counts)
+    _refuse_many(pepper, count, _way(path), reach, step)
     parts = cut(path.breaks, path.coefficients, reach, step)
     last = len(path.breaks) - 2
     segment = np.append(parts.segment, last)
@@ -111,13 +119,44 @@ def dense_states(
     return DenseStates(path.at(segment, local), path.breaks[segment] + local)
 
 
+def _way(curve: CubicPath) -> Array:
+    """Return how far joints go from end to end of its pieces, summed up, shape (n,) [rad or m]."""
+    h, (_, first, second, third) = np.diff(curve.breaks)[:, None], curve.coefficients.swapaxes(0, 1)
+    return np.asarray(np.abs((first + (second + third * h) * h) * h).sum(axis=0))
+
+
+def _refuse_many(pepper: PepperModel, count: float, way: Array, reach: Array, step: float) -> None:
+    """Refuse a path of too many states.
+
+    Args:
+        pepper: The robot.
+        count: Number of states.
+        way: How far each joint goes [rad or m], shape (n,).
+        reach: How far a joint moves a point of the body, shape (n,).
+        step: Between two states a point moves as far [m].
+
+    Raises:
+        InvalidValueError: naming the joint that moves the body farthest, and its way.
+    """
+    if not 0 <= count <= MOST_STATES:
+        j = int(np.argmax(way * np.where(way > 0, reach, 0.0)))
+        got = f"one along which {pepper.joint_names[j]} goes {way[j]:.6g} {pepper.joint_units[j]}"
+        allowed = f"at most {MOST_STATES:,} states {1000 * step:g} mm apart: give it in parts"
+        raise InvalidValueError("path", got, allowed)
+
+
 def _of_trajectory(pepper: PepperModel, scene: Scene | None, path: Trajectory, step: float) -> DenseStates:
+    if path.duration / INSTANTS > MOST_STATES:
+        allowed = f"at most {MOST_STATES * INSTANTS:g} s; cut it into parts with between()"
+        raise InvalidValueError("duration", f"{path.duration:.6g} s", allowed)
     count = max(1, math.ceil(path.duration / INSTANTS))
     times = np.linspace(0.0, path.duration, count + 1)
     positions = path(times).position
     reach = reach_along(pepper, scene, polyline(positions))
-    moved = np.abs(np.diff(positions, axis=0)) @ reach
-    parts = np.maximum(1, np.ceil(moved / step)).astype(np.int64)
+    steps = np.abs(np.diff(positions, axis=0))
+    share = np.ceil(steps @ reach / step)
+    _refuse_many(pepper, float(share.sum()), steps.sum(axis=0), reach, step)
+    parts = np.maximum(1, share).astype(np.int64)
     if parts.max() > 1:
         width = np.repeat(np.diff(times) / parts, parts)
         inner = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)

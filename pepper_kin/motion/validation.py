@@ -118,7 +118,8 @@ def validate(
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, a trajectory of other joints, a margin below zero, a
-            distance or mass that is none, or balance of a robot without wheels.
+            distance or mass that is none, balance of a robot without wheels, or a path so long that more than
+            four million states would be looked at.
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """

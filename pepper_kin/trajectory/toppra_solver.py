@@ -112,10 +112,14 @@ def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
     ends = np.stack([grid.first, grid.first + 1])
     a, b, c = (row[ends][..., finite] for row in (rows.a, rows.b, rows.c))
     c = c - middle
-    # A joint that rests and cannot be held leaves no speed at all; toppra would divide by zero.
-    stuck = ((a == 0) & (b == 0) & (np.abs(c) > bound)).any(axis=(0, 2))
+    # A joint that rests and cannot be held leaves no speed at all, nor does one that needs effort and has
+    # none; toppra would divide by zero.
+    rests = (a == 0) & (b == 0)
+    stuck = ((rests & (np.abs(c) > bound)) | (~rests & (bound == 0))).any(axis=(0, 2))
     if stuck.any():
         return None, int(np.argmax(stuck))
+    some = bound > 0
+    a, b, c, bound = a[..., some], b[..., some], c[..., some], bound[some]
     length = float(grid.s[-1] - grid.s[0])
     time_unit = _time_unit(a, c, bound, rows.x_most[rows.x_most < problem.limits.x], length)
     gain = length / time_unit**2

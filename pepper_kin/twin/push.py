@@ -13,7 +13,7 @@ from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_real
+from pepper_kin.model.joint_vectors import MOST, as_finite, as_real
 from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
@@ -62,12 +62,17 @@ class Push:
             InvalidValueError: naming the quantity that is wrong.
         """
         pepper.frame_id(frame)
-        place = np.zeros(3) if point is None else as_finite(point, "point", (3,))
+        place = np.zeros(3) if point is None else as_finite(point, "point", (3,), MOST)
         if not math.isfinite(as_real(start)):
             raise InvalidValueError("start", start, "a finite time [s]")
         if not as_real(duration) > 0:
             raise InvalidValueError("duration", duration, "a time above 0 s, or infinity")
-        force = as_finite(force, "force", (3,))
+        force = as_finite(force, "force", (3,), MOST)
+        arm, size = float(np.linalg.norm(place)), float(np.linalg.norm(force))
+        if arm * size > MOST:  # its moment, which would be refused only as it acts
+            raise InvalidValueError(
+                "force", f"{size:g} N at a point {arm:g} m away", f"a moment up to {MOST:g} N m"
+            )
         return cls(frame, read_only(force), read_only(place), float(start), float(duration))
 
     def acts_within(self, begin: float, end: float) -> bool:

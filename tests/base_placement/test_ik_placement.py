@@ -231,6 +231,28 @@ def test_status_unreachable_names_the_target():
     assert float(short[1]) * (0.01 if short[2] == "cm" else 1) == pytest.approx(distance, abs=0.006)
 
 
+def test_contradictory_tasks_are_named_as_solve_names_them():
+    """They were called out of reach, each of them is within it."""
+    pair = [pk.ik.HandPosition("left", (2.0, 0.4, 0.9)), pk.ik.HandPosition("left", (2.0, 0.2, 0.9))]
+    far = pk.ik.HandPosition("right", (2.0, 0.0, 2.5))
+    result = pk.base_placement.place_base(PEPPER, pair, candidates=48, collisions=False)
+    assert result.status is PlacementStatus.UNREACHABLE
+    (conflict,) = result.conflicts
+    planar = pk.load_pepper(base="planar")
+    assert conflict == pk.ik.solve(planar, pair, collisions=False).conflict
+    assert f"of target 1, {' and '.join(conflict)} contradict each other" in result.report()
+    assert "out of reach from every place" not in result.report()
+    assert result.advice.startswith("Each of the tasks that are named can be met, but not all together")
+
+    both = pk.base_placement.place_base(PEPPER, [pair, [far]], candidates=48, collisions=False)
+    assert both.conflicts == (conflict, ())
+    assert "target 2 (right hand) out of reach from every place; of target 1" in both.report()
+    # Each hand's point is reached from somewhere, and both from nowhere.
+    apart = [pk.ik.HandPosition("left", (0.3, 0.3, 0.9)), pk.ik.HandPosition("right", (9.0, 0.0, 0.9))]
+    result = pk.base_placement.place_base(PEPPER, apart, candidates=48, collisions=False)
+    assert len(result.conflicts[0]) == 2
+
+
 def test_status_not_together():
     sets = [[LEFT], [pk.ik.HandPosition("left", (6.0, 0.4, 0.9))]]
     result = pk.base_placement.place_base(PEPPER, sets, candidates=48, collisions=False)

@@ -111,6 +111,17 @@ def test_same_seed_same_motion(demo):
     np.testing.assert_allclose(again.run.position, outcome.run.position, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("far", [1e6, 1e300, 1.7e308])
+def test_targets_far_out_are_said_in_few_digits(far):
+    """Three hundred digits were printed, and "inf cm away"."""
+    message = reach(pk.load_pepper(), "left", (far, -far, 0.0), timeout=2.0).message
+    assert f"cannot reach ({far:.4g}, {-far:.4g}, 0.000)" in message
+    assert message.endswith(" m away.")
+    assert "inf" not in message
+    assert len(message) < 150
+
+
 def test_out_of_reach_says_how_near_it_gets():
     pepper = pk.load_pepper()
     outcome = reach(pepper, "left", (1.0, 0.2, 1.0), (1.0, 0.0, 1.0))

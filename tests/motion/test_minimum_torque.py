@@ -1,9 +1,14 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.motion import MinimumTorqueStatus, minimum_torque_trajectory
+from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.motion.optimization.wheel_term import WheelTerm
+from pepper_kin.trajectory.wheels import wheel_limits
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +91,93 @@ def test_misuse_is_named(ends):
         minimum_torque_trajectory(pepper, start, start + 3 * (np.arange(15) == 3), 1.0)
     with pytest.raises(InvalidValueError, match=r"start: got shape \(2, 15\)"):
         minimum_torque_trajectory(pepper, np.stack([start, goal]), goal, 1.0)
+
+
+@pytest.fixture(scope="module")
+def on_wheels():
+    """A robot on a planar base, and a drive with a turn."""
+    pepper = pk.load_pepper(base="planar")
+    start = pepper.posture("Stand")
+    goal = start.copy()
+    goal[:3] = 0.6, 0.3, 1.0
+    return pepper, start, goal
+
+
+@pytest.mark.parametrize("duration", [2.5, 3.0, 5.0])
+def test_wheels_keep_their_limits(on_wheels, duration):
+    """Such a motion was called solved at wheel speeds of 9.6 rad/s, where 6.28 rad/s are allowed."""
+    found = minimum_torque_trajectory(*on_wheels, duration)
+    if found.success:
+        certificate = found.trajectory.check(on_wheels[0], collisions=False, balance=None)
+        assert certificate.success, certificate.report()
+    assert found.success == (duration > 2.5), found.message
+
+
+def test_an_optimized_drive_takes_the_time_that_was_asked_for(on_wheels):
+    """It was searched without the wheels, and then slowed down for them."""
+    pepper, start, goal = on_wheels
+    duration = 1.1 * pk.retime(pepper, [start, goal]).duration
+    found = pk.motion.optimize(pepper, [start, goal], duration=duration)
+    assert found.success
+    assert found.trajectory.duration == pytest.approx(duration, rel=1e-6)
+    certificate = found.trajectory.check(pepper, collisions=False, balance=None)
+    assert certificate.success, certificate.report()
+
+
+def test_a_reference_that_overruns_the_wheels_is_not_solved(on_wheels):
+    found = minimum_torque_trajectory(*on_wheels, 1.8, intervals=6, solver="ipopt")
+    assert found.status is not MinimumTorqueStatus.SOLVED
+    assert found.trajectory is None or "of wheel" in found.message
+
+
+@pytest.mark.parametrize("lever", [0.0, 0.2])
+def test_derivatives_of_wheels_are_those_of_finite_differences(on_wheels, lever):
+    pepper = on_wheels[0]
+    wheels = dataclasses.replace(wheel_limits(pepper), lever=lever)
+    moving = Moving(pepper, np.array([0, 2, 5]), pepper.neutral())  # y stands still
+    term = WheelTerm(moving, wheels, 0.99, 4)
+    rng, h = np.random.default_rng(0), 1e-6
+    states = rng.normal(size=(3, 4, 3))
+    rows = term.rows(*states)
+    for part, slopes in enumerate((rows.by_position, rows.by_velocity, rows.by_acceleration)):
+        for j in range(3):
+            step = np.zeros((3, 4, 3))
+            step[part, :, j] = h
+            expected = (term.values(*(states + step)) - term.values(*(states - step))) / (2 * h)
+            np.testing.assert_allclose(slopes[:, :, j], expected, atol=1e-7)
+
+
+TWO_LINKS = """<robot name="two"><link name="base"/>{links}
+  <joint name="J" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" velocity="2" acceleration="10" effort="20"/></joint>
+  <joint name="K" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="{lower}" upper="2" velocity="{velocity}" acceleration="{acceleration}"
+    effort="{effort}"/>
+  </joint></robot>"""
+LINK = """<link name="{}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def two_links(**limits):
+    """A robot of two joints, some limits of the second replaced."""
+    all_limits = {"lower": -2, "velocity": 2, "acceleration": 10, "effort": 20} | limits
+    return pk.load_robot(TWO_LINKS.format(links=LINK.format("a") + LINK.format("b"), **all_limits))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("solver", ["newton", "ipopt", "fatrop"])
+@pytest.mark.parametrize("limits", [{"velocity": 0}, {"acceleration": 0}, {"lower": 2}])
+def test_a_joint_whose_limits_are_zero_may_rest(limits, solver):
+    """No motion was found, in no steps and with warnings of NumPy's."""
+    robot, rest = two_links(**limits), limits.get("lower", 0.5)
+    found = minimum_torque_trajectory(robot, [0.0, rest], [1.0, rest], 2.0, solver=solver)
+    assert found.success, found.message
+    assert np.ptp(found.trajectory(np.linspace(0, 2, 50)).position[:, 1]) == 0.0
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("quantity", ["velocity", "acceleration", "effort"])
+def test_a_joint_that_cannot_move_is_named(quantity):
+    found = minimum_torque_trajectory(two_links(**{quantity: 0}), [0.0, 0.0], [1.0, 0.5], 2.0)
+    assert found.status is MinimumTorqueStatus.INFEASIBLE
+    assert f"The {quantity} limit of K is 0" in found.report()

@@ -206,6 +206,32 @@ def test_misuse_is_named(pepper, across):
             tool(pepper, failed)
 
 
+SPINNING = """<robot name="spinning"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><origin xyz="0.3 0 0"/><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+  <limit velocity="2" effort="20"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("way", [1e5, 1e6, 9e8])
+def test_a_path_of_too_many_states_is_refused_by_its_length(way):
+    """One of 1e6 rad took 41 GB, and ended after 84 s in a MemoryError."""
+    robot = pk.load_robot(SPINNING, acceleration_limits=10.0)
+    words = rf"path: got one along which turn goes {re.escape(f'{way:.6g}')} rad, expected at most 4,000,000"
+    for tool in (validate, simplify_path):
+        with pytest.raises(InvalidValueError, match=words):
+            tool(robot, [[0.0], [way / 2], [way]])
+    with pytest.raises(InvalidValueError, match=words):
+        validate(robot, CubicPath(np.array([0.0, way]), np.array([[[0.0], [1.0], [0.0], [0.0]]])))
+    fast = pk.Trajectory(["turn"], [0.0, 10.0], np.array([[[0.0], [way / 10]]]))
+    with pytest.raises(InvalidValueError, match=words):
+        validate(robot, fast)
+    slow = pk.Trajectory(["turn"], [0.0, 1e8], np.array([[[0.0], [0.0]]]))
+    with pytest.raises(InvalidValueError, match=r"duration: got 1e\+08 s, expected at most 4000 s"):
+        validate(robot, slow)
+    assert validate(robot, [[0.0], [100.0]]).success
+
+
 def test_groups_change_from_call_to_call_without_rebuilding(pepper):
     """No checker, table or machine code is made for other joints, nor for the same ones again."""
     stand = pepper.posture("Stand")

@@ -384,3 +384,18 @@ def test_goals_that_are_all_but_the_start_are_no_error(distance, smooth):
     assert plan.success
     if len(plan.path) > 1:
         assert pk.retime(pepper, plan).duration > 0.0
+
+
+@pytest.mark.parametrize(
+    ("joint", "distance"),
+    [("LShoulderPitch", 3e-7), ("HipPitch", -1.01e-7), ("LElbowYaw", 2e-7), ("LElbowYaw", 9e-7)],
+)
+def test_smoothing_from_hardly_any_motion_is_no_error(joint, distance):
+    """The search went astray, to motions of days, whose states were refused as too many."""
+    pepper = pk.load_pepper()
+    start = pepper.posture("Stand")
+    goal = start.copy()
+    goal[pepper.joint_index(joint)] += distance
+    plan = pk.plan(pepper, start, goal, smooth=True)
+    assert plan.success
+    assert plan.trajectory.duration < 1.0

@@ -146,8 +146,11 @@ def test_a_joint_that_moves_against_a_limit_of_zero_is_named(pepper, points, qua
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_a_joint_without_effort_is_named(pepper, points):
-    robot = with_limit_of_zero(pepper, "RWristYaw", "effort")
-    with pytest.raises(InfeasibleError, match=r"RWristYaw needs .* its limit is 0 N m"):
-        pk.retime(robot, points)
+@pytest.mark.parametrize("solver", ["fast", "toppra"])
+@pytest.mark.parametrize("joint", ["RWristYaw", "HeadYaw"])
+def test_a_joint_without_effort_is_named(pepper, points, joint, solver):
+    """toppra divided by zero where the joint moves."""
+    robot = with_limit_of_zero(pepper, joint, "effort")
+    with pytest.raises(InfeasibleError, match=rf"{joint} needs .* its limit is 0 N m"):
+        pk.retime(robot, points, solver=solver)
     assert pk.retime(robot, points, torque=False).active_limits(robot).share.max() == np.inf

@@ -147,6 +147,11 @@ def test_wrong_pushes_are_refused(pepper):
         ({"force": [0, 0, 1], "duration": np.nan}, "duration: got nan"),
         ({"force": [0, 0, 1], "start": np.inf}, "start: got inf"),
         ({"force": [0, 0, 1], "point": [0, 0]}, "point: got shape"),
+        ({"force": [0, 0, 1e10]}, "force: got 10000000000.0, expected numbers from"),
+        (
+            {"force": [0, 0, 1e6], "point": [1e4, 0, 0]},
+            r"force: got 1e\+06 N at a point 10000 m away, .* N m",
+        ),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             twin.push("Head", **wrong)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,12 +23,14 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
+from pepper_kin.motion.optimization.free_joints import free_joints
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.trajectory import sample_times
+from pepper_kin.trajectory.trajectory import examination_step, sample_times
+from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -36,7 +38,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SOLVERS = ("newton", "ipopt", "fatrop")
-_STEP = 0.001  # [s], between the states at which the result is examined
 _EXCESS = 0.02  # share by which torques between the points of the transcription may exceed
 
 
@@ -45,7 +46,7 @@ class MinimumTorqueStatus(ResultStatus):
 
     SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
     NOT_CONVERGED = "not_converged", "Raise max_iterations, or try another solver."
-    INFEASIBLE = "infeasible", "Allow more time."
+    INFEASIBLE = "infeasible", "Allow more time, or give a limit that is zero another value."
     LIMITS_EXCEEDED = "limits_exceeded", "Use more intervals or a little more time."
 
 
@@ -96,8 +97,10 @@ def minimum_torque_trajectory(
     """Find the motion of given duration from rest to rest that takes the least effort.
 
     It minimizes the integral of sum_j (tau_j / greatest tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), within
-    the limits of position, velocity, acceleration and torque; all joints may move.  Neither obstacles nor the
-    robot itself are looked at: `optimize` with `Cost(time=0, jerk=0, effort=1)` and a duration does.
+    the limits of position, velocity, acceleration and torque; all joints may move whose limits are not zero.
+    Wheels of a planar base keep their limits, too; "ipopt" and "fatrop" search without them, and what
+    breaks them then is LIMITS_EXCEEDED.  Neither obstacles nor the robot itself are looked at: `optimize`
+    with `Cost(time=0, jerk=0, effort=1)` and a duration does.
 
     Args:
         pepper: The robot.
@@ -129,14 +132,19 @@ def minimum_torque_trajectory(
     limits = _limits(pepper, loads_of(pepper, scene, payload))
     method = _by_newton if solver == "newton" else _by_casadi
     steps = intervals, max_iterations
-    status, trajectory, iterations = method(pepper, first, last, duration, steps, solver, limits)
+    stuck = _motionless(pepper, np.abs(last - first) > 1e-9, limits)
+    status, trajectory, iterations = (
+        (MinimumTorqueStatus.INFEASIBLE, None, 0)
+        if stuck
+        else method(pepper, first, last, duration, steps, solver, limits)
+    )
     if trajectory is None:
-        message = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
+        found = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
+        message = stuck or found
         return MinimumTorqueTrajectory(
             status, message, None, None, iterations, time.perf_counter() - begin, solver
         )
-    use = measure_use(pepper, trajectory(sample_times(duration, _STEP)), limits)
-    share, limit = max((float(part.max()), name) for name, part in use.share.items())
+    share, limit = max((share, name) for name, share in _shares(pepper, trajectory, limits).items())
     if status is MinimumTorqueStatus.SOLVED and share > 1.0 + _EXCESS:
         status = MinimumTorqueStatus.LIMITS_EXCEEDED
     figures = figures_of(pepper, trajectory, limits.loads)
@@ -151,8 +159,34 @@ def minimum_torque_trajectory(
 
 def _limits(pepper: PepperModel, loads: Loads) -> Limits:
     return Limits(
-        pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits, balance=None, loads=loads
-    )
+        pepper.velocity_limits, pepper.acceleration_limits, pepper.effort_limits, balance=None, loads=loads,
+        wheels=wheel_limits(pepper),
+    )  # fmt: skip
+
+
+def _shares(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> dict[str, float]:
+    """Return the greatest share of each kind of limit that a motion uses."""
+    duration, wheels = trajectory.duration, limits.wheels
+    state = trajectory(sample_times(duration, examination_step(duration)))
+    use = measure_use(pepper, state, replace(limits, wheels=None))
+    found = {name: float(part.max()) for name, part in use.share.items()}
+    if wheels is not None:
+        found["wheel speed"] = float(wheels.shares(state.position, state.velocity).max())
+        found["wheel acceleration"] = float(np.abs(wheels.accelerations(*state)).max() / wheels.acceleration)
+    return found
+
+
+def _motionless(pepper: PepperModel, moving: NDArray[np.bool_], limits: Limits) -> str:
+    """Say which joint cannot move as it has to, or "" if none; `moving` is a mask, shape (n,)."""
+    stuck = [
+        (pepper.effort_limits == 0, "effort", "and all joints are moved"),
+        (moving & (limits.velocity == 0), "velocity", "and start and goal differ there"),
+        (moving & (limits.acceleration == 0), "acceleration", "and start and goal differ there"),
+    ]
+    for mask, quantity, why in stuck:
+        if mask.any():
+            return f"The {quantity} limit of {pepper.joint_names[int(np.argmax(mask))]} is 0, {why}."
+    return ""
 
 
 def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
@@ -252,6 +286,13 @@ def _by_casadi(
             None,
             (found.iterations),
         )
+    resting = ~free_joints(pepper, limits)  # to rounding: a limit of zero takes it exactly
+    if resting.any():
+        position, velocity, acceleration = (
+            part.copy() for part in (found.position, found.velocity, found.acceleration)
+        )
+        position[:, resting], velocity[:, resting], acceleration[:, resting] = first[resting], 0.0, 0.0
+        found = replace(found, position=position, velocity=velocity, acceleration=acceleration)
     samples = Samples(
         pepper.joint_names, found.time, found.position, found.velocity, found.acceleration, pepper.joint_units
     )

@@ -53,7 +53,6 @@ LONGEST = 86_400.0  # [s]
 MOST_INTERVALS = 1_000
 TIMEOUT = 5.0
 """Wall time of a search, if nothing else is said [s]."""
-_STEP = 0.001  # [s], between the states at which the result is examined
 _DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
 _CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
 _MORE = 1.0 + 1e-6
@@ -391,7 +390,9 @@ class _Judge:
             why = problem.broken(descent)
             return refused(OptimizedStatus.NO_ROOM, f"No {what} near the path keeps all limits. {why}")
         found = problem.trajectory(descent)
-        states = found(sample_times(found.duration, _STEP))
+        if found.duration > LONGEST:  # from hardly any motion the search can go astray
+            return refused(OptimizedStatus.NOT_CHEAPER, f"The best found takes {found.duration:.3g} s.")
+        states = found(sample_times(found.duration, examination_step(found.duration)))
         limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
         stretch = measure_use(self.pepper, states, limits).stretch
         stretch = max(stretch, stretch_at_extremes(found, limits, self.jerk))
@@ -442,11 +443,8 @@ class _Judge:
 
     def _measured(self, motion: Trajectory) -> Callable[[], float]:
         """Return what measures the least distance along a motion at every millisecond, by coal [m]."""
-        return lambda: (
-            least_clearance(
-                self.pepper, motion(sample_times(motion.duration, _STEP)).position, self.scene
-            ).distance
-        )
+        times = sample_times(motion.duration, examination_step(motion.duration))
+        return lambda: least_clearance(self.pepper, motion(times).position, self.scene).distance
 
     def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
         """Return the least distance along a motion [m], by the search; -inf where something touches.
@@ -455,5 +453,6 @@ class _Judge:
         """
         if not is_clear_along(Checks(self.pepper, self.scene), motion):
             return -float("inf")
-        times = sample_times(motion.duration, _DISTANCE_STEP)
+        step = max(_DISTANCE_STEP, examination_step(motion.duration))
+        times = sample_times(motion.duration, step)
         return problem.least_distance(motion(times).position)

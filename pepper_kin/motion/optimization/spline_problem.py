@@ -19,11 +19,13 @@ from pepper_kin.motion.optimization.balance_term import BalanceTerm
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.clearance_term import ClearanceTerm, clearance_rows, least_distance
 from pepper_kin.motion.optimization.cost import Cost, jerk_scale
+from pepper_kin.motion.optimization.free_joints import free_joints
 from pepper_kin.motion.optimization.held_term import HeldTerm
 from pepper_kin.motion.optimization.kernel_term import kernel_rows
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.motion.optimization.range_term import RangeTerm, range_rows
 from pepper_kin.motion.optimization.torque_term import TorqueTerm
+from pepper_kin.motion.optimization.wheel_term import WheelTerm
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.optimization import (
     Bounds,
@@ -63,6 +65,7 @@ _WHAT = {
     "RangeTerm": "neighboring bodies apart",
     "HeldTerm": "the tasks",
     "BalanceTerm": "the balance",
+    "WheelTerm": "the limits of the wheels",
 }
 _SHORT = 0.995  # of the wanted duration, from which the search slows down to it
 
@@ -121,7 +124,7 @@ class SplineProblem:
         if joints.size == 0:
             raise InvalidValueError("path", "a path of zero length", "start and goal that differ")
         if all_joints:
-            joints = np.arange(pepper.n)
+            joints = np.union1d(joints, np.flatnonzero(free_joints(pepper, limits)))
         self._moving = Moving(pepper, joints, path[0])
         self._spline = RestSpline(path[0, joints], path[-1, joints], intervals)
         self._before, self._cost, self._limits = before, cost, limits
@@ -151,12 +154,13 @@ class SplineProblem:
         standing = (
             [] if limits.balance is None else [BalanceTerm(self._moving, limits.balance, 1, limits.loads)]
         )
+        rolling = [] if limits.wheels is None else [WheelTerm(self._moving, limits.wheels, _TORQUE_SHARE, 4)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
         self._objective = Objective(
             self._spline,
             Bounds(lower, upper, velocity, acceleration, None if jerk is None else jerk[joints]),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
-            [torque, *standing, *self._floors],
+            [torque, *standing, *rolling, *self._floors],
             costs,
         )
         self.clearance_before = self.least_distance(path[:: _FIT_SAMPLES // 4])
