@@ -214,6 +214,9 @@ def _spans_volume(points: NDArray[np.float64]) -> bool:
     They do where the least extent, that along the last principal axis, is more than nothing.
     """
     centered = points - points.mean(axis=0)
+    squares = np.linalg.eigvalsh(centered.T @ centered)  # quick, but exact to half of the digits
+    if squares[0] > 1e-6 * squares[2] and squares[0] > 10.0 * FLAT**2 * len(points):
+        return True
     axes = np.linalg.svd(centered, full_matrices=False)[2]
     return bool(np.ptp(centered @ axes.T, axis=0).min() > FLAT)
 

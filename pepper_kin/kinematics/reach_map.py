@@ -71,9 +71,9 @@ class ReachMap:
 
     def __post_init__(self) -> None:
         for name, dtype in (("origin", np.float64), ("counts", np.int64), ("best", np.float32)):
-            given = getattr(self, name)
-            owned = isinstance(given, np.ndarray) and given.flags.owndata and not given.flags.writeable
-            array = np.array(given, dtype=dtype, copy=None if owned else True)  # a file's may fill half a GB
+            value = getattr(self, name)
+            owned = isinstance(value, np.ndarray) and value.flags.owndata and not value.flags.writeable
+            array = np.array(value, dtype=dtype, copy=None if owned else True)  # a file's may fill half a GB
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 

@@ -9,6 +9,8 @@ from pepper_kin.exceptions import ModelError, shortened
 
 DEEPEST = 100
 """Elements in one another that are read; a URDF has six."""
+MOST_ATTRIBUTES = 1000
+"""Attributes of an element that are read: Pinocchio's reader compares each with all before it."""
 
 
 def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
@@ -21,7 +23,7 @@ def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
 
     Raises:
         ModelError: naming the format, where the text is not well-formed, is nested deeper than DEEPEST, has
-            another root element, or holds half of a surrogate pair.
+            an element of more than MOST_ATTRIBUTES, another root element, or half of a surrogate pair.
     """
     try:
         text.encode()
@@ -36,15 +38,22 @@ def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
         raise ModelError(f"{what}: not well-formed XML: {error}") from error
     if root.tag != root_tag:
         raise ModelError(f"{what}: the root element is <{shortened(root.tag)}>, expected <{root_tag}>")
-    _check_depth(root, what)
+    _check_shape(root, what)
     return root
 
 
-def _check_depth(root: ET.Element, what: str) -> None:
-    """Refuse deep nesting: writing such a tree, or Pinocchio's reading it, would overflow the stack."""
+def _check_shape(root: ET.Element, what: str) -> None:
+    """Refuse deep nesting: writing such a tree, or Pinocchio's reading it, would overflow the stack.
+
+    Refuse crowds of attributes as well.
+    """
     level, depth = [root], 0
     while level:
         depth += 1
+        for element in level:
+            if len(element.keys()) > MOST_ATTRIBUTES:
+                found = f"<{shortened(element.tag)}> has {len(element.keys())} attributes"
+                raise ModelError(f"{what}: {found}, at most {MOST_ATTRIBUTES} are read")
         if depth > DEEPEST:
             raise ModelError(f"{what}: elements are nested more than {DEEPEST} deep")
         level = [child for element in level for child in element]

@@ -310,5 +310,5 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
 
 
 def _amount(value: float) -> str:
-    """Return a torque or force for a message; a hundredth is told apart from nothing."""
+    """Return a torque or force for a message, with two decimals where that is not 0.00."""
     return f"{value:.2f}" if 0.01 <= value < 1e6 else f"{value:.3g}"

@@ -61,14 +61,14 @@ def test_a_joint_made_to_brake_for_others_brakes_in_time_for_its_own_limit():
     harder = 0
     for _ in range(200):
         v = rng.uniform(-1, 1, PEPPER.n) * limits.velocity
-        room = brake_path(
+        way = brake_path(
             np.abs(v), limits.acceleration, dt, np.array([ticks_to_rest(v, limits.acceleration, dt)])
         )
-        room = (room[0] + np.abs(v) * dt) * rng.uniform(1.0, 1.2, PEPPER.n)
+        way = (way[0] + np.abs(v) * dt) * rng.uniform(1.0, 1.2, PEPPER.n)
         q = np.where(
             v > 0,
-            np.maximum(limits.upper - room, limits.lower),
-            np.minimum(limits.lower + room, limits.upper),
+            np.maximum(limits.upper - way, limits.lower),
+            np.minimum(limits.lower + way, limits.upper),
         )
         bounds = velocity_bounds(q, v, limits, dt)
         gentle = np.copysign(np.maximum(np.abs(v) - 0.1 * limits.acceleration * dt, 0.0), v)
