@@ -23,7 +23,6 @@ from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
-from pepper_kin.naoqi.script_end import interrupted
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, set_broker, vision_definitions
 
 MODULES = {
@@ -178,8 +177,7 @@ def run_script(
         arguments: What stands behind its name on the command line.
         broker: The simulated robot.
         longest: Time of the twin after which it is interrupted, as by Ctrl-C [s]; at its next wait, or when
-            it asks for the time, or a second later.  Where the twin's clock stands still, since it does
-            neither, after as much wall time, and 10 s at least.
+            it asks for the time.
 
     Returns:
         How it ended.
@@ -212,8 +210,7 @@ def run_script(
     with stand_ins(broker, script.parent, None if longest is None else begun + longest):
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:
-            with interrupted(broker.body.time, None if longest is None else begun + longest, TimeIsUp):
-                exec(code, module.__dict__)
+            exec(code, module.__dict__)
         except TimeIsUp:
             ended = "time is up"
         except SystemExit as exit_:

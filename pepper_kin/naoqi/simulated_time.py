@@ -119,10 +119,8 @@ class SimulatedTime:
     def _let_others_in(self) -> None:
         """Give other threads a chance to take the lock between two cycles."""
         self._changed.release()
-        try:
-            time.sleep(0)
-        finally:  # interrupts come here, too, and whoever called releases it again
-            self._changed.acquire()
+        time.sleep(0)
+        self._changed.acquire()
 
     def _advance(self) -> None:
         self._on_cycle()

@@ -5,7 +5,6 @@ import math
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.naoqi import run_script, script_end
+from pepper_kin.naoqi import run_script
 from pepper_kin.naoqi.shims import almath
 
 SCRIPTS = Path(__file__).parent / "scripts"
@@ -43,27 +42,6 @@ def test_a_script_without_an_end_is_interrupted(broker, tmp_path):
     result = run_script(script, broker=broker, longest=5.0)
     assert (result.ended, result.success) == ("time is up", True)
     assert result.duration == pytest.approx(5.0, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        "while True:\n    pass\n",
-        "while True:\n    try:\n        sum(range(1000))\n    except ValueError:\n        pass\n",
-        "from naoqi import ALProxy\nmotion = ALProxy('ALMotion')\nmotion.wakeUp()\n"
-        "while True:\n    motion.angleInterpolation('HeadYaw', [0.2, -0.2], [0.5, 1.0], True)\n",
-    ],
-)
-def test_a_script_that_never_waits_is_interrupted(broker, tmp_path, monkeypatch, body):
-    """The twin's time does not pass in it, so that it ran for ever."""
-    monkeypatch.setattr(script_end, "STANDSTILL", 0.5)
-    script = tmp_path / "busy.py"
-    script.write_text(body)
-    begin = time.monotonic()
-    result = run_script(script, broker=broker, longest=2.0)
-    assert (result.ended, result.success) == ("time is up", True), result.error
-    assert time.monotonic() - begin < 20.0
-    broker.body.time.sleep(0.1)  # no error is on its way any more, and the lock is free
 
 
 def test_what_a_script_raises_is_in_the_result(broker, tmp_path):
@@ -152,9 +130,12 @@ def test_ctrl_c_ends_a_script_with_130_and_keeps_the_recording(tmp_path):
         [sys.executable, "-c", program, *words],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
-        assert process.stderr.readline() == "begun\n"
-        process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=60)
+        try:
+            assert any(line == "begun\n" for line in process.stderr)  # other packages may warn before
+            process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert json.loads(output)["ended"] == "interrupted"
     assert "Traceback" not in errors
