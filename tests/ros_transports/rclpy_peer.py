@@ -20,7 +20,7 @@ node = rclpy.create_node("peer")
 executor = MultiThreadedExecutor(16)
 executor.add_node(node)
 threading.Thread(target=executor.spin, daemon=True).start()
-publishers, received, kept, goals = {}, {}, [], {}
+publishers, received, kept, goals, action_clients = {}, {}, [], {}, {}
 group = ReentrantCallbackGroup()
 
 
@@ -156,14 +156,15 @@ def serve_action(name, type):
 
 def send_goal(name, type, data):
     kind = find(type)
-    client = rclpy.action.ActionClient(node, kind, name, callback_group=group)
+    if name not in action_clients:
+        action_clients[name] = rclpy.action.ActionClient(node, kind, name, callback_group=group)
+    client = action_clients[name]
     until(client.server_is_ready)
     feedback = []
     goal = deserialize_message(base64.b64decode(data), kind.Goal)
     future = client.send_goal_async(goal, feedback.append)
     until(future.done)
     handle = future.result()
-    kept.append(client)
     if not handle.accepted:
         return {"accepted": False}
     goals[name] = handle, handle.get_result_async(), feedback

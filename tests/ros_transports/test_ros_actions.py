@@ -72,6 +72,8 @@ def test_a_failing_server_aborts(ours, peer):
 
 def test_closing_an_action_aborts_its_goals(ours, peer):
     ours.serve_action(name="/closing", type=ACTION)
+    assert send(peer, "/closing", "HeadYaw")["accepted"]
+    assert peer.result(name="/closing")["status"] == SUCCEEDED, "now the server knows the client"
     assert send(peer, "/closing", "long")["accepted"]
     ours.stop_serving(name="/closing")
     assert peer.result(name="/closing")["status"] == ABORTED

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_LAST_ANSWERS = 0.1
-"""Time for results to leave before a server is destroyed [s]."""
+_LAST_ANSWERS = 0.5
+"""Time for requests of results to come and results to leave before a server is destroyed [s]."""
 
 _LOOK_EVERY = 0.5
 """Time between two looks at whether clients are still there [s]."""
@@ -61,6 +61,7 @@ class Server:
             name,
             execute_callback=self._execute,
             goal_callback=self._accept,
+            handle_accepted_callback=self._begin,
             cancel_callback=self._cancel,
             callback_group=transport.group(reentrant=True),
         )
@@ -106,6 +107,10 @@ class Server:
         except Exception:
             logger.exception("%s: a goal could not be examined", self.name)
         return GoalResponse.REJECT
+
+    def _begin(self, handle: Any) -> None:
+        self._goal(handle)  # `close` ends accepted goals too, whose execution has not begun
+        handle.execute()
 
     def _cancel(self, handle: Any) -> Any:
         from rclpy.action import CancelResponse
