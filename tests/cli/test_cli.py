@@ -172,6 +172,16 @@ def test_check_model_passes_for_ours_and_finds_a_planted_fault(run, tmp_path):
     assert set(summary) == {"audit", "comparison"}
 
 
+@pytest.mark.parametrize("text", ["", "<robot name='bare'/>"])
+def test_check_model_compares_nothing_with_a_file_without_links(run, tmp_path, text):
+    (tmp_path / "empty.urdf").write_text(text)
+    done = run("check", "model", "empty.urdf", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1] == "  structure: the robot: it has no link"
+    summary = json.loads(run("check", "model", "empty.urdf", "--json", cwd=tmp_path).stdout)
+    assert set(summary) == {"audit"}
+
+
 def test_check_limits_prints_table_4(run, tmp_path):
     done = run("check", "limits", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
