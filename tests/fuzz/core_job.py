@@ -310,6 +310,7 @@ def placing(rng: np.random.Generator, count: int) -> Iterator[Any]:
 def searches(rng: np.random.Generator, count: int) -> Iterator[Any]:
     """Planners without a robot: trees, roads, manifolds, prices, cars."""
     from pepper_kin import planners as p
+    from pepper_kin.exceptions import InfeasibleError
 
     for number in range(count):
         n = 2 + number % 4
@@ -319,7 +320,11 @@ def searches(rng: np.random.Generator, count: int) -> Iterator[Any]:
         found = p.rrt_connect(space, seed=number, timeout=60.0)
         yield found.path.points
         short = p.shortcut(space, found.path, seed=number, timeout=60.0)
-        yield short.points, p.smooth(space, short).coefficients
+        try:
+            curve = p.smooth(space, short).coefficients
+        except InfeasibleError as refusal:  # the path enters an obstacle between its states
+            curve = str(refusal)
+        yield short.points, curve
         # What two of the searches find depends on where the time slices of a slow machine end: not compared.
         better = p.aorrtc(space, found.path, seed=number, timeout=60.0, max_iterations=60)
         yield better.success, better.cost <= found.cost
