@@ -250,10 +250,11 @@ def _whole_numbers(value: Any, place: str) -> Any:
 def _pose(part: dict[str, Any], place: str) -> np.ndarray:
     if "rotation" in part and "rpy" in part:
         raise _FaultError(f"{place}: has both a rotation and an rpy")
-    pose = transform(rpy=as_finite(part.get("rpy", (0.0, 0.0, 0.0)), "rpy", (3,)))
+    pose = transform(rpy=as_finite(part["rpy"], "rpy", (3,))) if "rpy" in part else np.eye(4)
     if "rotation" in part:
         pose[:3, :3] = as_finite(part["rotation"], "rotation", (3, 3))
-    pose[:3, 3] = as_finite(part.get("position", (0.0, 0.0, 0.0)), "position", (3,))
+    if "position" in part:
+        pose[:3, 3] = as_finite(part["position"], "position", (3,))
     return pose
 
 

@@ -56,25 +56,25 @@ class ConvexMesh:
         points = as_finite(self.vertices, "vertices of a convex mesh", (None, 3))
         within_world("vertices of a convex mesh", points)
         allowed = "points of which four or more span a volume"
-        if len(points) < 4 or not _spans_volume(points):
-            raise InvalidValueError("vertices of a convex mesh", f"{len(points)} points in a plane", allowed)
+        flat = InvalidValueError("vertices of a convex mesh", f"{len(points)} points in a plane", allowed)
         try:
             hull = ConvexHull(points)
-        except QhullError as error:
+        except (QhullError, ValueError) as error:
+            if len(points) < 4 or not _spans_volume(points):
+                raise flat from None
             raise InvalidValueError(
                 "vertices of a convex mesh", f"{len(points)} points without a hull", allowed
             ) from error
+        # A body's volume is at most its least extent times half of its area.
+        if not 2.0 * hull.volume > 10.0 * FLAT * hull.area and not _spans_volume(points):
+            raise flat
         # Corners keep the order in which they were given, so that a hull of a hull is the same hull.
         corners = np.sort(hull.vertices)
-        place = np.zeros(len(points), dtype=np.int64)
-        place[corners] = np.arange(len(corners))
-        faces = place[hull.simplices]
+        faces = np.searchsorted(corners, hull.simplices)
         vertices = points[corners]
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        u, v = b - a, c - a
-        normals = u[:, [1, 2, 0]] * v[:, [2, 0, 1]] - u[:, [2, 0, 1]] * v[:, [1, 2, 0]]  # np.cross is slow
-        inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
-        faces[inward] = faces[inward][:, ::-1]
+        at = vertices[faces]
+        frames = np.stack([at[:, 1] - at[:, 0], at[:, 2] - at[:, 0], hull.equations[:, :3]], axis=1)
+        faces = np.where(np.linalg.det(frames)[:, None] < 0.0, faces[:, ::-1], faces)
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", _read_only_indices(faces))
         object.__setattr__(self, "padding", _thickness("padding of a convex mesh", self.padding))
