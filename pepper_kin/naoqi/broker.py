@@ -15,6 +15,9 @@ from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.motion import ALMotion
 from pepper_kin.naoqi.posture import ALRobotPosture
 
+MOST_CALLS = 1000
+"""Posted calls that are known, with their errors; beyond that, the oldest that has ended is forgotten."""
+
 TOUCH_EVERY = 10
 """Cycles between two looks at bumpers and touch sensors."""
 
@@ -46,6 +49,7 @@ class Broker:
         self._began = time.time()
         self._modules: dict[str, Module | Any] = {}
         self._calls: dict[int, _Call] = {}
+        self._posting = threading.Lock()
         self._number = 0
         self._memory, self._motion = ALMemory(self), ALMotion(self)
         for module in (self._memory, self._motion, ALRobotPosture(self)):
@@ -114,11 +118,15 @@ class Broker:
 
     def post(self, call: Callable[[], Any]) -> int:
         """Run a call in a thread; return its number."""
-        self._number += 1
         entry = _Call(call)
-        self._calls[self._number] = entry
-        entry.start()
-        return self._number
+        with self._posting:
+            ended = (number for number, other in self._calls.items() if not other.is_alive())
+            if len(self._calls) >= MOST_CALLS and (oldest := next(ended, None)) is not None:
+                del self._calls[oldest]
+            self._number += 1
+            self._calls[self._number] = entry
+            entry.start()
+            return self._number
 
     def is_running(self, number: int) -> bool:
         """Return whether a posted call, or a motion task, is running."""

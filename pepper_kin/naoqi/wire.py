@@ -187,10 +187,10 @@ class Wire:
                 if returns == PICTURE:
                     return tuple(value)
                 return None if returns == "v" else self.value(value)
-            except NaoqiError as error:
-                return self._failed(str(error))
             except Exception as error:
-                return self._failed(f"{where}\n\t{error}")
+                # A posted call keeps its error, whose traceback would keep the service, and `close` waiting.
+                error.__traceback__ = None
+                return self._failed(str(error) if isinstance(error, NaoqiError) else f"{where}\n\t{error}")
             finally:
                 with self._lock:
                     self._running -= 1

@@ -173,6 +173,34 @@ def test_signals_end_a_server_cleanly_while_a_client_waits(number):
     assert "terminate called" not in error
 
 
+FAILED_CALL = textwrap.dedent(
+    """
+    import sys
+    import qi
+    session = qi.Session()
+    session.connect(sys.argv[1])
+    module = session.service("ALBacklightingDetection")
+    number = module.pCall("tail")
+    for _ in range(3):
+        try:
+            module.wait(number, 0)
+        except RuntimeError as error:
+            print(str(error).splitlines()[0])
+    """
+)
+
+
+def test_a_server_ends_at_once_though_a_posted_call_failed():
+    """Its error stays with the call, and kept the service: the end of the server waited for ten seconds."""
+    with Broker() as broker, Host(broker, port=0) as host:
+        command = [sys.executable, "-c", FAILED_CALL, host.url]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        assert done.stdout.splitlines()[-3:] == ["ALBacklightingDetection::tail"] * 3, done.stderr
+        wire = host._wire
+        host.close()
+        assert list(wire._services) == []
+
+
 def test_a_token_is_needed_to_move_and_not_to_read(host):
     calls = textwrap.dedent(
         """

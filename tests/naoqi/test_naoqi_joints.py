@@ -79,6 +79,19 @@ def test_a_task_waits_for_its_joints_and_others_do_not(broker, motion):
     assert int(np.argmax(pitch > 0.0999)) < top  # another joint has not
 
 
+def test_posted_calls_that_ended_are_forgotten_one_day(broker, motion):
+    first = motion.pCall("getAngles", "Tail", True)
+    with pytest.raises(NaoqiError, match="'Tail' is no joint"):
+        motion.wait(first, 0)
+    assert not motion.isRunning(first)
+    slow = motion.pCall("angleInterpolation", "HeadYaw", 0.2, 100.0, True)
+    for _ in range(1000):
+        motion.wait(motion.pCall("getAngles", "HeadYaw", True), 0)
+    assert not motion.wait(first, 0), "nothing is known of it"
+    assert motion.isRunning(slow), "of what runs, something is"
+    motion.killAll()
+
+
 def test_a_killed_task_ends(broker, motion):
     number = motion.pCall("angleInterpolation", "HeadYaw", 1.0, 5.0, True)
     broker.body.time.sleep(0.5)
