@@ -33,7 +33,8 @@ The same test has three sizes:
 `--fuzz-seed N` asks about other cases, `--fuzz-report FILE` writes what was examined. A test that fails
 prints the command that repeats it, and keeps its seed and inputs in `build/fuzz/`. The long run goes in
 parts (`--parts 20`): it prints a line for each that ends, and goes on where it was interrupted. Its
-report is `build/fuzz/long/report.json`.
+report is `build/fuzz/long/report.json`. The parts below ran over several days of the development, each
+on the code of its day; the date is that of the last. A dash stands where a size has not run to its end.
 
 Two kinds of tests ask about memory. *Guard pages*: jobs of the whole core run in a process in which every
 array ends at a page that may not be touched, then in one in which every array begins behind one; new
