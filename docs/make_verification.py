@@ -33,8 +33,7 @@ The same test has three sizes:
 `--fuzz-seed N` asks about other cases, `--fuzz-report FILE` writes what was examined. A test that fails
 prints the command that repeats it, and keeps its seed and inputs in `build/fuzz/`. The long run goes in
 parts (`--parts 20`): it prints a line for each that ends, and goes on where it was interrupted. Its
-report is `build/fuzz/long/report.json`. The parts below ran over several days of the development, each
-on the code of its day; the date is that of the last. A dash stands where a size has not run to its end.
+report is `build/fuzz/long/report.json`. The parts below ran over several days, each on its day's code.
 
 Two kinds of tests ask about memory. *Guard pages*: jobs of the whole core run in a process in which every
 array ends at a page that may not be touched, then in one in which every array begins behind one; new
@@ -47,8 +46,7 @@ python tests/fuzz/core_job.py '{"jobs": ["ik"], "count": 12, "seed": 0, "guard":
 NUMBA_BOUNDSCHECK=1 python tests/fuzz/core_job.py '{"jobs": ["ik"], "count": 12, "seed": 0}'
 ```
 
-Checks of the model against published numbers and other engines are in [Validation](validation.md).
-The faults of an adversarial test, each with its tests: [Faults](faults.md).
+Published numbers and other engines: [Validation](validation.md); faults and their tests: [Faults](faults.md).
 """
 
 

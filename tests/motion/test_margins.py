@@ -46,9 +46,9 @@ def least_distance(plan, scene: pk.Scene) -> float:
     return scene_distance(scene, curve.at(segment, s - curve.breaks[segment]))
 
 
-def swing(scene, **options):
+def swing(scene, *, timeout=1.0, **options):
     """Plan the swing of the arm."""
-    return pk.plan(PEPPER, START, GOAL, scene, joints=["LShoulderPitch"], timeout=1.0, **options)
+    return pk.plan(PEPPER, START, GOAL, scene, joints=["LShoulderPitch"], timeout=timeout, **options)
 
 
 def test_a_margin_that_no_path_keeps_gives_way_and_the_message_names_what_to(pinned):
@@ -126,14 +126,15 @@ def pin_beside(q: np.ndarray, distance: float) -> np.ndarray:
 
 def test_margins_give_way_with_constraints_and_costs_and_in_legs_too(pinned):
     elbow = pk.ik.JointValue("LElbowYaw", float(START[PEPPER.joint_index("LElbowYaw")]), tolerance=0.5)
-    for options in ({"constraints": [elbow]}, {"costs": [elbow]}):
+    for tasks in ({"constraints": [elbow]}, {"costs": [elbow]}):
+        options = {**tasks, "timeout": 4.0}  # a busy machine searches slowly, and then takes less margin
         plan = swing(pinned, **options)
         assert plan.success, plan.message
         assert "was relaxed from 10 to 2.5 mm" in plan.message
         assert swing(pinned, least_margin=0.006, **options).path is None
         kept = swing(pinned, least_margin=0.003, **options)
         assert 0.0029 < kept.margin <= least_distance(kept, pinned)
-    legs = plan_legs(PEPPER, START, [Leg(GOAL)], pinned, joints=["LShoulderPitch"], timeout=1.0)
+    legs = plan_legs(PEPPER, START, [Leg(GOAL)], pinned, joints=["LShoulderPitch"], timeout=4.0)
     assert "was relaxed from 10 to 2.5 mm" in legs.report()
 
 

@@ -124,7 +124,9 @@ def test_ctrl_c_ends_a_script_with_130_and_keeps_the_recording(tmp_path):
     script.write_text(
         "import time\ntime.sleep(0.2)\nprint('begun', flush=True)\nwhile True:\n    time.sleep(0.1)\n"
     )
-    program = "import sys; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
+    # What a shell began with "&" ignores SIGINT, and so do its children.
+    hear = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{hear}; sys.argv[0] = 'pepper-kin'; from pepper_kin.cli import main; main()"
     words = ["naoqi", "run", str(script), "--record", str(tmp_path / "run.csv"), "--json"]
     with subprocess.Popen(
         [sys.executable, "-c", program, *words],
