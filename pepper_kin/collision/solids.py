@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeAlias, cast
 
@@ -55,26 +56,24 @@ class ConvexMesh:
 
         points = as_finite(self.vertices, "vertices of a convex mesh", (None, 3))
         within_world("vertices of a convex mesh", points)
-        allowed = "points of which four or more span a volume"
-        flat = InvalidValueError("vertices of a convex mesh", f"{len(points)} points in a plane", allowed)
-        try:
+        hull = None
+        with suppress(QhullError, ValueError):
             hull = ConvexHull(points)
-        except (QhullError, ValueError) as error:
-            if len(points) < 4 or not _spans_volume(points):
-                raise flat from None
-            raise InvalidValueError(
-                "vertices of a convex mesh", f"{len(points)} points without a hull", allowed
-            ) from error
         # A body's volume is at most its least extent times half of its area.
-        if not 2.0 * hull.volume > 10.0 * FLAT * hull.area and not _spans_volume(points):
-            raise flat
+        if hull is None or not 2.0 * hull.volume > 10.0 * FLAT * hull.area:
+            flat = len(points) < 4 or not _spans_volume(points)
+            if flat or hull is None:
+                found = f"{len(points)} points {'in a plane' if flat else 'without a hull'}"
+                allowed = "points of which four or more span a volume"
+                raise InvalidValueError("vertices of a convex mesh", found, allowed)
         # Corners keep the order in which they were given, so that a hull of a hull is the same hull.
         corners = np.sort(hull.vertices)
         faces = np.searchsorted(corners, hull.simplices)
         vertices = points[corners]
-        at = vertices[faces]
-        frames = np.stack([at[:, 1] - at[:, 0], at[:, 2] - at[:, 0], hull.equations[:, :3]], axis=1)
-        faces = np.where(np.linalg.det(frames)[:, None] < 0.0, faces[:, ::-1], faces)
+        a, b, c = np.moveaxis(vertices[faces], 1, 0)
+        # Two sides and the normal that Qhull gives, outward, are right-handed where the face is.
+        turns = np.linalg.det(np.stack([b - a, c - a, hull.equations[:, :3]], axis=1))
+        faces = np.where(turns[:, None] < 0.0, faces[:, ::-1], faces)
         object.__setattr__(self, "vertices", read_only(vertices))
         object.__setattr__(self, "faces", _read_only_indices(faces))
         object.__setattr__(self, "padding", _thickness("padding of a convex mesh", self.padding))

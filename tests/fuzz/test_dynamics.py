@@ -373,7 +373,8 @@ def complex_steps(tree: Tree, q: Any, v: Any, a: Any) -> tuple[Any, ...]:
 
 def test_mujoco_agrees(amount, rng, tried):
     """MuJoCo's mass matrix and bias forces on the exported MJCF; it shares no code with Pinocchio."""
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     for base in ("fixed", "planar"):
         pepper = pk.load_pepper(base=base)
         model = mujoco.MjModel.from_xml_string(pk.model.export(pepper, "mjcf"))

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from ompl import base
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners.car_curves import CarCurve, car_curve
-
-base = pytest.importorskip("ompl.base")
 
 
 def theirs(start, end, radius, backward):

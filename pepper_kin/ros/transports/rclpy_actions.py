@@ -53,7 +53,7 @@ class Server:
 
         self.name, self.types, self._server = name, _Types(type_name), server
         self._goals: dict[bytes, ExecutedGoal] = {}
-        self._lock, self._closed, self._node = threading.Lock(), False, transport.node
+        self._lock, self.closed, self._node = threading.Lock(), False, transport.node
         self._missed = 0
         self._made = rclpy.action.ActionServer(
             transport.node,
@@ -86,7 +86,7 @@ class Server:
 
     def close(self) -> None:
         """Abort goals under way and offer the action no more."""
-        self._closed = True
+        self.closed = True
         with self._lock:
             goals = list(self._goals.values())
         for goal in goals:
@@ -102,15 +102,14 @@ class Server:
         from rclpy.action import GoalResponse
 
         try:
-            if not self._closed and self._server.on_goal(self.types.goal.from_ros(message)):
+            if not self.closed and self._server.on_goal(self.types.goal.from_ros(message)):
                 return GoalResponse.ACCEPT
         except Exception:
             logger.exception("%s: a goal could not be examined", self.name)
         return GoalResponse.REJECT
 
     def _begin(self, handle: Any) -> None:
-        self._goal(handle)  # `close` ends accepted goals too, whose execution has not begun
-        handle.execute()
+        self._goal(handle).begin()  # `close` ends accepted goals too, whose execution has not begun
 
     def _cancel(self, handle: Any) -> Any:
         from rclpy.action import CancelResponse
@@ -161,7 +160,7 @@ class ExecutedGoal(ServerGoal):
         self.goal_id, self.goal = goal_id, server.types.goal.from_ros(handle.request)
         self.announced, self.lost, self.returned = False, False, threading.Event()
         self._server, self._handle, self._lock = server, handle, threading.Lock()
-        self._closing, self._ended = False, GoalStatus.UNKNOWN
+        self._begun, self._closing, self._ended = False, server.closed, GoalStatus.UNKNOWN
         self.ros_result: Any = server.types.result.ros()
 
     @property
@@ -200,11 +199,19 @@ class ExecutedGoal(ServerGoal):
             time.sleep(0.001)  # the request was accepted, rclpy notes it after the callback
         self._end(GoalStatus.CANCELED, result)
 
+    def begin(self) -> None:
+        """Have the goal executed; ROS aborts none that has not begun."""
+        with self._lock:
+            self._begun = True
+            self._handle.execute()
+        if self._closing:
+            self.close()
+
     def close(self) -> None:
-        """Abort the goal if it is under way."""
+        """Abort the goal if it is under way, or as it begins."""
         with self._lock:
             self._closing = True
-            if not self._ended.terminal:
+            if self._begun and not self._ended.terminal:
                 self._ended = GoalStatus.ABORTED
                 self._handle.abort()
 
