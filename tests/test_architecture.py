@@ -39,6 +39,7 @@ ORDER = (
     "files",
     "motion",
     "twin",
+    "supervision",
     "naoqi",
     "ros",
     "jobs",

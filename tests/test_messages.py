@@ -16,7 +16,6 @@ import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, did_you_mean, shortened
 from pepper_kin.naoqi import NaoqiError, Robot, RobotConnectionError
-from pepper_kin.ros import RobotClient
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = {"balance", "candidates", "margin", "payload", "restarts", "seed", "starts", "timeout"}
@@ -85,12 +84,11 @@ FUNCTIONS = {
     "pepper_kin.motion.optimization.optimized": pk.motion.optimize,
     "pepper_kin.motion.plan_result": pk.motion.plan,
     "pepper_kin.motion.validation": pk.motion.validate,
-    "pepper_kin.naoqi.following": Robot.follow,
     "pepper_kin.planners.optimization.descend": planners.optimization.descend,
     "pepper_kin.planners.optimization.effort": planners.optimization.minimum_effort,
     "pepper_kin.planners.result": planners.rrt_connect,
-    "pepper_kin.ros.client": RobotClient.follow,
     "pepper_kin.servo.state": pk.servo.Servo,
+    "pepper_kin.supervision": Robot.follow,
     "pepper_kin.twin.base.tipping": pk.twin.base.simulate_tipping,
     "pepper_kin.twin.run": pk.twin.Twin.execute,
 }

@@ -9,7 +9,7 @@ NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
 Robot, RobotState                         a robot from outside: state, motions with a certificate
 FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
 Mirror, states_of_run                     a twin beside a robot, live or recorded, and how they differ
-RobotConnectionError                      there is no connection
+RobotConnectionError, UnusableStateError   there is no connection; a state that cannot be used
 """
 
 from pepper_kin.naoqi.broker import Broker
@@ -20,13 +20,14 @@ from pepper_kin.naoqi.errors import (
     RefusedByRobotError,
     RobotConnectionError,
 )
-from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult, RobotMotionStatus
+from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult
 from pepper_kin.naoqi.host import Host
 from pepper_kin.naoqi.mirror import Mirror, states_of_run
 from pepper_kin.naoqi.robot import Robot
 from pepper_kin.naoqi.robot_state import RobotState
 from pepper_kin.naoqi.run_log import RunLog
 from pepper_kin.naoqi.scripts import ScriptResult, run_script
+from pepper_kin.supervision import RobotMotionStatus, UnusableStateError
 
 __all__ = [
     "Broker",
@@ -44,6 +45,7 @@ __all__ = [
     "RobotState",
     "RunLog",
     "ScriptResult",
+    "UnusableStateError",
     "coverage",
     "run_script",
     "states_of_run",

@@ -291,7 +291,10 @@ class Body:
         most = self.pepper.acceleration_limits
         acceleration = np.clip(acceleration, -most, most)
         before = self.controller.twist
-        for row in range(ROWS):
+        if self.controller.stands:
+            position[:, self._base] = self.controller.pose
+            velocity[:, self._base] = acceleration[:, self._base] = 0.0
+        for row in () if self.controller.stands else range(ROWS):
             twist = self.controller.step(h)
             pose = self.controller.pose
             position[row, self._base] = pose

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.status import ResultStatus
+from pepper_kin.supervision import RobotMotionStatus
 from pepper_kin.twin import Run
 
 Array = NDArray[np.float64]
@@ -17,17 +17,6 @@ SILENCE = 0.5
 """Silence of a client after which the watchdog stops the robot, unless chosen otherwise [s]."""
 
 
-class RobotMotionStatus(ResultStatus):
-    """How a motion on a robot ended."""
-
-    COMPLETED = "completed", "The motion went to its end."
-    STOPPED = "stopped", "`stop` was called, here or by somebody else: read the state, and plan from there."
-    DEVIATED = "deviated", "The robot was too far from the motion and was stopped: look for what holds it."
-    STALLED = "stalled", "The watchdog stopped the robot, as this process was silent: give it more time."
-    REFUSED = "refused", "The robot answered a call by an error, which the message quotes."
-    CONNECTION_LOST = "connection_lost", "Connect again; the watchdog, if the robot has one, stopped it."
-
-
 @dataclass(frozen=True)
 class FollowOptions:
     """How a motion is followed.
@@ -35,7 +24,8 @@ class FollowOptions:
     Attributes:
         joint_tolerance: Largest deviation of a joint [rad or share].
         base_tolerance: Largest deviation of the base [m].
-        silence: Silence of this process after which the watchdog stops the robot [s].
+        silence: Silence of this process after which the watchdog stops the robot, and age of the last state
+            beyond which the motion ends [s].
         hold_time: The longest time for the robot to arrive after the end of the motion [s].
         lead: How much earlier than its time a target is sent [s].
         base_gain: Velocity for each deviation of the base, to correct it [1/s].
@@ -55,8 +45,9 @@ class RobotMotionResult:
 
     Attributes:
         status: How it ended.
-        message: Why, where it did not complete.
-        method: "stream" or "bezier".
+        message: Why, where it did not complete, and what is missing where rest is not confirmed.
+        at_rest: Whether the robot was measured at rest, with nothing left that could move it.
+        method: "stream", "bezier", "drive" or "move_to".
         run: What was measured beside what was commanded, in steps of 20 ms; torques are zero where the robot
             reports none.  None where fewer than two states were read.
         stamps: When each state was asked for, from the start of the motion [s], shape (k,).
@@ -65,6 +56,7 @@ class RobotMotionResult:
 
     status: RobotMotionStatus
     message: str
+    at_rest: bool
     method: str
     run: Run | None
     stamps: Array
@@ -74,6 +66,10 @@ class RobotMotionResult:
     def success(self) -> bool:
         """Whether the motion went to its end."""
         return self.status is RobotMotionStatus.COMPLETED
+
+    def __bool__(self) -> bool:
+        """Return whether the motion went to its end."""
+        return self.success
 
     @property
     def delay(self) -> float:
@@ -96,6 +92,9 @@ class RobotMotionResult:
         """Say how it ended, how often states were read, and the deviations of all joints."""
         why = f" ({self.message})" if self.message else ""
         lines = [f"Motion by {self.method}: {self.status.value}{why}", f"  {self.status.advice}"]
+        lines.append(
+            "  the robot was measured at rest" if self.at_rest else "  the robot MAY STILL MOVE: look at it"
+        )
         if not self.guarded:
             lines.append("  no watchdog on the robot: without this process it goes on with its last command")
         if self.run is not None:

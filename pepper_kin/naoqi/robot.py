@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -18,17 +19,19 @@ from pepper_kin.files.certified import pepper_with_joints, refuse_unsafe
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
 from pepper_kin.naoqi import on_robot
-from pepper_kin.naoqi.follower import Follower
+from pepper_kin.naoqi.errors import NaoqiError
+from pepper_kin.naoqi.follow_motions import BezierMotion, StreamMotion
 from pepper_kin.naoqi.following import SILENCE, FollowOptions, RobotMotionResult
-from pepper_kin.naoqi.guard import BEAT, Guard
 from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.link import ANSWER, Link
+from pepper_kin.naoqi.robot_motion import BaseOptions, DriveMotion, MoveToMotion, RobotMotion
 from pepper_kin.naoqi.robot_state import BASE, RobotState, StateReader
 from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.supervision import Clock, Supervisor
 from pepper_kin.trajectory import Trajectory
 
-METHODS = ("stream", "bezier")
+METHODS = {"stream": StreamMotion, "bezier": BezierMotion}
 
 AT_START = 0.03
 """How far joints may be from the start of a motion [rad or share]."""
@@ -74,9 +77,11 @@ class Robot:
         self.url = url
         self.pepper = load_pepper(base="planar", hands="mimic") if pepper is None else pepper
         self._link = Link(url, token, check_positive("timeout", timeout, "s"))
-        self._reader = StateReader(self._link, self.pepper)
-        self._stop = threading.Event()
-        self.has_watchdog = on_robot.NAME in self._link.names()
+        self._clock = Clock()
+        self._reader = StateReader(self._link, self.pepper, self._clock)
+        self._motions: set[Supervisor] = set()
+        self._lock = threading.Lock()
+        self.has_watchdog = self._watchdog_is_there()
 
     def __enter__(self) -> Robot:
         return self
@@ -129,13 +134,24 @@ class Robot:
         self._link.call("ALMotion", "rest", timeout=60.0)
 
     def stop(self) -> None:
-        """Stop joints and base; a motion that another thread follows ends with STOPPED.
+        """Stop joints and base; motions of this object, in whatever state, end with STOPPED.
+
+        With a watchdog motions of other clients end, too, and it holds the robot until it is at rest.
 
         Raises:
             RobotConnectionError: where no answer comes.
         """
-        self._stop.set()
-        on_robot.hold(self._link.proxy("ALMotion"), [n for n in self.pepper.joint_names if n in ACTUATED])
+        with self._lock:
+            motions = tuple(self._motions)
+        for supervisor in motions:
+            supervisor.request_stop()
+        with contextlib.suppress(NaoqiError):  # it may be gone: then without it
+            if self.has_watchdog:
+                self._link.call(on_robot.NAME, "halt", 0, "stop() was called")
+                return
+        joints = [name for name in self.pepper.joint_names if name in ACTUATED]
+        on_robot.hold_joints(self._link.proxy("ALMotion"), joints)
+        self._link.call("ALMotion", "stopMove")
 
     def follow(
         self,
@@ -171,13 +187,17 @@ class Robot:
                 off, or where `unguarded` would be needed.
             RobotConnectionError: where the robot does not answer before the motion.
         """
-        check_choice("method", method, METHODS)
-        robot = certify(trajectory, scene, payload)
+        kind = METHODS[check_choice("method", method, tuple(METHODS))]
+        robot = robot_of(trajectory)
         self._check_method(trajectory, method, unguarded)
-        self._check_start(trajectory)
-        self._stop.clear()
+
+        def check() -> RobotState:
+            refuse_unsafe(trajectory, robot, scene, payload, False, advice="")
+            return self._check_start(trajectory)
+
         chosen = FollowOptions() if options is None else options
-        return Follower(self._link, robot, trajectory, chosen, method, self.has_watchdog, self._stop).run()
+        motion = kind(self._link, robot, trajectory, chosen, self.has_watchdog, self._clock, check)
+        return self._supervised(motion)
 
     def move_to(
         self,
@@ -186,67 +206,65 @@ class Robot:
         timeout: float = 60.0,
         silence: float = SILENCE,
         unguarded: bool = False,
-    ) -> bool:
-        """Drive to a pose in the robot's own axes by its `moveTo`; return whether it arrived.
+    ) -> RobotMotionResult:
+        """Drive to a pose in the robot's own axes by its `moveTo`.
 
         The robot avoids obstacles by itself; there is no certificate.
 
         Args:
             pose: x, y [m], yaw [rad], shape (3,).
             timeout: The longest time [s].
-            silence: Silence of this process after which the watchdog stops the robot [s].
+            silence: As in `FollowOptions` [s].
             unguarded: Whether to do it on a robot without a watchdog.
 
+        Returns:
+            How it ended, COMPLETED where it arrived, and what was measured; true where it arrived.
+
         Raises:
-            RobotConnectionError: where the robot does not answer, or not in time.
-            MotionEndedError: where the watchdog stopped the robot.
-            NaoqiError: what the robot answers instead.
             InvalidValueError: where `unguarded` would be needed.
         """
         goal = [float(x) for x in as_finite(pose, "pose", (3,))]
-        self._need_guard("move_to", unguarded)
-        self._stop.clear()
-        guard = Guard(self._link, silence, [], self.has_watchdog)
-        future = self._link.start("ALMotion", "moveTo", *goal)
-        end = time.monotonic() + timeout
-        while not future.isFinished() and time.monotonic() < end and not self._stop.is_set():
-            guard.beat()
-            time.sleep(BEAT / 4.0)
-        if not future.isFinished():
-            self._link.call("ALMotion", "stopMove")
-        arrived = self._link.value(future, "ALMotion.moveTo")
-        guard.end()
-        return arrived is None or bool(arrived)
+        limit = check_positive("timeout", timeout, "s")
+        return self._supervised(MoveToMotion(*self._base_motion("move_to", silence, unguarded), goal, limit))
 
     def drive(
         self, twist: ArrayLike, seconds: float, *, silence: float = SILENCE, unguarded: bool = False
-    ) -> None:
+    ) -> RobotMotionResult:
         """Drive with a velocity for some time, then stop; there is no certificate.
 
         Args:
             twist: v_x, v_y [m/s], omega [rad/s] in the robot's axes, shape (3,).
             seconds: How long [s].
-            silence: Silence of this process after which the watchdog stops the robot [s].
+            silence: As in `FollowOptions` [s].
             unguarded: Whether to do it on a robot without a watchdog.
 
+        Returns:
+            How it ended, COMPLETED where it drove for that time and stands, and what was measured.
+
         Raises:
-            RobotConnectionError: where the robot does not answer.
-            MotionEndedError: where the watchdog stopped the robot.
             InvalidValueError: where `unguarded` would be needed.
         """
         velocity = [float(x) for x in as_finite(twist, "twist", (3,))]
-        end = time.monotonic() + check_positive("seconds", seconds, "s")
-        self._need_guard("drive", unguarded)
-        self._stop.clear()
-        guard = Guard(self._link, silence, [], self.has_watchdog)
+        time = check_positive("seconds", seconds, "s")
+        return self._supervised(DriveMotion(*self._base_motion("drive", silence, unguarded), velocity, time))
+
+    def _base_motion(
+        self, what: str, silence: float, unguarded: bool
+    ) -> tuple[Link, PepperModel, BaseOptions]:
+        self._need_guard(what, unguarded)
+        options = FollowOptions(silence=check_positive("silence", silence, "s"))
+        return self._link, self.pepper, BaseOptions(options, self.has_watchdog, self._clock)
+
+    def _supervised(self, motion: RobotMotion) -> RobotMotionResult:
+        """Make a motion, which `stop` knows from its check on."""
+        supervisor = Supervisor(motion, self._clock)
+        with self._lock:
+            self._motions.add(supervisor)
         try:
-            while time.monotonic() < end and not self._stop.is_set():
-                guard.beat()
-                self._link.call("ALMotion", "move", *velocity)
-                time.sleep(BEAT / 2.0)
+            return motion.result(supervisor.run())
         finally:
-            self._link.call("ALMotion", "stopMove")
-        guard.end()
+            with self._lock:
+                self._motions.discard(supervisor)
 
     @staticmethod
     def dry_run(
@@ -265,7 +283,7 @@ class Robot:
             InfeasibleError: where the simulated robot does not start.
             InvalidValueError: as `follow` does.
         """
-        certify(trajectory, scene, payload)
+        refuse_unsafe(trajectory, robot_of(trajectory), scene, payload, False, advice="")
         with hosted_twin(scene) as (url, _), Robot(url) as robot:
             joints, start = _joints_of(trajectory)
             if joints:
@@ -278,11 +296,19 @@ class Robot:
         """Write the watchdog that runs on the robot, in Python 2.7 or 3: `python FILE` there."""
         return atomic_file.write_text(path, Path(on_robot.__file__).read_text("utf-8"))
 
+    def _watchdog_is_there(self) -> bool:
+        if on_robot.NAME not in self._link.names():
+            return False
+        try:
+            return int(self._link.call(on_robot.NAME, "protocol")) == on_robot.PROTOCOL
+        except NaoqiError:
+            return False  # of an earlier version, which cannot end what arrives late
+
     def _need_guard(self, what: str, unguarded: bool) -> None:
         if not self.has_watchdog and not unguarded:
             raise InvalidValueError(
                 "robot",
-                f"one without the service {on_robot.NAME!r}",
+                f"one without the service {on_robot.NAME!r}, version {on_robot.PROTOCOL}",
                 f"the watchdog of `pepper-kin naoqi watchdog` running on it, or unguarded=True for {what}",
             )
 
@@ -296,27 +322,29 @@ class Robot:
         if driven or method == "bezier":
             self._need_guard(f"method={method!r}", unguarded)
 
-    def _check_start(self, trajectory: Trajectory) -> None:
+    def _check_start(self, trajectory: Trajectory) -> RobotState:
+        """Return where the robot is, if that is where a trajectory begins and its motors are on."""
         state = self.state()
         joints, start = _joints_of(trajectory)
         off = np.abs(state.of(joints) - start)
-        if off.max(initial=0.0) > AT_START:
+        if not off.max(initial=0.0) <= AT_START:
             k = int(np.argmax(off))
             raise InvalidValueError(
                 f"start of {joints[k]}",
                 f"{start[k]:.3f}, where the robot is at {state.of(joints)[k]:.3f}",
                 f"a motion from where the robot is, within {AT_START} rad: plan from state().q",
             )
-        limp = [n for n in joints if state.stiffness[self.pepper.joint_index(n)] < STIFF]
+        limp = [n for n in joints if not state.stiffness[self.pepper.joint_index(n)] >= STIFF]
         if limp:
             raise InvalidValueError("motors", f"{', '.join(limp)} off", "motors that are on: wake_up()")
+        return state
 
 
-def certify(trajectory: Trajectory, scene: Scene | None, payload: Mapping[str, float] | None) -> PepperModel:
-    """Return the robot of a trajectory that passes its certificate.
+def robot_of(trajectory: Trajectory) -> PepperModel:
+    """Return the robot of a trajectory.
 
     Raises:
-        InvalidValueError: with what fails, or for joints that NAOqi does not know.
+        InvalidValueError: for joints that NAOqi does not know.
     """
     robot = pepper_with_joints(trajectory.joint_names)
     if robot is None or any(name not in (*ACTUATED, *BASE) for name in trajectory.joint_names):
@@ -325,7 +353,6 @@ def certify(trajectory: Trajectory, scene: Scene | None, payload: Mapping[str, f
             ", ".join(trajectory.joint_names),
             "those of load_pepper with hands='locked' or hands='mimic'",
         )
-    refuse_unsafe(trajectory, robot, scene, payload, False, advice="")
     return robot
 
 

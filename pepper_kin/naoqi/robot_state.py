@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, shortened
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.device_keys import TOP, TOUCHES
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.link import Link
 from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.supervision import Clock, UnusableStateError
 from pepper_kin.twin import Run, actuator_parameters
 
 Array = NDArray[np.float64]
@@ -84,40 +84,46 @@ class StateReader:
     Args:
         link: The connection.
         pepper: Model with a planar base and hands of one joint each.
+        clock: Time of the states.
 
     Raises:
         InvalidValueError: for a model with joints that NAOqi does not know.
     """
 
-    def __init__(self, link: Link, pepper: PepperModel) -> None:
+    def __init__(self, link: Link, pepper: PepperModel, clock: Clock | None = None) -> None:
         unknown = [name for name in pepper.joint_names if name not in (*ACTUATED, *BASE)]
         if unknown:
             allowed = "load_pepper(base='planar', hands='mimic') or a robot with some of its joints"
             raise InvalidValueError("joints of pepper", ", ".join(unknown), allowed)
-        self._link, self.pepper = link, pepper
+        self._link, self.pepper, self._clock = link, pepper, Clock() if clock is None else clock
         self._joints = [name for name in pepper.joint_names if name in ACTUATED]
         self._places = np.array([pepper.joint_index(name) for name in self._joints], dtype=int)
         self._base = [pepper.joint_index(name) for name in BASE if name in pepper.joint_names]
         self._keys = [f"{TOP}{name}/{end}" for end in QUANTITIES.values() for name in self._joints]
         self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in TOUCHES)]
 
-    def begin(self) -> tuple[float, list[Any]]:
-        """Ask for a state; return when [s] and the futures."""
+    def begin(self) -> Reading:
+        """Ask for a state."""
+        at = self._clock.now()
         asked = [self._link.start("ALMemory", "getListData", self._keys)]
         if self._base:
             asked.append(self._link.start("ALMotion", "getRobotPosition", True))
             asked.append(self._link.start("ALMotion", "getRobotVelocity"))
-        return time.monotonic(), asked
+        return Reading(at, asked)
 
-    def finish(self, begun: tuple[float, list[Any]]) -> RobotState:
+    def finish(self, reading: Reading) -> RobotState:
         """Return the state that was asked for.
 
         Raises:
             RobotConnectionError: where no answer comes.
-            InvalidValueError: where the robot reports no position of a joint.
+            UnusableStateError: for an answer of another shape, or positions that are not finite numbers.
         """
-        asked_at, futures = begun
-        values = self._link.value(futures[0], "ALMemory.getListData")
+        values = self._link.value(reading.futures[0], "ALMemory.getListData")
+        if not isinstance(values, list | tuple) or len(values) != len(self._keys):
+            got = f"{len(values)} values" if isinstance(values, list | tuple) else type(values).__name__
+            raise UnusableStateError(
+                f"ALMemory.getListData answered {got}, expected {len(self._keys)} values"
+            )
         count = len(self._joints)
         found = {}
         for k, quantity in enumerate(QUANTITIES):
@@ -125,15 +131,15 @@ class StateReader:
             row[self._places] = [_number(value) for value in values[k * count : (k + 1) * count]]
             found[quantity] = row
         if self._base:
-            pose = self._link.value(futures[1], "ALMotion.getRobotPosition")
-            rate = self._link.value(futures[2], "ALMotion.getRobotVelocity")
-            found["position"][self._base] = found["command"][self._base] = pose
-            found["velocity"][self._base] = rate
-        missing = [
-            name for name in self._joints if np.isnan(found["position"][self.pepper.joint_index(name)])
-        ]
-        if missing:
-            raise InvalidValueError("positions of the robot", f"none of {', '.join(missing)}", "all joints")
+            pose = self._link.value(reading.futures[1], "ALMotion.getRobotPosition")
+            rate = self._link.value(reading.futures[2], "ALMotion.getRobotVelocity")
+            found["position"][self._base] = found["command"][self._base] = _three("getRobotPosition", pose)
+            found["velocity"][self._base] = _three("getRobotVelocity", rate)
+        for name, place in zip(self._joints, self._places, strict=True):
+            if not np.isfinite(found["position"][place]):
+                raise UnusableStateError(
+                    f"position of {name}: got {found['position'][place]}, expected a number"
+                )
         rest = values[count * len(QUANTITIES) :]
         pressed = {
             name: bool(value)
@@ -142,13 +148,8 @@ class StateReader:
         }
         return RobotState(
             self.pepper.joint_names,
-            asked_at,
-            found["position"],
-            found["command"],
-            found["velocity"],
-            found["torque"],
-            found["stiffness"],
-            found["temperature"],
+            reading.asked_at,
+            *(found[quantity] for quantity in QUANTITIES),
             _number(rest[0]),
             pressed,
         )
@@ -158,9 +159,36 @@ class StateReader:
         return self.finish(self.begin())
 
 
+class Reading(NamedTuple):
+    """A state that was asked for.
+
+    Attributes:
+        asked_at: When [s].
+        futures: Of the calls.
+    """
+
+    asked_at: float
+    futures: list[Any]
+
+    @property
+    def is_there(self) -> bool:
+        """Whether all answers are there."""
+        return all(future.isFinished() for future in self.futures)
+
+
 def _number(value: Any) -> float:
     """Return a number that ALMemory has, or NaN."""
     return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def _three(method: str, value: Any) -> list[float]:
+    """Return three finite numbers that ALMotion answered."""
+    numbers = [_number(x) for x in value] if isinstance(value, list | tuple) else []
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise UnusableStateError(
+            f"ALMotion.{method} answered {shortened(repr(value))}, expected three numbers"
+        )
+    return numbers
 
 
 def run_of_states(

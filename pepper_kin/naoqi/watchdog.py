@@ -9,7 +9,7 @@ from pepper_kin.naoqi.module import Module
 
 
 class MotionWatchdogModule(Module):
-    """Stops joints and base when a client that armed it falls silent.
+    """Passes commands of clients on, and stops joints and base when one falls silent.
 
     A robot has it only where `pepper_kin/naoqi/on_robot.py` runs beside NAOqi.
     """
@@ -18,27 +18,52 @@ class MotionWatchdogModule(Module):
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
-        self._watchdog = on_robot.MotionWatchdog(broker.motion)
+        self.watchdog = on_robot.MotionWatchdog(broker.motion)
 
-    def arm(self, seconds: float, joints: Any) -> int:
-        """Watch a client: the longest silence [s], and the joints that it moves; return its number."""
+    def protocol(self) -> int:
+        """Return the version of these methods."""
+        return self.watchdog.protocol()
+
+    def arm(self, seconds: float, joints: Any, base: Any) -> int:
+        """Watch a motion: longest silence [s], joints it moves, whether the base; return its token."""
         limit = self.number("arm", "seconds", seconds)
         try:
-            return self._watchdog.arm(limit, list(joints))
+            return self.watchdog.arm(limit, list(joints), base)
         except ValueError as error:
             raise self.fail("arm", str(error)) from error
 
-    def beat(self, number: int) -> bool:
-        """Say that a client is there; return False where it is not watched any more."""
-        return self._watchdog.beat(int(self.number("beat", "number", number)))
+    def command(self, token: int, number: int, calls: Any) -> str:
+        """Pass calls of "setAngles" and "move" on; return the motion's state."""
+        token, number = self._whole("command", token=token, number=number)
+        return self.watchdog.command(token, number, calls)
 
-    def disarm(self, number: int) -> bool:
-        """Watch a client no longer; return whether it was watched."""
-        return self._watchdog.disarm(int(self.number("disarm", "number", number)))
+    def add(self, token: int, number: int, part: Any) -> str:
+        """Keep a part of the times and keys of `start`; return the motion's state."""
+        return self.watchdog.add(*self._whole("add", token=token, number=number), part)
 
-    def status(self, number: int) -> str:
-        """Return "armed", "disarmed", "unknown", or why the robot was stopped."""
-        return self._watchdog.status(int(self.number("status", "number", number)))
+    def start(self, token: int, number: int, method: str, arguments: Any) -> str:
+        """Begin "moveTo" or "angleInterpolationBezier"; return the motion's state."""
+        token, number = self._whole("start", token=token, number=number)
+        return self.watchdog.start(token, number, str(method), arguments)
+
+    def beat(self, token: int) -> str:
+        """Say that a client is there; return the motion's state."""
+        return self.watchdog.beat(*self._whole("beat", token=token))
+
+    def release(self, token: int) -> str:
+        """Watch a motion no longer; return its state."""
+        return self.watchdog.release(*self._whole("release", token=token))
+
+    def halt(self, token: int, why: str) -> str:
+        """End a motion, or all (0), and hold the robot until it is at rest; return the motion's state."""
+        return self.watchdog.halt(*self._whole("halt", token=token), str(why))
+
+    def status(self, token: int) -> str:
+        """Return the state of a motion."""
+        return self.watchdog.status(*self._whole("status", token=token))
+
+    def _whole(self, method: str, **numbers: Any) -> tuple[int, ...]:
+        return tuple(int(self.number(method, name, value)) for name, value in numbers.items())
 
 
 MODULES = (MotionWatchdogModule,)

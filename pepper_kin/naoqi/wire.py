@@ -56,6 +56,7 @@ ALSO_READING = frozenset(
         "subscribeCameras",
         "unsubscribe",
         "status",
+        "protocol",
         "unlock",
     )
 )

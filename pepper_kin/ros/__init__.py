@@ -1,7 +1,7 @@
 """ROS 2 without ROS: transports that carry messages to other programs.
 
 RobotNode                                 a simulated Pepper as a node, over any transport
-RobotClient, FollowResult, FollowStatus   certified motions on any robot with `follow_joint_trajectory`
+RobotClient, FollowResult                 certified motions on any robot with `follow_joint_trajectory`
 BagRecorder, play_bag                     topics as MCAP files, and back
 LocalTransport                            within this program
 RosbridgeServer, RosbridgeClient          JSON over web sockets
@@ -28,7 +28,7 @@ from pepper_kin.ros.transport import (
 
 if TYPE_CHECKING:
     from pepper_kin.ros.bag_topics import BagRecorder, play_bag
-    from pepper_kin.ros.client import FollowResult, FollowStatus, RobotClient
+    from pepper_kin.ros.client import FollowResult, RobotClient
     from pepper_kin.ros.node import RobotNode
     from pepper_kin.ros.transports.local import LocalTransport
     from pepper_kin.ros.transports.rosbridge import RosbridgeServer
@@ -43,7 +43,6 @@ __all__ = [
     "ActionServer",
     "BagRecorder",
     "FollowResult",
-    "FollowStatus",
     "GoalHandle",
     "GoalResult",
     "GoalStatus",
@@ -66,7 +65,6 @@ __getattr__, __dir__ = lazily(
         "BagRecorder": "bag_topics",
         "play_bag": "bag_topics",
         "FollowResult": "client",
-        "FollowStatus": "client",
         "RobotClient": "client",
         "RobotNode": "node",
         "LocalTransport": "transports.local",

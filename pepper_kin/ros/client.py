@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
-import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.files.certified import refuse_unsafe
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.ros.controllers import ACTION
@@ -21,33 +21,39 @@ from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros.qos import RELIABLE
 from pepper_kin.ros.transport import GoalHandle, GoalStatus, Transport
 from pepper_kin.ros_messages import message_type
-from pepper_kin.status import ResultStatus
+from pepper_kin.supervision import (
+    Clock,
+    MotionEndedError,
+    RestMeter,
+    RobotMotionStatus,
+    SupervisedMotion,
+    Supervisor,
+    UnusableStateError,
+)
 from pepper_kin.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 STATE_TIMEOUT = 0.5
-"""Joint states that are older than this mean that the connection is lost [s]."""
+"""Joint states that are older than this end a motion [s]."""
 
 NEAR = 0.05
-"""How far the robot may be from the start of a motion [rad]."""
+"""How far the robot may be from the start of a motion, and from its end [rad]."""
 
 STEP = 0.05
 """Time between the points that are sent [s]."""
 
+SETTLE = 2.0
+"""Time after its success in which a motion comes to rest [s]."""
 
-class FollowStatus(ResultStatus):
-    """How a motion on the robot ended; `advice` says what to try."""
+CANCEL_AGAIN, CANCEL_WAIT = 0.2, 0.2
+"""Time between two cancel requests, and for the answer of one [s]."""
 
-    REACHED = "reached", "The robot is at the end of the motion."
-    REFUSED = "refused", "Read the message; the robot has not moved."
-    ABORTED = "aborted", "Read the message, look at the robot, and plan again from where it is."
-    CANCELED = "canceled", "Plan again from where the robot is."
-    NOT_AT_START = "not_at_start", "Move the robot to the start of the motion, or plan from where it is."
-    CONNECTION_LOST = (
-        "connection_lost",
-        "Look at the robot: its server ends motions of lost clients if it is ours, others may go on.",
-    )
+RESTART = 1.0
+"""Time after which joint states may begin again with earlier stamps [s]."""
+
+STOP_TIME = 5.0
+"""The longest time in which rest is waited for [s]."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +62,16 @@ class FollowResult:
 
     Attributes:
         status: Of the motion.
-        message: What happened, in a sentence.
+        message: What happened, in a sentence, and what is missing where rest is not confirmed.
+        at_rest: Whether the robot was measured at rest, and its goal has ended.
         error_code: Of the action's result; None where there is none.
         duration: How long it took [s].
         largest_error: Largest difference of a joint between wanted and actual in the feedback [rad].
     """
 
-    status: FollowStatus
+    status: RobotMotionStatus
     message: str
+    at_rest: bool = True
     error_code: int | None = None
     duration: float = 0.0
     largest_error: float = 0.0
@@ -71,7 +79,7 @@ class FollowResult:
     @property
     def success(self) -> bool:
         """Whether the end was reached."""
-        return self.status is FollowStatus.REACHED
+        return self.status is RobotMotionStatus.COMPLETED
 
     def report(self) -> str:
         """Return what happened and what to try."""
@@ -105,11 +113,11 @@ class RobotClient:
         self.pepper = load_pepper(hands="mimic") if pepper is None else pepper
         self._theirs = dict(joint_names or {})
         self._ours = {theirs: ours for ours, theirs in self._theirs.items()}
-        self._changed = threading.Condition()
-        self._values: dict[str, tuple[float, float]] = {}
-        self._heard_at, self._stamp = float("-inf"), 0.0
-        self._goal: GoalHandle | None = None
-        self._stopped = threading.Event()
+        self._clock = Clock()
+        self._lock = threading.Lock()
+        self._states: dict[str, _JointState] = {}
+        self._trouble = ""
+        self._motions: set[Supervisor] = set()
         self._subscription = transport.subscribe(
             topic, "sensor_msgs/msg/JointState", RELIABLE, self._on_joint_states
         )
@@ -121,14 +129,19 @@ class RobotClient:
         self.close()
 
     def close(self) -> None:
-        """Stop a motion under way, and listen no more."""
+        """Stop motions under way, wait for their end, and listen no more."""
         self.stop()
+        end = self._clock.now() + STOP_TIME
+        while self._motions and self._clock.now() < end:
+            self._clock.sleep(0.01)
         self._subscription.close()
 
     @property
     def age(self) -> float:
         """Time since the last joint states arrived [s]; infinite before the first."""
-        return time.monotonic() - self._heard_at
+        with self._lock:
+            heard = max((state.heard_at for state in self._states.values()), default=float("-inf"))
+        return self._clock.now() - heard
 
     def joint_positions(self, timeout: float = 5.0) -> dict[str, float]:
         """Return the positions of the joints, by our names [rad or m].
@@ -139,12 +152,16 @@ class RobotClient:
         Raises:
             TransportError: where none arrive.
         """
-        with self._changed:
-            if not self._changed.wait_for(lambda: self.age < STATE_TIMEOUT, timeout):
+        end = self._clock.now() + timeout
+        while self.age >= STATE_TIMEOUT:
+            if self._clock.now() >= end:
+                trouble = f" ({self._trouble})" if self._trouble else ""
                 raise TransportError(
-                    "joint states", f"none arrived within {timeout:g} s; is the robot there?"
+                    "joint states", f"none arrived within {timeout:g} s{trouble}; is the robot there?"
                 )
-            return {name: position for name, (position, _) in self._values.items()}
+            self._clock.sleep(0.005)
+        with self._lock:
+            return {name: state.position for name, state in self._states.items()}
 
     def configuration(self, timeout: float = 5.0) -> Array:
         """Return the joint positions in the model's order [rad or m], shape (n,).
@@ -175,7 +192,8 @@ class RobotClient:
     ) -> FollowResult:
         """Let the robot follow a trajectory that passes its certificate; wait until it ends.
 
-        It is stopped where its joint states stop arriving, or this call is interrupted.
+        It is stopped, and measured at rest, where joint states stop arriving or are no numbers, and where
+        this call is interrupted.
 
         Args:
             trajectory: Of the model's joints.
@@ -192,18 +210,37 @@ class RobotClient:
         Raises:
             InvalidValueError: for a trajectory that fails its certificate, with what fails and by how much;
                 or one of other joints.
-            TransportError: where the robot, or its action, is not there.
+            TransportError: where the robot states no joints.
         """
         if trajectory.joint_names != self.pepper.joint_names:
             raise InvalidValueError("trajectory", "one of other joints", f"one of {self.pepper.joint_names}")
-        self._stopped.clear()
-        refuse_unsafe(trajectory, self.pepper, scene, payload, unchecked=False, advice="")
         names = self._moved(trajectory) if joints is None else tuple(joints)
-        away = self._away(trajectory, names)
-        if away:
-            return FollowResult(FollowStatus.NOT_AT_START, away)
-        goal = self._goal_of(trajectory, names, path_tolerance)
-        return self._follow(goal, trajectory.duration, on_progress)
+
+        def check() -> Any:
+            refuse_unsafe(trajectory, self.pepper, scene, payload, unchecked=False, advice="")
+            away = self._away(trajectory, names)
+            if away:
+                raise MotionEndedError(RobotMotionStatus.NOT_AT_START, away)
+            return self._goal_of(trajectory, names, path_tolerance)
+
+        end = {name: float(trajectory.end[trajectory.joint_names.index(name)]) for name in names}
+        motion = _GoalMotion(self, end, check, on_progress)
+        supervisor = Supervisor(motion, self._clock)
+        begin = self._clock.now()
+        self._motions.add(supervisor)
+        try:
+            ended = supervisor.run()
+        finally:
+            self._motions.discard(supervisor)
+        message = ended.message or "The end was reached."
+        return FollowResult(
+            ended.status, message, ended.at_rest, motion.code, self._clock.now() - begin, motion.worst
+        )
+
+    def stop(self) -> None:
+        """Stop motions under way, also those whose certificate is being checked; they measure rest."""
+        for supervisor in tuple(self._motions):
+            supervisor.request_stop()
 
     def _moved(self, trajectory: Trajectory) -> tuple[str, ...]:
         size = np.abs(trajectory.coefficients[:, 1:]).max(axis=(0, 1))
@@ -215,13 +252,18 @@ class RobotClient:
         return names
 
     def _away(self, trajectory: Trajectory, names: Sequence[str]) -> str:
-        """Return which joint is not where the trajectory starts; "" if all are there."""
+        """Return which joint is not where the trajectory starts; "" if all are there.
+
+        Joints that are not sent have to be there as well, as far as the robot states them: the certificate
+        is one of all joints.
+        """
         here = self.joint_positions()
-        for name in names:
+        for name, wanted in zip(trajectory.joint_names, trajectory.start.tolist(), strict=True):
             if name not in here:
-                return f"The robot states no joint {name}."
-            wanted = float(trajectory.start[trajectory.joint_names.index(name)])
-            if abs(here[name] - wanted) > NEAR:
+                if name in names:
+                    return f"The robot states no joint {name}."
+                continue
+            if not abs(here[name] - wanted) <= NEAR:
                 return f"{name} is at {here[name]:.3f} rad, the motion starts at {wanted:.3f} rad."
         return ""
 
@@ -236,75 +278,172 @@ class RobotClient:
         goal.goal_time_tolerance = duration_message(2.0)
         return goal
 
-    def _follow(
-        self, goal: Any, duration: float, on_progress: Callable[[float], object] | None
-    ) -> FollowResult:
-        worst = 0.0
+    def positions_of(self, names: Sequence[str]) -> tuple[float, list[float]]:
+        """Return when the joints were last stated, the earliest of them [s], and where they are [rad or m].
 
-        def feedback(message: Any) -> None:
-            nonlocal worst
-            worst = max(worst, float(np.abs(message.error.positions).max(initial=0.0)))
-            if on_progress is not None:
-                on_progress(seconds(message.desired.time_from_start))
-
-        if self._stopped.is_set():
-            return FollowResult(FollowStatus.CANCELED, "Stopped before it began.")
-        begin = time.monotonic()
-        name = f"/{self.controller}/follow_joint_trajectory"
-        handle = self._goal = self.transport.send_goal(name, ACTION, goal, feedback)
-        try:
-            if self._stopped.is_set():  # since the goal was sent
-                self.stop()
-            status, message, code = self._outcome(handle)
-        except BaseException:
-            self.stop()
-            raise
-        finally:
-            self._goal = None
-        return FollowResult(status, message, code, time.monotonic() - begin, worst)
-
-    def _outcome(self, handle: GoalHandle) -> tuple[FollowStatus, str, int | None]:
-        """Wait for the end of a goal, and watch the connection meanwhile."""
-        while True:
-            done = handle.done  # asked before: it may end just after the time to wait is over
-            try:
-                found = handle.result(0.1)
-                break
-            except TransportError as error:
-                if done:
-                    return FollowStatus.REFUSED, str(error), None
-                if self.age > STATE_TIMEOUT:
-                    self.stop()
-                    lost = f"No joint states arrived for {self.age:.1f} s; the motion was canceled."
-                    return FollowStatus.CONNECTION_LOST, lost, None
-        if found.status is GoalStatus.UNKNOWN:
-            return FollowStatus.CONNECTION_LOST, "The connection was lost.", None
-        code, text = int(found.result.error_code), str(found.result.error_string)
-        if found.status is GoalStatus.SUCCEEDED and code == ErrorCode.SUCCESSFUL:
-            return FollowStatus.REACHED, "The end was reached.", code
-        if found.status is GoalStatus.CANCELED:
-            return FollowStatus.CANCELED, f"Canceled: {text}.", code
-        return FollowStatus.ABORTED, f"Aborted with {code}: {text}.", code
-
-    def stop(self) -> None:
-        """Stop the motion under way, also one that is yet to be sent.
-
-        Without effect where there is none, or the connection is lost.
+        Raises:
+            UnusableStateError: where the last message was malformed, or a joint is not stated.
         """
-        self._stopped.set()
-        goal = self._goal
-        if goal is not None and not goal.done:
-            try:
-                goal.cancel(1.0)
-            except PepperKinError:
-                return  # lost: the result says so
+        with self._lock:
+            if self._trouble:
+                raise UnusableStateError(self._trouble)
+            missing = [name for name in names if name not in self._states]
+            if missing:
+                raise UnusableStateError(f"no joint {missing[0]}")
+            states = [self._states[name] for name in names]
+        return min(state.heard_at for state in states), [state.position for state in states]
 
     def _on_joint_states(self, message: Any) -> None:
-        velocities = (
-            message.velocity if len(message.velocity) == len(message.name) else [0.0] * len(message.name)
-        )
-        with self._changed:
-            for name, position, velocity in zip(message.name, message.position, velocities, strict=False):
-                self._values[self._ours.get(name, name)] = (float(position), float(velocity))
-            self._heard_at, self._stamp = time.monotonic(), seconds(message.header.stamp)
-            self._changed.notify_all()
+        now, stamp = self._clock.now(), seconds(message.header.stamp)
+        names = [self._ours.get(name, name) for name in message.name]
+        positions = np.asarray(message.position, dtype=float)
+        trouble = ""
+        if len(positions) != len(names):
+            trouble = f"joint states have {len(positions)} positions for {len(names)} names"
+        elif not np.isfinite(positions).all():
+            k = int(np.argmin(np.isfinite(positions)))
+            trouble = f"position of {names[k]}: got {positions[k]}, expected a finite number"
+        with self._lock:
+            self._trouble = trouble
+            if trouble:
+                return
+            for name, position in zip(names, positions.tolist(), strict=True):
+                last = self._states.get(name)
+                if last is None or stamp == 0.0 or stamp > last.stamp or now > last.heard_at + RESTART:
+                    self._states[name] = _JointState(position, stamp, now)  # not one that is late or doubled
+
+
+@dataclass(frozen=True)
+class _JointState:
+    """Where a joint is [rad or m], the stamp of the message [s], and when it arrived [s]."""
+
+    position: float
+    stamp: float
+    heard_at: float
+
+
+class _GoalMotion(SupervisedMotion):
+    """A goal of the action, and the joint states meanwhile.
+
+    Args:
+        client: Whose robot.
+        end: Joint -> where it ends [rad or m].
+        check: Raises what speaks against the motion, or returns the goal that is sent.
+        on_progress: Called with the time along the trajectory [s].
+    """
+
+    stop_time = STOP_TIME
+    ending_errors: ClassVar = (
+        (TransportError, RobotMotionStatus.CONNECTION_LOST),
+        (UnusableStateError, RobotMotionStatus.STATE_UNUSABLE),
+    )
+
+    def __init__(
+        self,
+        client: RobotClient,
+        end: Mapping[str, float],
+        check: Callable[[], Any],
+        on_progress: Callable[[float], object] | None,
+    ) -> None:
+        self._client, self._end, self._check = client, end, check
+        self._goal: Any = None
+        self._on_progress = on_progress
+        self._clock = client._clock
+        self._rest = RestMeter(tuple(end))
+        self._measured: deque[float] = deque([float("-inf")], maxlen=1)
+        self._handle: GoalHandle | None = None
+        self._canceled = float("-inf")
+        self._ended: float | None = None
+        self.code: int | None = None
+        self.worst = 0.0
+
+    @property
+    def connected(self) -> bool:
+        """Always True: a transport does not say; rest is waited for until time is over."""
+        return True
+
+    def check(self) -> None:
+        """Raise what speaks against the motion."""
+        self._goal = self._check()
+
+    def hand_over(self) -> bool:
+        """Send the goal."""
+        name = f"/{self._client.controller}/follow_joint_trajectory"
+        try:
+            self._handle = self._client.transport.send_goal(name, ACTION, self._goal, self._feedback)
+        except TransportError as error:
+            raise MotionEndedError(RobotMotionStatus.REFUSED, str(error)) from error
+        return True
+
+    def _feedback(self, message: Any) -> None:
+        self.worst = max(self.worst, float(np.abs(message.error.positions).max(initial=0.0)))
+        if self._on_progress is not None:
+            self._on_progress(seconds(message.desired.time_from_start))
+
+    def step(self) -> bool:
+        """Look at the goal and the joint states."""
+        assert self._handle is not None
+        positions = self._measure()
+        if not self._handle.done:
+            return False
+        now = self._clock.now()
+        if self._ended is None:
+            self._look_at_result()
+            self._ended = now
+        moving = self._rest.moving(self._ended, now)
+        off = {name: abs(q - end) for (name, end), q in zip(self._end.items(), positions, strict=True)}
+        worst = max(off, key=lambda name: off[name])
+        if not moving and off[worst] <= NEAR:
+            return True
+        if now > self._ended + SETTLE:
+            text = moving or f"{worst} is {off[worst]:.3f} rad from the end"
+            raise MotionEndedError(
+                RobotMotionStatus.DEVIATED, f"{SETTLE:g} s after the robot's success {text}"
+            )
+        return False
+
+    def _measure(self) -> list[float]:
+        """Return where the joints are, and keep it for the measurement of rest."""
+        heard, positions = self._client.positions_of(tuple(self._end))
+        age = self._clock.now() - heard
+        if age > STATE_TIMEOUT:
+            raise UnusableStateError(f"no joint states arrived for {age:.1f} s")
+        if heard > self._measured[-1]:
+            self._measured.append(heard)
+            self._rest.add(heard, positions)
+        return positions
+
+    def _look_at_result(self) -> None:
+        """End the motion where the robot has not made it."""
+        assert self._handle is not None
+        try:
+            found = self._handle.result(0.0)
+        except TransportError as error:
+            raise MotionEndedError(RobotMotionStatus.REFUSED, str(error)) from error
+        if found.status is GoalStatus.UNKNOWN:
+            raise MotionEndedError(RobotMotionStatus.CONNECTION_LOST, "The connection was lost.")
+        self.code, text = int(found.result.error_code), str(found.result.error_string)
+        if found.status is GoalStatus.CANCELED:
+            raise MotionEndedError(RobotMotionStatus.STOPPED, f"Canceled: {text}.")
+        if found.status is not GoalStatus.SUCCEEDED or self.code != ErrorCode.SUCCESSFUL:
+            raise MotionEndedError(RobotMotionStatus.ABORTED, f"Aborted with {self.code}: {text}.")
+
+    def stop(self) -> str:
+        """Cancel the goal until it has ended, then wait for measured rest."""
+        now, handle = self._clock.now(), self._handle
+        trouble = ""
+        try:
+            self._measure()
+        except UnusableStateError as error:
+            trouble = error.reason
+        if handle is not None and not handle.done:
+            self._ended = None
+            if now >= self._canceled + CANCEL_AGAIN:
+                self._canceled = now
+                handle.cancel(CANCEL_WAIT)
+            return "the goal has not ended yet"
+        if handle is not None and handle.accepted and handle.result(0.0).status is GoalStatus.UNKNOWN:
+            return "whether the goal has ended is not known"
+        self._ended = now if self._ended is None else self._ended
+        moving = self._rest.moving(self._ended, now)
+        return f"{moving} ({trouble})" if moving and trouble else moving

@@ -72,6 +72,7 @@ class Controller(ActionServer):
         self.task: FollowTask | None = None
         self._rows = [node.body.index[joint] for joint in joints]
         self._goals: dict[bytes, FollowTask] = {}
+        self._canceled: set[bytes] = set()
         node.listen(f"/{name}/joint_trajectory", TRAJECTORY, self.on_trajectory)
         node.offer_action(f"/{name}/follow_joint_trajectory", ACTION, self)
         self._state = node.advertise(f"/{name}/controller_state", STATE)
@@ -110,6 +111,9 @@ class Controller(ActionServer):
             if handle is not None:
                 task.on_step = _feedback_to(handle, names)
                 self._goals[handle.goal_id] = task
+                if handle.goal_id in self._canceled:  # before it could begin
+                    task.outcome, task.ended = (None, CANCELED), True
+                    return task
             self.node.replace(names)
             self.task = task
             body.do(task)
@@ -160,6 +164,7 @@ class Controller(ActionServer):
         body = self.node.body
         with body.time.lock:
             task = self._goals.get(goal.goal_id)
+            self._canceled.add(goal.goal_id)
             if task is not None:
                 task.outcome = (None, CANCELED)
                 self.node.kill([task])
@@ -176,7 +181,9 @@ class Controller(ActionServer):
         try:
             self.node.body.time.wait_until(lambda: task.ended)
         finally:
-            self._goals.pop(goal.goal_id, None)
+            with self.node.body.time.lock:
+                self._goals.pop(goal.goal_id, None)
+                self._canceled.discard(goal.goal_id)
         code, text = task.outcome
         if code is ErrorCode.SUCCESSFUL:
             goal.succeed(_result(code, text))

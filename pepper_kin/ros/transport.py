@@ -276,6 +276,8 @@ class Transport(Closable):
     ) -> GoalHandle:
         """Send a Goal message to an action and return when the server has accepted or refused it.
 
+        A goal that is accepted after this has raised is canceled then.
+
         Args:
             name: Name of the action.
             type_name: Action type.

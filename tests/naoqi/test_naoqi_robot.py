@@ -20,7 +20,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.naoqi import FollowOptions, Robot, RobotConnectionError, RobotMotionStatus
-from pepper_kin.naoqi.follower import placed
+from pepper_kin.naoqi.follow_motions import placed
 from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
 
@@ -231,10 +231,8 @@ CLIENT = textwrap.dedent(
     from pepper_kin.naoqi import Robot
     with Robot(sys.argv[1], timeout=3.0) as robot:
         print("ready", flush=True)
-        try:
-            robot.drive([0.15, 0.0, 0.0], 600.0, silence=2.0)
-        except Exception as error:
-            print(json.dumps([str(error), error.status.value]), flush=True)
+        result = robot.drive([0.15, 0.0, 0.0], 600.0, silence=2.0)
+        print(json.dumps([result.message, result.status.value]), flush=True)
     """
 )
 
@@ -259,7 +257,7 @@ def test_the_host_stops_a_robot_whose_client_is_gone_or_stalled(robot, how):
             os.kill(client.pid, signal.SIGCONT)
             text, status = json.loads(client.communicate(timeout=60)[0])
             assert status == "stalled", text
-            assert re.search(r"stopped: no beat for \d\.\d+ s", text)
+            assert re.search(r"watchdog stopped it: no beat for \d\.\d+ s", text)
     finally:
         client.kill()
         client.communicate(timeout=30)

@@ -7,8 +7,9 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.naoqi import RobotMotionStatus
 from pepper_kin.ros import TransportError
-from pepper_kin.ros.client import FollowStatus, RobotClient
+from pepper_kin.ros.client import RobotClient
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.rosbridge import RosbridgeServer
 from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
@@ -63,15 +64,15 @@ def test_a_motion_without_a_certificate_is_refused(robot, served):
 
 def test_a_motion_that_starts_elsewhere_is_not_begun(robot):
     trajectory = motion(robot, 1.5, HeadYaw=0.9)
-    assert robot.follow(trajectory.reversed()).status is FollowStatus.NOT_AT_START
+    assert robot.follow(trajectory.reversed()).status is RobotMotionStatus.NOT_AT_START
 
 
 def test_stop_and_tolerances(robot):
     trajectory = motion(robot, 3.0, HeadYaw=-0.8)
     result = robot.follow(trajectory, on_progress=lambda time: time > 0.5 and robot.stop())
-    assert result.status is FollowStatus.CANCELED
+    assert result.status is RobotMotionStatus.STOPPED
     result = robot.follow(motion(robot, 1.0, HeadYaw=0.5), path_tolerance=1e-5)
-    assert result.status is FollowStatus.ABORTED
+    assert result.status is RobotMotionStatus.ABORTED
     assert "position error of HeadYaw" in result.message
     assert result.error_code == -4
 
@@ -87,7 +88,7 @@ def test_a_lost_connection_stops_the_robot_and_is_reported(robot, served):
 
     threading.Thread(target=cut, daemon=True).start()
     result = robot.follow(trajectory, on_progress=lambda time: time > 0.5 and progress.set())
-    assert result.status is FollowStatus.CONNECTION_LOST
+    assert result.status is RobotMotionStatus.CONNECTION_LOST
     body = served.body
     assert body.time.wait_until(lambda: not list(body.tasks), 10.0)
     assert abs(body.measured("HeadYaw")) < 1.1
@@ -109,8 +110,9 @@ def test_joint_states_that_stop_cancel_the_motion(model):
                     node._joint_states[:] = []
 
             result = robot.follow(trajectory, on_progress=silence)
-            assert result.status is FollowStatus.CONNECTION_LOST
-            assert "No joint states" in result.message
+            assert result.status is RobotMotionStatus.STATE_UNUSABLE
+            assert "no joint states arrived" in result.message
+            assert not result.at_rest
             assert body.time.wait_until(lambda: not list(body.tasks), 10.0)
             assert abs(body.measured("HeadYaw")) < 1.1
         body.time.stop()

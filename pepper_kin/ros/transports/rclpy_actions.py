@@ -266,8 +266,14 @@ class Client:
                 logger.exception("%s: the callback of a goal failed", self.name)
 
         future = self._made.send_goal_async(message, None if feedback_callback is None else receive)
-        if not wait(future, timeout):
-            raise TransportError(self.name, f"no answer within {timeout:g} s")
+        try:
+            answered = wait(future, timeout)
+        except BaseException:
+            future.add_done_callback(_cancel_late)
+            raise
+        if not answered:
+            future.add_done_callback(_cancel_late)
+            raise TransportError(self.name, f"no answer within {timeout:g} s; it is canceled if one comes")
         sent = SentGoal(self, future.result())
         self._goals = [*(other for other in self._goals if not other.done), sent]
         return sent
@@ -277,6 +283,13 @@ class Client:
         for goal in self._goals:
             goal.lose()
         self._made.destroy()
+
+
+def _cancel_late(future: Any) -> None:
+    """Cancel a goal that is accepted after its client has given up."""
+    handle = future.result()
+    if handle is not None and handle.accepted:
+        handle.cancel_goal_async()
 
 
 class SentGoal(GoalHandle):

@@ -61,6 +61,12 @@ class BaseController:
         return self._pose
 
     @property
+    def stands(self) -> bool:
+        """Whether the base stands, and is commanded to."""
+        commanded = self._age < self.command_timeout - 1e-9 and bool(self._target.any())
+        return not commanded and not self._twist.any()
+
+    @property
     def wheel_speeds(self) -> Array:
         """The speeds that the wheels have at the present twist [rad/s], shape (k,)."""
         return self.base.wheel_speeds(self._twist)

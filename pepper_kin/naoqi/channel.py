@@ -1,0 +1,345 @@
+"""The way of a motion's commands to ALMotion: through the watchdog on the robot, or directly."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from pepper_kin.naoqi import on_robot
+from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
+from pepper_kin.naoqi.link import Link
+from pepper_kin.supervision import Clock, MotionEndedError, RobotMotionStatus
+
+BEAT = 0.1
+"""Time between two beats [s]."""
+
+UNANSWERED = 100
+"""Calls that may be unanswered at once."""
+
+UNHEARD = 0.3
+"""Time without an answer of the watchdog after which the client holds the robot itself [s]."""
+
+AGAIN, MOST_HOLDS = 0.1, 60
+"""Time between two holds [s], and how many may be unanswered."""
+
+PART = 25
+"""Keys of each joint that are handed over in a call, so that beats are sent in between."""
+
+SILENT = "no beat"
+"""Beginning of the watchdog's reason where it stopped the motion for silence."""
+
+
+class Moved(NamedTuple):
+    """What a motion moves.
+
+    Attributes:
+        joints: Names of joints.
+        base: Whether it moves the base.
+    """
+
+    joints: Sequence[str]
+    base: bool
+
+
+class Channel(ABC):
+    """Commands of one motion; no method waits.
+
+    Args:
+        link: The connection.
+        clock: Time.
+        moved: What the motion moves.
+
+    Attributes:
+        state: Of the motion, as `on_robot.MotionWatchdog` says it.
+    """
+
+    def __init__(self, link: Link, clock: Clock, moved: Moved) -> None:
+        self._link, self._clock, self._moved = link, clock, moved
+        self._calls: deque[tuple[float, str, Any]] = deque()
+        self.state = "armed"
+
+    @abstractmethod
+    def open(self) -> bool:
+        """Be watched from now on, in one or more calls; return whether so."""
+
+    @abstractmethod
+    def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
+        """Send calls of ALMotion that return at once."""
+
+    @abstractmethod
+    def start(self, method: str, *arguments: Any) -> None:
+        """Begin a call of ALMotion that lasts; `state` says when it has ended."""
+
+    @abstractmethod
+    def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
+        """Begin `angleInterpolationBezier` of the joints, in steps between which time may pass."""
+
+    def look(self) -> None:
+        """Take the answers that are there, and say that this client is there.
+
+        Raises:
+            MotionEndedError: where the watchdog has ended the motion.
+            RobotConnectionError: where an answer is missing for too long.
+            NaoqiError: what the robot answered instead.
+        """
+        while self._calls and self._calls[0][2].isFinished():
+            _, what, future = self._calls.popleft()
+            self._take(self._link.value(future, what))
+        if self._calls and self._clock.now() > self._calls[0][0] + self._link.timeout:
+            raise RobotConnectionError(self._link.url, f"{self._calls[0][1]}: no answer in time")
+        if len(self._calls) > UNANSWERED:
+            raise RobotConnectionError(self._link.url, f"{len(self._calls)} calls are unanswered")
+
+    @property
+    def idle(self) -> bool:
+        """Whether all calls were answered."""
+        return not self._calls
+
+    @abstractmethod
+    def close(self) -> bool:
+        """End a motion that is complete, in one or more calls; return whether it has ended."""
+
+    @abstractmethod
+    def hold(self, moving: bool) -> str:
+        """Hold the robot and end what is queued, in one or more calls; return what is not done yet.
+
+        Args:
+            moving: Whether it moves though it was held, so that it is held again.
+        """
+
+    def _begin(self, module: str, method: str, *arguments: Any) -> None:
+        future = self._link.start(module, method, *arguments)
+        self._calls.append((self._clock.now(), f"{module}.{method}", future))
+
+    @abstractmethod
+    def _take(self, value: Any) -> None:
+        """Take the answer of a call."""
+
+
+class DirectChannel(Channel):
+    """Calls of ALMotion, for robots without a watchdog."""
+
+    def __init__(self, link: Link, clock: Clock, moved: Moved) -> None:
+        super().__init__(link, clock, moved)
+        self._lasting: Any = None
+        self._holds: list[tuple[bool, Iterator[None]]] = []
+        self._held, self._tried, self._failed = False, -math.inf, ""
+        self._since: float | None = None
+        self._target: Any = None
+
+    def open(self) -> bool:
+        """Return True: nobody watches."""
+        return True
+
+    def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
+        """Call each."""
+        for method, arguments in calls:
+            self._begin("ALMotion", method, *arguments)
+
+    def start(self, method: str, *arguments: Any) -> None:
+        """Call it, and remember its future."""
+        self.state = "running"
+        self._lasting = (f"ALMotion.{method}", self._link.start("ALMotion", method, *arguments))
+
+    def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
+        """Call it at once: ALMotion takes a motion in one call."""
+        self.start("angleInterpolationBezier", list(self._moved.joints), times, keys)
+        return iter(())
+
+    def look(self) -> None:
+        """Take answers; see `Channel.look`."""
+        super().look()
+        if self._lasting is not None and self._lasting[1].isFinished():
+            what, future = self._lasting
+            self._lasting = None
+            self.state = f"finished: {self._link.value(future, what)}"
+
+    def close(self) -> bool:
+        """Return whether all calls were answered."""
+        return self.idle
+
+    def hold(self, moving: bool) -> str:
+        """Hold again and again, until all calls have been answered and a hold that began after them was."""
+        now = self._clock.now()
+        while self._calls and self._calls[0][2].isFinished():
+            _, what, future = self._calls.popleft()
+            with contextlib.suppress(NaoqiError):  # the motion has ended: its calls need not succeed
+                self._link.value(future, what)
+            self._held = False
+        if self._lasting is not None and self._lasting[1].isFinished():
+            self._lasting, self._held = None, False  # the robot has ended it, by whatever answer
+        if (moving or not self._held) and now >= self._tried + AGAIN and len(self._holds) < MOST_HOLDS:
+            self._tried = now
+            self._since = now if self._since is None else self._since
+            self._holds.append((self.idle and self._lasting is None, self._hold_once(now)))
+        for entry in tuple(self._holds):
+            last, hold = entry
+            try:
+                next(hold)
+            except StopIteration:
+                self._holds.remove(entry)
+                self._held, self._failed = self._held or last, ""
+            except NaoqiError as error:
+                self._holds.remove(entry)
+                self._failed = str(error)
+        left = [what for _, what, _ in self._calls] + ([self._lasting[0]] if self._lasting else [])
+        if left:
+            return f"{left[-1]} is not answered"
+        if self._failed:
+            return f"the robot refuses to be held: {self._failed}"
+        return "" if self._held and not self._holds else "the robot has not answered to being held"
+
+    def _hold_once(self, now: float) -> Iterator[None]:
+        """Hold the robot, in steps that do not wait; after the time of braking where it was then."""
+        joints = list(self._moved.joints)
+        brake = self._link.start("ALMotion", "stopMove") if self._moved.base else None
+        if joints:  # one after the other: to end tasks after the new target would end that
+            yield from self._answer("killTasksUsingResources", joints)
+            if self._target is None or now <= (self._since or 0.0) + on_robot.BRAKING:
+                self._target = yield from self._answer("getAngles", joints, False)
+            yield from self._answer("setAngles", joints, self._target, on_robot.HOLD)
+        while brake is not None and not brake.isFinished():
+            yield
+        if brake is not None:
+            self._link.value(brake, "ALMotion.stopMove")
+
+    def _answer(self, method: str, *arguments: Any) -> Generator[None, None, Any]:
+        future = self._link.start("ALMotion", method, *arguments)
+        while not future.isFinished():
+            yield
+        return self._link.value(future, f"ALMotion.{method}")
+
+    def _take(self, value: Any) -> None:
+        """Take nothing: these calls return nothing."""
+
+
+class GuardedChannel(Channel):
+    """Commands with a token, which the watchdog on the robot passes on until the motion ends.
+
+    Args:
+        link: The connection.
+        clock: Time.
+        moved: What the motion moves.
+        silence: The longest time between two beats [s].
+    """
+
+    def __init__(self, link: Link, clock: Clock, moved: Moved, silence: float) -> None:
+        super().__init__(link, clock, moved)
+        self._silence = silence
+        self._token: int | None = None
+        self._arming: Any = None
+        self._number = 0
+        self._beaten = 0.0
+        self._stop: list[tuple[float, Any]] = []
+        self._direct: DirectChannel | None = None
+        self._since: float | None = None
+        self._asked = -math.inf
+
+    def open(self) -> bool:
+        """Get a token; see `Channel.open`."""
+        if self._arming is None:
+            now = self._clock.now()
+            joints = list(self._moved.joints)
+            future = self._link.start(on_robot.NAME, "arm", self._silence, joints, self._moved.base)
+            self._arming = (now, future)
+        since, future = self._arming
+        if not future.isFinished():
+            if self._clock.now() > since + self._link.timeout:
+                raise RobotConnectionError(self._link.url, f"{on_robot.NAME}.arm: no answer in time")
+            return False
+        self._token = int(self._link.value(future, f"{on_robot.NAME}.arm"))
+        self._beaten = self._clock.now()
+        return True
+
+    def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
+        """Send a command, which counts as a beat."""
+        self._ask("command", [[method, list(arguments)] for method, arguments in calls])
+
+    def start(self, method: str, *arguments: Any) -> None:
+        """Begin a call; see `Channel.start`."""
+        self._ask("start", method, list(arguments))
+
+    def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
+        """Hand parts over, each after the answer to the one before."""
+        for k in range(0, len(times[0]), PART):
+            self._ask("add", [[row[k : k + PART] for row in rows] for rows in (times, keys)])
+            while not self.idle:
+                yield
+        self.start("angleInterpolationBezier", list(self._moved.joints))
+
+    def look(self) -> None:
+        """Take answers, and beat; see `Channel.look`."""
+        super().look()
+        now = self._clock.now()
+        if self._token is not None and now >= self._beaten + BEAT:
+            self._beaten = now
+            self._begin(on_robot.NAME, "beat", self._token)
+
+    def close(self) -> bool:
+        """Be watched no longer; see `Channel.close`."""
+        if self.state == "released":
+            return True
+        if self.idle:
+            self._begin(on_robot.NAME, "release", self._token)
+        return False
+
+    def hold(self, moving: bool) -> str:
+        """Let the watchdog hold the robot; where it does not answer, do so directly as well."""
+        now = self._clock.now()
+        if self._since is None:
+            self._since = now
+        if self._token is None and self._arming is None:
+            return self._hold_directly(moving)  # it was never watched
+        if self._token is None:
+            if not self._arming[1].isFinished():
+                return "the watchdog has not answered"  # without a beat it ends the motion by itself
+            try:
+                self._token = int(self._link.value(self._arming[1], f"{on_robot.NAME}.arm"))
+            except NaoqiError:
+                return ""  # refused: nothing was sent
+        for asked, future in [pair for pair in self._stop if pair[1].isFinished()]:
+            self._stop.remove((asked, future))
+            try:
+                self.state = str(self._link.value(future, f"{on_robot.NAME}.halt"))
+                self._since = now
+            except NaoqiError as error:
+                self.state = f"failed: {error}"
+        if self.state.startswith("at rest"):
+            return ""
+        if self.state.startswith("not at rest"):
+            return f"the watchdog could not bring it to rest ({self.state})"
+        if not self._stop or now >= self._stop[-1][0] + AGAIN:
+            self._stop.append(
+                (now, self._link.start(on_robot.NAME, "halt", self._token, "stopped by its client"))
+            )
+        if now > self._since + UNHEARD or self.state.startswith(("failed", "unknown")):
+            left = [what for _, what, future in self._calls if not future.isFinished()]
+            return self._hold_directly(moving) or (f"{left[-1]} is not answered" if left else "")
+        return "the watchdog is stopping it"
+
+    def _hold_directly(self, moving: bool) -> str:
+        if self._direct is None:
+            self._direct = DirectChannel(self._link, self._clock, self._moved)
+        return self._direct.hold(moving)
+
+    def _ask(self, method: str, *arguments: Any) -> None:
+        self._number += 1
+        self._beaten = self._clock.now()
+        self._begin(on_robot.NAME, method, self._token, self._number, *arguments)
+
+    def _take(self, value: Any) -> None:
+        """Take the state of the motion; what the watchdog ended, ends."""
+        self.state = str(value)
+        word, _, why = self.state.partition(": ")
+        if word in ("stopping", "at rest", "not at rest", "unknown"):
+            silent = why.startswith(SILENT)
+            status = RobotMotionStatus.STALLED if silent else RobotMotionStatus.STOPPED
+            raise MotionEndedError(
+                status, f"the watchdog stopped it: {why or 'it does not know this motion'}"
+            )
+        if word == "failed":
+            raise MotionEndedError(RobotMotionStatus.REFUSED, why)

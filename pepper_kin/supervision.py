@@ -1,0 +1,371 @@
+"""Supervision of motions on robots, from the check to measured rest.
+
+One state machine for everything that moves a robot:
+
+    CHECKING -> HANDED_OVER -> MOVING -> AT_REST      completed
+    CHECKING, HANDED_OVER, MOVING -> STOPPING         anything else: the robot is held
+    STOPPING -> AT_REST                               measured positions stand still, nothing is queued
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.exceptions import PepperKinError
+from pepper_kin.status import ResultStatus
+
+__all__ = [
+    "Clock",
+    "MotionEnd",
+    "MotionEndedError",
+    "MotionState",
+    "RestMeter",
+    "RobotMotionStatus",
+    "SupervisedMotion",
+    "Supervisor",
+    "UnusableStateError",
+    "allowed_transitions",
+]
+
+CYCLE = 0.02
+"""Time between two steps of a motion [s]."""
+
+REST_WINDOW = 0.2
+"""Time in which measured positions stand still at rest [s]."""
+
+REST_TOLERANCE, BASE_REST_TOLERANCE = 2e-3, 1e-3
+"""By how much they may differ in it: joints [rad or share], which creep on, and a base [m, rad]."""
+
+
+class RobotMotionStatus(ResultStatus):
+    """How a motion on a robot ended."""
+
+    COMPLETED = "completed", "The motion went to its end, and the robot stands there."
+    STOPPED = "stopped", "`stop` was called, here or by somebody else: read the state, and plan from there."
+    DEVIATED = "deviated", "The robot was too far from the motion and was stopped: look for what holds it."
+    STALLED = "stalled", "The watchdog stopped the robot, as this process was silent: give it more time."
+    REFUSED = "refused", "The robot answered a call by an error, which the message quotes."
+    ABORTED = "aborted", "The robot ended the motion: read the message, and plan again from where it is."
+    NOT_AT_START = "not_at_start", "Move the robot to the start of the motion, or plan from where it is."
+    STATE_UNUSABLE = (
+        "state_unusable",
+        "States of the robot were late or no numbers, and it was stopped: look at it and its network.",
+    )
+    CONNECTION_LOST = "connection_lost", "Look at the robot, and connect again."
+
+
+class MotionState(Enum):
+    """Where a supervised motion is."""
+
+    CHECKING = "checking"
+    HANDED_OVER = "handed over"
+    MOVING = "moving"
+    STOPPING = "stopping"
+    AT_REST = "at rest"
+
+
+_TRANSITIONS = {
+    MotionState.CHECKING: (MotionState.HANDED_OVER, MotionState.STOPPING),
+    MotionState.HANDED_OVER: (MotionState.MOVING, MotionState.STOPPING),
+    MotionState.MOVING: (MotionState.AT_REST, MotionState.STOPPING),
+    MotionState.STOPPING: (MotionState.AT_REST,),
+    MotionState.AT_REST: (),
+}
+
+
+def allowed_transitions() -> tuple[tuple[MotionState, MotionState], ...]:
+    """Return the arrows of the state machine, from and to."""
+    return tuple((a, b) for a, after in _TRANSITIONS.items() for b in after)
+
+
+class MotionEndedError(Exception):
+    """A motion ends before its time; the supervisor makes a `MotionEnd` of it.
+
+    Args:
+        status: How it ends.
+        message: Why.
+    """
+
+    def __init__(self, status: RobotMotionStatus, message: str) -> None:
+        self.status, self.message = status, message
+        super().__init__(f"{status.value}: {message}")
+
+
+class UnusableStateError(PepperKinError):
+    """A robot reported a state that cannot be used: of another shape, not finite, too old or none.
+
+    Attributes:
+        reason: What was wrong, with the value.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"state of the robot: {reason}")
+
+
+class MotionEnd(NamedTuple):
+    """How a supervised motion ended.
+
+    Attributes:
+        status: Of the motion.
+        message: Why, and what is missing where rest is not confirmed.
+        at_rest: Whether the robot was measured at rest, with nothing left that could move it.
+    """
+
+    status: RobotMotionStatus
+    message: str
+    at_rest: bool
+
+
+class Clock:
+    """Time of this machine; tests replace it by a simulated one."""
+
+    def now(self) -> float:
+        """Return the time [s], which never goes back."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait [s]."""
+        time.sleep(seconds)
+
+
+class RestMeter:
+    """Measured positions of the last moments: whether they stand still.
+
+    Args:
+        names: Of the coordinates; those of a base begin with "Base".
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
+        base = np.array([name.startswith("Base") for name in names], dtype=bool)
+        self._most = np.where(base, BASE_REST_TOLERANCE, REST_TOLERANCE)
+        self._rows: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=1000)
+
+    def add(self, at: float, positions: ArrayLike) -> None:
+        """Add what was measured at a time [s], shape (n,)."""
+        self._rows.append((at, np.array(positions, dtype=float)))
+
+    def moving(self, since: float, now: float) -> str:
+        """Return why it is not known to stand still; "" where it does.
+
+        It does where all positions measured within `REST_WINDOW` before the last lie within the tolerance of
+        one another, none of them before `since`, and the last is not older than twice the window.
+
+        Args:
+            since: Time from which measurements count [s].
+            now: The time [s].
+        """
+        rows = [row for row in self._rows if row[0] >= since]
+        if not rows or now - rows[-1][0] > 2.0 * REST_WINDOW:
+            return "no new state was measured"
+        last = rows[-1][0]
+        near = [q for at, q in rows if at >= last - REST_WINDOW - CYCLE]
+        if last - rows[0][0] < REST_WINDOW or len(near) < 3:
+            return f"states were measured for {last - rows[0][0]:.2f} s, {REST_WINDOW:g} s are needed"
+        spread = np.ptp(np.array(near), axis=0)
+        if np.all(spread <= self._most):
+            return ""
+        k = int(np.argmax(np.nan_to_num(spread / self._most, nan=np.inf)))
+        return f"{self._names[k]} moved by {spread[k]:.3f} within {REST_WINDOW:g} s"
+
+
+class SupervisedMotion(ABC):
+    """One motion on one robot, in steps that return soon: what a `Supervisor` needs of it.
+
+    Attributes:
+        stop_time: The longest time in which rest is waited for [s].
+        ending_errors: Errors that end the motion by a status.
+    """
+
+    stop_time: float = 5.0
+    ending_errors: ClassVar[Sequence[tuple[type[Exception], RobotMotionStatus]]] = ()
+
+    @abstractmethod
+    def check(self) -> None:
+        """Raise what speaks against the motion; nothing is sent yet."""
+
+    @abstractmethod
+    def hand_over(self) -> bool:
+        """Hand the motion to the robot, in one or more calls; return whether it has it."""
+
+    @abstractmethod
+    def step(self) -> bool:
+        """Do one cycle; return whether the motion is complete, the robot stands and nothing is queued."""
+
+    @abstractmethod
+    def stop(self) -> str:
+        """Hold the robot and end what is queued, in one or more calls; return "" at rest, or why not."""
+
+    @property
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether the robot can be reached."""
+
+
+class Supervisor:
+    """Drives one motion through its states; every end but COMPLETED holds the robot and measures rest.
+
+    Args:
+        motion: What it drives.
+        clock: Time.
+        on_state: Called with each state as it begins.
+
+    Attributes:
+        state: Where the motion is.
+    """
+
+    def __init__(
+        self,
+        motion: SupervisedMotion,
+        clock: Clock | None = None,
+        on_state: Callable[[MotionState], object] | None = None,
+    ) -> None:
+        self.motion = motion
+        self.state = MotionState.CHECKING
+        self._clock = Clock() if clock is None else clock
+        self._on_state = on_state
+        self._requested = ""
+
+    def request_stop(self, why: str = "stop() was called") -> None:
+        """End the motion with STOPPED, whatever its state; from any thread."""
+        self._requested = why
+
+    def run(self) -> MotionEnd:
+        """Make the motion, and return how it ended.
+
+        Ctrl-C and SIGTERM wait, where the program has no handlers of its own, until the robot is at rest;
+        they and all other errors are raised then.
+
+        Raises:
+            Exception: what `check` raises, before anything was sent; errors of callbacks.
+        """
+        if self._on_state is not None:
+            self._on_state(self.state)
+        try:
+            self.motion.check()
+        except MotionEndedError as error:
+            if error.status is RobotMotionStatus.NOT_AT_START:
+                return MotionEnd(error.status, error.message, True)
+            return self._stop(error.status, error.message)[0]
+        with _deferred_signals() as deferred:
+            raised: BaseException | None = None
+            try:
+                self._look(deferred)
+                self._enter(MotionState.HANDED_OVER)
+                self._repeat(self.motion.hand_over, deferred)
+                self._enter(MotionState.MOVING)
+                self._repeat(self.motion.step, deferred)
+                self._enter(MotionState.AT_REST)
+                return MotionEnd(RobotMotionStatus.COMPLETED, "", True)
+            except MotionEndedError as error:
+                end, raised = self._stop(error.status, error.message)
+            except BaseException as error:
+                status = self._status_of(error)
+                end, late = self._stop(status or RobotMotionStatus.STOPPED, str(error))
+                raised = late if status is not None else error
+        deferred.act()
+        if raised is not None:
+            raise raised
+        return end
+
+    def _status_of(self, error: BaseException) -> RobotMotionStatus | None:
+        return next((s for kind, s in self.motion.ending_errors if isinstance(error, kind)), None)
+
+    def _repeat(self, step: Callable[[], bool], deferred: _DeferredSignals) -> None:
+        due = self._clock.now()
+        while True:
+            self._look(deferred)
+            if step():
+                return
+            due = max(due + CYCLE, self._clock.now() - CYCLE)
+            self._clock.sleep(max(due - self._clock.now(), 0.0))
+
+    def _look(self, deferred: _DeferredSignals) -> None:
+        if self._requested:
+            raise MotionEndedError(RobotMotionStatus.STOPPED, self._requested)
+        if deferred.number:
+            name = signal.Signals(deferred.number).name
+            raise MotionEndedError(RobotMotionStatus.STOPPED, f"interrupted by {name}")
+
+    def _stop(self, status: RobotMotionStatus, message: str) -> tuple[MotionEnd, BaseException | None]:
+        """Hold the robot until it is measured at rest, or time is over; errors wait, and are returned."""
+        self._enter(MotionState.STOPPING)
+        end = self._clock.now() + self.motion.stop_time
+        raised: BaseException | None = None
+        missing = "nothing was measured"
+        while True:
+            try:
+                missing = self.motion.stop()
+                if not missing or not self.motion.connected or self._clock.now() >= end:
+                    break
+                self._clock.sleep(CYCLE)
+            except BaseException as error:
+                missing = str(error)
+                if self._status_of(error) is None:
+                    raised = error if raised is None else raised
+                if not self.motion.connected or self._clock.now() >= end:
+                    break
+        if not missing:
+            self._enter(MotionState.AT_REST)
+            return MotionEnd(status, message, True), raised
+        text = f"{message}; that the robot is at rest is not confirmed: {missing}".lstrip("; ")
+        return MotionEnd(status, text, False), raised
+
+    def _enter(self, state: MotionState) -> None:
+        if state not in _TRANSITIONS[self.state]:
+            raise RuntimeError(f"no arrow leads from {self.state.value} to {state.value}")
+        self.state = state
+        if self._on_state is not None:
+            self._on_state(state)
+
+
+class _DeferredSignals:
+    """Whether a signal arrived that waits until the robot is at rest."""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+    def take(self, number: int, _: object) -> None:
+        """Remember a signal; handlers do no more."""
+        self.number = number
+
+    def act(self) -> None:
+        """Do what the signal would have done.
+
+        Raises:
+            KeyboardInterrupt: for Ctrl-C.
+            SystemExit: for SIGTERM.
+        """
+        if self.number == signal.SIGINT:
+            raise KeyboardInterrupt
+        if self.number:
+            raise SystemExit(128 + self.number)
+
+
+@contextmanager
+def _deferred_signals() -> Iterator[_DeferredSignals]:
+    """Let Ctrl-C and SIGTERM wait, in the main thread and where the program has no handlers of its own."""
+    deferred = _DeferredSignals()
+    ordinary = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    kept = []
+    if threading.current_thread() is threading.main_thread():
+        kept = [number for number, handler in ordinary.items() if signal.getsignal(number) == handler]
+    try:
+        for number in kept:
+            signal.signal(number, deferred.take)
+        yield deferred
+    finally:
+        for number in kept:
+            signal.signal(number, ordinary[number])
