@@ -128,6 +128,30 @@ def test_move_to_arrives(motion, target):
     assert math.remainder(found[2] - target[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("places", "turned"),
+    [
+        ([[0.0, 0.0, math.pi]], math.pi),
+        ([[0.0, 0.0, -math.pi]], -math.pi),
+        ([[0.0, 0.0, float(np.float32(math.pi))]], math.pi),
+        ([[0.2, 0.0, -3.1416]], -math.pi),
+        ([[0.0, 0.0, math.pi / 2], [0.0, 0.0, -math.pi / 2]], -math.pi / 2),
+        ([[0.0, 0.0, 2.0], [0.0, 0.0, -2.5]], 2 * math.pi - 2.5),
+    ],
+)
+@pytest.mark.parametrize("before", [0.0, 0.7, -3.0])
+def test_half_a_turn_goes_the_way_that_its_sign_says(broker, motion, before, places, turned):
+    """The maker's pages on `moveTo`: theta is in [-pi, pi], and positive angles turn to the left."""
+    if before:
+        motion.moveTo(0.0, 0.0, before)
+    begin = motion.getRobotPosition(False)[2]
+    number = motion.pCall("moveTo", places if len(places) > 1 else places[0])
+    broker.body.time.sleep(0.5)
+    assert math.copysign(1.0, motion.getRobotVelocity()[2]) == math.copysign(1.0, places[0][2])
+    motion.wait(number, 0)
+    assert motion.getRobotPosition(False)[2] - begin == pytest.approx(turned, abs=0.02)
+
+
 def test_control_points_are_in_the_frame_of_the_start(motion):
     motion.moveTo(0.0, 0.0, math.pi / 2)
     motion.moveTo([[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
