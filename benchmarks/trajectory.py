@@ -1,4 +1,4 @@
-"""Timing along paths beside toppra: python benchmarks/trajectory.py [--quick] [--certificate].
+"""Timing along paths beside toppra: python benchmarks/trajectory.py [--quick] [--certificate | --jerk].
 
 Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly (its
 own spline, constraints and pass, the torques by Pinocchio one state at a time, as its users write it) and
@@ -6,7 +6,8 @@ with toppra behind `retime(solver="toppra")`; times are medians, from way-points
 millisecond.  Every trajectory is certified before it counts.  Prints Markdown.
 
 With `--certificate` only the cost of certificates is printed: without a scene, with one, and the clearance
-in it found by bounds beside distances at every millisecond, in turn on the same motions.
+in it found by bounds beside distances at every millisecond, in turn on the same motions.  With `--jerk` only
+what limits of jerk cost: on the random paths, and on plans from Stand to random points of a hand.
 """
 
 from __future__ import annotations
@@ -203,19 +204,44 @@ def timing(chosen: list[np.ndarray], repeats: int) -> None:
     )
 
 
-def jerk(chosen: list[np.ndarray]) -> None:
+def plans(count: int) -> list[Any]:
+    """Plans from Stand to where a hand, left and right in turn, is in postures drawn within the limits."""
+    rng, found = np.random.default_rng(0), []
+    while len(found) < count:
+        side = ("left", "right")[len(found) % 2]
+        q = rng.uniform(PEPPER.lower_limits, PEPPER.upper_limits)
+        point = pk.kinematics.frame_pose(PEPPER, q, f"{side[0].upper()}Arm_effector")[:3, 3]
+        plan = pk.plan(PEPPER, PEPPER.posture("Stand"), [pk.ik.HandPosition(side, point)], seed=len(found))
+        if plan.success:
+            found.append(plan)
+    return found
+
+
+def jerk(motions: dict[str, list[Any]]) -> None:
     rows = []
-    for name in ("gentle", "moderate", "brisk"):
+    for (kind, chosen), name in itertools.product(motions.items(), ("gentle", "moderate", "brisk")):
         durations, times, green = [], [], 0
-        for points in chosen:
-            times.append(1e3 * seconds(lambda p=points, j=name: retime(PEPPER, p, jerk=j)))  # type: ignore[misc]
+        plain = [retime(PEPPER, points).duration for points in chosen]
+        for points, without in zip(chosen, plain, strict=True):
+            begin = time.process_time()
             smooth = retime(PEPPER, points, jerk=name)
-            durations.append(smooth.duration / retime(PEPPER, points).duration)
+            times.append(1e3 * (time.process_time() - begin))
+            durations.append(smooth.duration / without)
             green += set(smooth.check(PEPPER, jerk=name, collisions=False).failures) <= {"balance"}
-        longer = f"{100 * (statistics.median(durations) - 1):.1f} %"
+        low, half, high = (f"{100 * (x - 1):.1f}" for x in np.percentile(durations, [10, 50, 90]))
         ms = statistics.median(times)
-        rows.append((name, f"{ms:.0f}", f"{ASKED_JERK:.0f}", longer, f"{green} of {len(chosen)}"))
-    table(("jerk limits", "time [ms]", "asked [ms]", "longer than without", "certified"), rows)
+        rows.append(
+            (
+                f"{kind}, {statistics.median(plain):.2f} s",
+                name,
+                f"{ms:.0f}",
+                f"{ASKED_JERK:.0f}",
+                f"{half} % ({low} to {high} %)",
+                f"{green} of {len(chosen)}",
+            )
+        )
+    heads = ("motions, median without", "jerk limits", "processor time [ms]", "asked [ms]")
+    table((*heads, "longer than without: median (10 to 90 %)", "certified"), rows)
 
 
 def online(chosen: list[np.ndarray]) -> None:
@@ -316,7 +342,9 @@ def cold() -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--certificate", action="store_true", help="only what certificates cost")
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--certificate", action="store_true", help="only what certificates cost")
+    only.add_argument("--jerk", action="store_true", help="only what limits of jerk cost")
     options = parser.parse_args()
     quick = options.quick
     toppra.setup_logging("ERROR")
@@ -325,8 +353,11 @@ def main() -> None:
         certificate(4 if quick else 12)
         return
     chosen = paths(4 if quick else 15)
-    timing(chosen, 3 if quick else 7)
-    jerk(chosen)
+    if not options.jerk:
+        timing(chosen, 3 if quick else 7)
+    jerk({"random paths": chosen, "plans from Stand": plans(4 if quick else 40)})
+    if options.jerk:
+        return
     online(chosen)
     cold()
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
+from pepper_kin.ik.closest import closest
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import search_compiled
@@ -177,7 +178,8 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
     """Return what more is found where a search has not met the tasks.
 
     First, what comes first is met better.  Then all is tried with equal weights: whether tasks are met
-    together does not depend on their weights.  If they are not, what the weights asked for is kept.
+    together does not depend on their weights.  If they are not, what the weights asked for is kept, and
+    looked for from further starts.
     """
     if found.status in DONE:
         return found
@@ -187,10 +189,14 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
     equal = equally_weighted(request.tasks)
     if found.status in DONE or all(map(operator.is_, equal, request.tasks)):
         return found
-    request = request._replace(tasks=equal)
-    other = _search(request, solver)
+    equally = request._replace(tasks=equal)
+    other = _search(equally, solver)
     if ordered and other.status not in DONE:
-        other = _in_order(request, solver, other)
+        other = _in_order(equally, solver, other)
+    if not ordered and other.status not in DONE and solver == "fast":
+        found = _closer(request, found)
+        if found.status is IKStatus.SOLVED:
+            return found
     kept = other if other.status is IKStatus.SOLVED else found
     statuses = (found.status, other.status)
     status = next((s for s in PROOFS if s in statuses), other.status)
@@ -199,11 +205,24 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
     )
 
 
+def _closer(request: Request, found: SearchResult) -> SearchResult:
+    """Come closer where weights differ."""
+    finite = {task.weight for task in request.tasks if math.isfinite(task.tolerance)}
+    if len(finite) < 2:
+        return found
+    return _moved(request, found, closest(request.problem(), request.collisions, request.budget, found.q))
+
+
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
     """Meet better what comes first."""
-    problem, collisions = request.problem(), request.collisions
-    q = solve_with_priorities(problem, SolverContext(solver, collisions, request.budget), found.q)
-    met = problem.is_met(problem.residuals(q)) and collisions.free(q)
+    context = SolverContext(solver, request.collisions, request.budget)
+    return _moved(request, found, solve_with_priorities(request.problem(), context, found.q))
+
+
+def _moved(request: Request, found: SearchResult, q: Array) -> SearchResult:
+    """Return what was found with another configuration q [rad or m], shape (n,)."""
+    problem = request.problem()
+    met = problem.is_met(problem.residuals(q)) and request.collisions.free(q)
     return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
 
 

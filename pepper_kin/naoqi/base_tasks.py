@@ -22,9 +22,9 @@ NEAR, TURNED = 0.004, 0.008
 """Where a place counts as reached [m, rad]."""
 
 
-def wrapped(angle: float) -> float:
-    """Return an angle between -pi and pi [rad]."""
-    return math.remainder(angle, 2.0 * math.pi)
+def as_turn(angle: float) -> float:
+    """Return an angle between -pi and pi [rad]; half a turn keeps its sign, as pi in 32 bits is above pi."""
+    return angle if abs(angle) < math.pi + TURNED else math.remainder(angle, 2.0 * math.pi)
 
 
 class VelocityTask(Task):
@@ -56,6 +56,8 @@ class VelocityTask(Task):
 class MoveToTask(Task):
     """The base goes through places.
 
+    From each to the next it turns by the difference of their yaws, to the left where that is above 0.
+
     Args:
         name: Method that began it.
         places: x, y [m], yaw [rad], shape (3,) each, in the frame of the base where it starts.
@@ -80,34 +82,30 @@ class MoveToTask(Task):
 
     def start(self, body: Body) -> None:
         """Put the places into the world."""
-        x, y, yaw = (float(value) for value in body.base_pose(False))
+        here = np.array(body.base_pose(False))
+        x, y, yaw = here.tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
+        way = turned = 0.0
         for place in self._places:
-            if self._world:
-                self._goals.append(place)
-            else:
-                moved = (
-                    x + cos * place[0] - sin * place[1],
-                    y + sin * place[0] + cos * place[1],
-                    yaw + place[2],
-                )
-                self._goals.append(np.array(moved))
+            goal = place.copy()
+            if not self._world:
+                goal[:2] = x + cos * place[0] - sin * place[1], y + sin * place[0] + cos * place[1]
+                goal[2] += yaw
+            turn = as_turn(float(goal[2] - here[2]))
+            goal[2] = here[2] + turn
+            way, turned = way + math.hypot(*(goal - here)[:2]), turned + abs(turn)
+            self._goals.append(goal)
+            here = goal
         if self._duration:
             limits = body.controller.base.geometry
-            way = turn = 0.0
-            here = np.array([x, y, yaw])
-            for goal in self._goals:
-                way += float(np.hypot(*(goal - here)[:2]))
-                turn += abs(wrapped(float(goal[2] - here[2])))
-                here = goal
-            need = max(way / limits.linear_velocity, turn / limits.angular_velocity)
+            need = max(way / limits.linear_velocity, turned / limits.angular_velocity)
             self._share = min(1.0, max(need / self._duration, 0.02))
 
     def step(self, body: Body) -> bool:
         """Command the velocity of this cycle."""
         goal = self._goals[0]
         x, y, yaw = body.base_pose(False)
-        dx, dy, turn = goal[0] - x, goal[1] - y, wrapped(float(goal[2] - yaw))
+        dx, dy, turn = goal[0] - x, goal[1] - y, float(goal[2] - yaw)
         way = math.hypot(dx, dy)
         twist = body.controller.twist
         standing = bool(np.abs(twist).max() < 0.02)

@@ -87,7 +87,7 @@ class BaseMethods(Module):
         places, duration, config = self._way("moveTo", arguments)
         self._configure("moveTo", config)
         with self.body.time.lock:
-            self._stop_velocity()
+            self.stop_velocity()
             task = self.body.do(MoveToTask("moveTo", places, duration=duration))
         self.body.wait(task)
         return not task.killed and not task.error
@@ -134,7 +134,7 @@ class BaseMethods(Module):
         if not places:
             raise self.fail(method, "footSteps: got an empty list")
         with self.body.time.lock:
-            self._stop_velocity()
+            self.stop_velocity()
             return self.body.do(MoveToTask(method, places[-1:], duration=duration))
 
     def moveInit(self) -> None:
@@ -232,8 +232,10 @@ class BaseMethods(Module):
     def _moves(self) -> list[Task]:
         return self.body.tasks.using(BASE_RESOURCES)
 
-    def _stop_velocity(self) -> None:
-        self.body.tasks.kill([t for t in self._moves() if isinstance(t, VelocityTask)], self.body)
+    def stop_velocity(self) -> None:
+        """End a velocity that nobody else would end, so that a way to a place can begin."""
+        with self.body.time.lock:
+            self.body.tasks.kill([t for t in self._moves() if isinstance(t, VelocityTask)], self.body)
 
     def _go(self, method: str, twist: Iterable[Any], config: Any) -> None:
         values = [self.number(method, "velocity", value) for value in twist]

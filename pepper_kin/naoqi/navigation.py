@@ -59,9 +59,8 @@ class ALNavigation(Module):
     def moveAlong(self, trajectory: Any) -> bool:
         """Go along a trajectory of "Holonomic" parts with "Line" or "Circle" paths; blocks."""
         places = self._places("moveAlong", trajectory)
-        task = self.body.do(MoveToTask("moveAlong", places))
-        self.body.wait(task)
-        return not task.error and not task.killed
+        self.broker.motion.stop_velocity()
+        return self._arrived(MoveToTask("moveAlong", places))
 
     def findFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
         """Return [0, radius, [x, y]] of a free zone around the robot."""
@@ -102,6 +101,7 @@ class ALNavigation(Module):
 
     def _go(self, goal: list[float]) -> bool:
         """Go to a place of the world; where something stands in the way, along a planned path."""
+        self.broker.motion.stop_velocity()
         places = [np.asarray(goal)]
         if self.body.scene is not None:
             path = self._path(goal)
@@ -110,10 +110,13 @@ class ALNavigation(Module):
             places = path
         protected, self.body.move_protected = self.body.move_protected, False  # the way is planned
         try:
-            task = self.body.do(MoveToTask("navigateTo", places, world=True))
-            self.body.wait(task)
+            return self._arrived(MoveToTask("navigateTo", places, world=True))
         finally:
             self.body.move_protected = protected
+
+    def _arrived(self, task: MoveToTask) -> bool:
+        """Let the base go, blocking; return whether it arrived."""
+        self.body.wait(self.body.do(task))
         return not task.error and not task.killed
 
     def _path(self, goal: list[float]) -> list[Any] | None:

@@ -6,6 +6,7 @@ Python 3, and Python 2 that says `from naoqi import ALProxy`.
 from __future__ import annotations
 
 import builtins
+import math
 import re
 import sys
 import time as wall
@@ -24,6 +25,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, set_broker, vision_definitions
+from pepper_kin.naoqi.simulated_time import TimeIsUp
 
 MODULES = {
     "naoqi": naoqi,
@@ -36,10 +38,6 @@ MODULES = {
 
 _RESERVED = re.compile(r"\.async\b")
 _ASYNC_ARGUMENT = re.compile(r"\basync\s*=")
-
-
-class TimeIsUp(KeyboardInterrupt):
-    """The time that a script was given is over; to the script it looks like Ctrl-C."""
 
 
 @dataclass(frozen=True)
@@ -176,8 +174,8 @@ def run_script(
         path: The script, in Python 3 or 2.
         arguments: What stands behind its name on the command line.
         broker: The simulated robot.
-        longest: Time of the twin after which it is interrupted, as by Ctrl-C [s]; at its next wait, or when
-            it asks for the time.
+        longest: Time of the twin after which it is interrupted, as by Ctrl-C [s]: in its sleeps, in calls
+            that block, and when it asks for the time.
 
     Returns:
         How it ended.
@@ -208,6 +206,7 @@ def run_script(
     ended, status = "completed", 0
     error: BaseException | None = None
     with stand_ins(broker, script.parent, None if longest is None else begun + longest):
+        broker.body.time.limit(math.inf if longest is None else begun + longest)
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:
             exec(code, module.__dict__)
@@ -223,6 +222,7 @@ def run_script(
         except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:
+            broker.body.time.limit(math.inf)
             sys.modules["__main__"], sys.argv = main, argv
     return ScriptResult(ended, status, broker.body.time.now - begun, error)
 

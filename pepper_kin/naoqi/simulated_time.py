@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -12,8 +13,15 @@ from pepper_kin.thread_priority import wake_promptly
 CYCLE = 0.02
 """Period of ALMotion [s]."""
 
+GRACE = 60.0
+"""Time in which an interrupted thread may clean up before it is interrupted again [s]."""
+
 LATEST = 5000
 """Cycles of which the delay is kept (100 s)."""
+
+
+class TimeIsUp(KeyboardInterrupt):
+    """The time that a script was given is over; to the script it looks like Ctrl-C."""
 
 
 class SimulatedTime:
@@ -44,6 +52,7 @@ class SimulatedTime:
         self._ended = False
         self._error: BaseException | None = None
         self._released = 0
+        self._limited, self._limit = 0, math.inf
 
     @property
     def failure(self) -> BaseException | None:
@@ -75,12 +84,19 @@ class SimulatedTime:
             self._released += 1
             self._changed.notify_all()
 
+    def limit(self, end: float) -> None:
+        """Let waits of this thread raise `TimeIsUp` from a time on [s]; infinite for never."""
+        self._limited, self._limit = threading.get_ident(), end
+
     def wait_until(self, done: Callable[[], bool], timeout: float | None = None) -> bool:
         """Let time pass until something is so; return whether it came to be.
 
         Args:
             done: What is waited for; called with the lock held, once a cycle.
             timeout: The longest time to wait, on this clock [s]; for ever if omitted.
+
+        Raises:
+            TimeIsUp: from the time of `limit` on.
         """
         end = None if timeout is None else self.now + timeout
         with self._changed:
@@ -90,6 +106,9 @@ class SimulatedTime:
                     return False
                 if self._error is not None:
                     raise self._error
+                if self.now >= self._limit - 1e-9 and self._limited == threading.get_ident():
+                    self._limit += GRACE
+                    raise TimeIsUp(f"at {self.now:g} s")
                 if self.real_time and self._thread is not None:
                     self._changed.wait(1.0)
                 else:

@@ -14,7 +14,7 @@ from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.effectors import CHAIN_JOINTS, space_pose, standing_pepper
 from pepper_kin.naoqi.errors import quoted
-from pepper_kin.naoqi.joint_names import HEAD, LEG
+from pepper_kin.naoqi.joint_names import BASE_RESOURCES, HEAD, LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.tasks import Task
@@ -38,6 +38,8 @@ NEAR = 0.15
 class TrackTask(Task):
     """Head and arms follow a target; in the modes that move the base, this keeps it before the robot.
 
+    Joints that another task moves, or waits for, are left to it until it is over.
+
     Args:
         tracker: Knows the place of the target.
         target: Its name.
@@ -45,7 +47,7 @@ class TrackTask(Task):
     """
 
     def __init__(self, tracker: ALTracker, target: str, effector: str) -> None:
-        super().__init__("track", (*HEAD, *(joint for arm in ARMS[effector] for joint in CHAIN_JOINTS[arm])))
+        super().__init__("track", ())
         self.tracker, self.target, self.effector = tracker, target, effector
         self._motion = SpeedTask("track", {}, 0.3)
         self._count = 0
@@ -55,12 +57,16 @@ class TrackTask(Task):
         point = self.tracker.place_of(self.target)
         if point is None:
             return True
+        taken = {name for task in body.tasks if task is not self for name in task.resources}
         if self._count % 10 == 0:
-            angles = gaze_angles(body, point) | pointing_angles(body, point, self.effector)
+            angles = {} if taken.issuperset(HEAD) else gaze_angles(body, point)
+            angles |= pointing_angles(body, point, self.effector)
             self._motion = SpeedTask("track", angles, 0.3)
             self._motion.start(body)
             self._drive(body, point)
         self._count += 1
+        self._motion.resources -= taken
+        self.resources = self._motion.resources
         self._motion.step(body)
         return True
 
@@ -78,7 +84,7 @@ class TrackTask(Task):
             goal = [x + far * math.cos(bearing), y + far * math.sin(bearing), bearing]
         elif abs(turn) < 0.3:
             return
-        if not any(isinstance(task, MoveToTask) for task in body.tasks):
+        if not body.tasks.using(BASE_RESOURCES):
             body.do(MoveToTask("trackMove", [goal], world=True))
 
 
@@ -252,7 +258,7 @@ class ALTracker(Module):
 
     def isActive(self) -> bool:
         """Return whether a target is followed."""
-        return self._task is not None
+        return self._task is not None and not self._task.ended
 
     def getActiveTarget(self) -> str:
         """Return the target that is followed."""

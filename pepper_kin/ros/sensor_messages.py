@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_kin.naoqi.body import Body
 from pepper_kin.ros.message_parts import QUATERNION, header, vector
 from pepper_kin.ros_messages import message_type
-from pepper_kin.twin.sensors import Camera, Intrinsics, Reading, SensorSuite, published_scan
+from pepper_kin.twin.sensors import Camera, Reading, SensorSuite, published_scan
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,19 @@ CAMERAS = {
     "depth": ("camera_depth", "CameraDepth_optical_frame"),
 }
 """Name in topics -> camera of the twin and its frame."""
+
+RECTIFIED = {
+    ("camera_top", "VGA"): (551.589721679688, 550.291320800781, 308.271132841983, 229.20143668168),
+    ("camera_top", "QVGA"): (272.423675537109, 273.515747070312, 141.131930791285, 107.391746054313),
+    ("camera_top", "QQVGA"): (137.541534423828, 136.815216064453, 76.3004646597892, 59.3909799751191),
+    ("camera_bottom", "VGA"): (549.571655273438, 549.687316894531, 304.799679526441, 248.526959297022),
+    ("camera_bottom", "QVGA"): (273.491455078125, 275.743133544922, 155.112454709117, 126.057357467223),
+    ("camera_bottom", "QQVGA"): (138.705535888672, 138.954086303711, 77.2544255212306, 58.7000861760043),
+}
+"""Camera and resolution -> fx, fy, cx, cy of the driver's P, which rectified pictures have [pixels]."""
+
+IMU_FRAMES = {"torso": "base_link", "base": "base_footprint"}
+"""Part of the body -> frame of its inertial unit in the driver, whose `base_link` is the torso."""
 
 
 class SensorMessages:
@@ -98,7 +111,9 @@ class SensorMessages:
         """Return sensor_msgs/msg/Imu of the "torso" or the "base" at a time [s]."""
         turn = self._readings[f"imu_{part}_orientation"]
         x, y, z, w = np.asarray(turn.value, dtype=float).tolist()
-        made = message_type("sensor_msgs/msg/Imu")(header=header(time, turn.frame))
+        made = message_type("sensor_msgs/msg/Imu")(header=header(time, IMU_FRAMES[part]))
+        for unknown in ("orientation", "angular_velocity", "linear_acceleration"):
+            getattr(made, f"{unknown}_covariance")[0] = -1.0
         made.orientation = QUATERNION(x=x, y=y, z=z, w=w)
         made.angular_velocity = vector(self._readings[f"imu_{part}_gyroscope"].value)
         made.linear_acceleration = vector(self._readings[f"imu_{part}_accelerometer"].value)
@@ -133,9 +148,11 @@ class CameraMessages:
     """
 
     def __init__(self, body: Body, name: str, resolution: str = "QVGA") -> None:
-        camera, self.frame = CAMERAS[name][0], CAMERAS[name][1]
+        camera, self.frame = CAMERAS[name]
         self.body, self.is_depth = body, name == "depth"
-        self._camera = Camera(body.pepper, camera, resolution)
+        self._camera = Camera(body.pepper, camera, resolution, lens=True)
+        lens = self._camera.intrinsics
+        self._rectified = RECTIFIED.get((camera, resolution), (lens.fx, lens.fy, lens.cx, lens.cy))
 
     def picture(self) -> NDArray[Any]:
         """Return what the camera sees now: colors, or depths [mm]; takes the body's lock for a moment."""
@@ -167,21 +184,15 @@ class CameraMessages:
         )
 
     def info(self, time: float) -> Any:
-        """Return sensor_msgs/msg/CameraInfo at a time [s]."""
-        lens = self._camera.intrinsics
-        return camera_info(lens, time, self.frame)
-
-
-def camera_info(lens: Intrinsics, time: float, frame: str) -> Any:
-    """Return sensor_msgs/msg/CameraInfo of a lens at a time [s]."""
-    k = [lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0]
-    return message_type("sensor_msgs/msg/CameraInfo")(
-        header=header(time, frame),
-        height=lens.height,
-        width=lens.width,
-        distortion_model="plumb_bob",
-        d=[lens.k1, lens.k2, lens.p1, lens.p2, lens.k3],
-        k=k,
-        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[lens.fx, 0.0, lens.cx, 0.0, 0.0, lens.fy, lens.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-    )
+        """Return sensor_msgs/msg/CameraInfo at a time [s]; the driver states no distortion of depths."""
+        lens, (fx, fy, cx, cy) = self._camera.intrinsics, self._rectified
+        return message_type("sensor_msgs/msg/CameraInfo")(
+            header=header(time, self.frame),
+            height=lens.height,
+            width=lens.width,
+            distortion_model="" if self.is_depth else "plumb_bob",
+            d=[] if self.is_depth else [lens.k1, lens.k2, lens.p1, lens.p2, lens.k3],
+            k=[lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0],
+            r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )

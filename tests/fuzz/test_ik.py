@@ -15,6 +15,7 @@ import coal
 import numpy as np
 import pinocchio
 import pytest
+from scipy.optimize import least_squares
 
 import pepper_kin as pk
 from pepper_kin.ik import IKStatus
@@ -462,3 +463,58 @@ def test_single_answers_of_all_solvers(solver, amount, rng, tried):
         answers += len(results)
     tried(f"IK answers, single, {solver}", answers, len(wrong))
     assert not wrong, wrong[:5]
+
+
+def test_closest_postures_under_unequal_weights(amount, rng, tried):
+    """The least sum of (weight x distance)^2 of two hands out of reach: SciPy's trust region from 30 starts.
+
+    SciPy descends on Pinocchio's frames and Jacobians of the URDF's text; ours is at most 2 % higher.  The
+    first three were 2.0, 1.5 and 1.35 times as high.
+    """
+    pepper = pk.load_pepper()
+    model = pinocchio.buildModelFromXML(pepper.urdf)
+    data, low, high = model.createData(), pepper.lower_limits, pepper.upper_limits
+    hands = [model.getFrameId(name) for name in ("LArm_effector", "RArm_effector")]
+
+    def residual(q, weights, points):
+        pinocchio.framesForwardKinematics(model, data, q)
+        return np.concatenate(
+            [w * (data.oMf[hand].translation - p) for w, hand, p in zip(weights, hands, points, strict=True)]
+        )
+
+    def jacobian(q, weights, points):
+        rows = [
+            w * pinocchio.computeFrameJacobian(model, data, q, hand, pinocchio.LOCAL_WORLD_ALIGNED)[:3]
+            for w, hand in zip(weights, hands, strict=True)
+        ]
+        return np.vstack(rows)
+
+    known = [
+        [[0.739, 0.038, 0.367], [0.330, 0.020, 0.832]],
+        [[0.081, 0.319, 1.213], [0.700, -0.554, 0.650]],
+        [[0.264, 0.491, 0.660], [0.640, -0.412, 0.324]],
+    ]
+    count, worse, number = amount(3, 20, 200), 0, 0
+    while number < count:
+        weights, points = (1.0, 0.01), np.array(known[min(number, 2)])
+        if number > 2:
+            weights = [(0.01, 1.0), (1.0, 0.01), (0.1, 1.0), (1.0, 0.03), (0.3, 1.0)][number % 5]
+            points = rng.uniform([[0.0, -0.2, 0.3], [0.0, -0.8, 0.3]], [[0.8, 0.8, 1.4], [0.8, 0.2, 1.4]])
+        tasks = [
+            pk.ik.HandPosition(side, p, weight=w)
+            for side, p, w in zip(("left", "right"), points, weights, strict=True)
+        ]
+        found = pk.ik.solve(pepper, tasks, collisions=False)
+        if found.success:
+            continue
+        starts = np.clip(rng.uniform(low, high, (30, pepper.n)), low + 1e-9, high - 1e-9)
+        best = min(
+            least_squares(
+                residual, start, jacobian, (low, high), args=(weights, points), max_nfev=300, gtol=1e-12
+            ).cost
+            for start in starts
+        )
+        ours = residual(found.q, weights, points)
+        worse += 0.5 * float(ours @ ours) > 1.02 * best + 1e-10
+        number += 1
+    tried("closest postures under unequal weights", count, worse)

@@ -44,6 +44,20 @@ def test_a_script_without_an_end_is_interrupted(broker, tmp_path):
     assert result.duration == pytest.approx(5.0, abs=0.05)
 
 
+def test_a_script_is_interrupted_in_a_call_that_blocks(broker, tmp_path):
+    script = tmp_path / "blocked.py"
+    script.write_text(
+        "import qi\n"
+        "motion = qi.Session().service('ALMotion')\n"
+        "try:\n    motion.angleInterpolation('HeadYaw', 0.5, 1000.0, True)\n"
+        "finally:\n    motion.killAll()\n    motion.angleInterpolation('HeadYaw', 0.1, 2.0, True)\n"
+    )
+    result = run_script(script, broker=broker, longest=5.0)
+    assert (result.ended, result.success) == ("time is up", True)
+    assert result.duration == pytest.approx(7.0, abs=0.1)  # what it does to clean up is done
+    broker.motion.angleInterpolation("HeadYaw", 0.5, 2.0, True)  # the limit was that of the script
+
+
 def test_what_a_script_raises_is_in_the_result(broker, tmp_path):
     script = tmp_path / "wrong.py"
     script.write_text("raise ValueError('no')\n")

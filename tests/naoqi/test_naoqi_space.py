@@ -8,6 +8,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.naoqi import Broker, NaoqiError, RefusedByRobotError
+from pepper_kin.naoqi.shims import almath
 
 
 def place(broker, frame, root="base_footprint"):
@@ -30,6 +31,54 @@ def test_positions_are_forward_kinematics(broker, motion):
     assert pin.rpy.rpyToMatrix(*found[3:]) == pytest.approx(expected.rotation, abs=1e-9)
     transform = np.reshape(motion.getTransform("LArm", 0, False), (4, 4))
     assert transform == pytest.approx(place(broker, "LArm_effector", "torso_naoqi").homogeneous, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("camera", "place_in_head", "pitch"),
+    [
+        ("CameraTop", (0.0868, 0.0, 0.1631), 0.0),
+        ("CameraBottom", (0.0936, 0.0, 0.0616), 40.0),
+        ("CameraDepth", (0.05138, 0.039, 0.1194), 0.0),
+    ],
+)
+def test_cameras_stand_in_the_head_as_the_maker_says(motion, camera, place_in_head, pitch):
+    """The maker's pages on Pepper: x along the optical axis, so that an upright camera is not turned at all.
+
+    Top and bottom: "Pepper - 2D Cameras" of NAOqi 2.0 (location and rotation: none, and 40 degrees about Y);
+    depth: origin and rpy of `CameraDepth_sensor_fixedjoint` in the URDF that the page on Pepper's kinematics
+    of NAOqi 2.5 gives, as quoted in jsk-ros-pkg/jsk_robot#810.
+    """
+    motion.angleInterpolation(["HeadYaw", "HeadPitch", "HipPitch"], [0.8, -0.3, -0.2], 1.5, True)
+    head, found = (np.reshape(motion.getTransform(name, 2, False), (4, 4)) for name in ("Head", camera))
+    seen_from_head = np.linalg.inv(head) @ found
+    assert seen_from_head[:3, 3] == pytest.approx(place_in_head, abs=1e-6)
+    assert seen_from_head[:3, :3] == pytest.approx(pin.rpy.rpyToMatrix(0, math.radians(pitch), 0), abs=1e-6)
+
+
+@pytest.mark.parametrize("camera", ["CameraTop", "CameraBottom"])
+def test_a_mark_in_a_picture_lies_where_the_maker_s_sample_computes(camera):
+    """The maker's sample of landmark localization: the camera's transform, angles in the picture, distance.
+
+    The angles take the middle of the picture for the axis, as NAOqi does, which is up to 1.1 degrees off.
+    """
+    center = np.array([1.1, 0.25, 0.2 if camera == "CameraBottom" else 1.2])
+    scene = pk.Scene().add("mark", pk.model.Sphere(0.05), center, color=(1.0, 0.0, 0.0, 1.0))
+    with Broker(real_time=False, scene=scene) as broker:
+        motion, video = broker.motion, broker.module("ALVideoDevice")
+        motion.setAngles(["HeadYaw", "HeadPitch"], [0.3, 0.1], 0.5)
+        broker.body.time.sleep(2.0)
+        index = 0 if camera == "CameraTop" else 1
+        picture = video.getImageRemote(video.subscribeCamera("sample", index, 2, 11, 10))
+        pixels = np.frombuffer(picture[6], np.uint8).reshape(480, 640, 3).astype(int)
+        rows, columns = np.nonzero((pixels[..., 0] > 60) & (pixels[..., 1:].max(axis=-1) < 40))
+        assert rows.size > 200
+        x, y = (columns.mean() + 0.5) / 640, (rows.mean() + 0.5) / 480
+        wz, wy = video.getAngularPositionFromImagePosition(index, [x, y])
+        robot_to_camera = almath.Transform(motion.getTransform(camera, 2, True))
+        distance = float(np.linalg.norm(center - np.array(robot_to_camera.toVector()).reshape(4, 4)[:3, 3]))
+        turned = almath.Transform_from3DRotation(0.0, wy, wz)
+        found = robot_to_camera * turned * almath.Transform(distance, 0.0, 0.0)
+        assert [found.r1_c4, found.r2_c4, found.r3_c4] == pytest.approx(list(center), abs=0.04)
 
 
 def test_position_interpolations_follow_straight_lines(broker, motion):
@@ -77,6 +126,30 @@ def test_move_to_arrives(motion, target):
     found = motion.getRobotPosition(True)
     assert found[:2] == pytest.approx(list(target[:2]), abs=6e-3)
     assert math.remainder(found[2] - target[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("places", "turned"),
+    [
+        ([[0.0, 0.0, math.pi]], math.pi),
+        ([[0.0, 0.0, -math.pi]], -math.pi),
+        ([[0.0, 0.0, float(np.float32(math.pi))]], math.pi),
+        ([[0.2, 0.0, -3.1416]], -math.pi),
+        ([[0.0, 0.0, math.pi / 2], [0.0, 0.0, -math.pi / 2]], -math.pi / 2),
+        ([[0.0, 0.0, 2.0], [0.0, 0.0, -2.5]], 2 * math.pi - 2.5),
+    ],
+)
+@pytest.mark.parametrize("before", [0.0, 0.7, -3.0])
+def test_half_a_turn_goes_the_way_that_its_sign_says(broker, motion, before, places, turned):
+    """The maker's pages on `moveTo`: theta is in [-pi, pi], and positive angles turn to the left."""
+    if before:
+        motion.moveTo(0.0, 0.0, before)
+    begin = motion.getRobotPosition(False)[2]
+    number = motion.pCall("moveTo", places if len(places) > 1 else places[0])
+    broker.body.time.sleep(0.5)
+    assert math.copysign(1.0, motion.getRobotVelocity()[2]) == math.copysign(1.0, places[0][2])
+    motion.wait(number, 0)
+    assert motion.getRobotPosition(False)[2] - begin == pytest.approx(turned, abs=0.02)
 
 
 def test_control_points_are_in_the_frame_of_the_start(motion):

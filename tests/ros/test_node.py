@@ -119,7 +119,7 @@ def test_pictures_are_those_of_the_camera(node):
     node.body.time.sleep(0.1)
     body, picture, depth = node.body, pictures[-1], depths[-1]
     assert (picture.height, picture.width, picture.encoding, picture.step) == (240, 320, "rgb8", 960)
-    camera = Camera(body.pepper, "camera_top")
+    camera = Camera(body.pepper, "camera_top", lens=True)
     expected = camera.color(body.configuration(True), body.scene)
     assert picture.data.tobytes() == expected.tobytes()
     assert infos[-1].k[0] == camera.intrinsics.fx

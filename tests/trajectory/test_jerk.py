@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ruckig import InputParameter, Ruckig, Trajectory
 
 import pepper_kin as pk
 from pepper_kin.trajectory import retime
@@ -46,6 +47,23 @@ def test_one_joint_is_the_seven_segment_profile(velocity, acceleration, jerk, di
     assert least * (1 - 1e-9) <= trajectory.duration <= 1.01 * least
     assert trajectory.check(robot, jerk=[jerk], collisions=False).success
     np.testing.assert_allclose(trajectory.end, [distance / 2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "rise"), [("gentle", 1 / 5), ("moderate", 1 / 10), ("brisk", 1 / 30)])
+@pytest.mark.parametrize("distance", [0.5, 1.6])
+def test_a_named_limit_adds_the_same_time_to_short_motions_as_to_long_ones(pepper, name, rise, distance):
+    """Ruckig's time-optimal motion, from rest to rest, is the oracle; a / j is the time of one rise."""
+    joint, points = pepper.joint_index("HeadYaw"), np.array([pepper.posture("Stand")] * 2)
+    points[1, joint] += distance
+    without, limited = retime(pepper, points), retime(pepper, points, jerk=name)
+    asked, optimum = InputParameter(1), Trajectory(1)
+    asked.current_position, asked.target_position = [0.0], [distance]
+    asked.max_velocity = [pepper.velocity_limits[joint]]
+    asked.max_acceleration = [pepper.acceleration_limits[joint]]
+    asked.max_jerk = [pepper.acceleration_limits[joint] / rise]
+    Ruckig(1).calculate(asked, optimum)
+    assert optimum.duration * (1 - 1e-9) <= limited.duration <= 1.01 * optimum.duration
+    assert rise <= limited.duration - without.duration <= 1.25 * rise
 
 
 def random_path(pepper, seed):

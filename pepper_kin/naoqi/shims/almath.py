@@ -252,6 +252,12 @@ class Transform:
         return transformFromPosition(x, y, z, wx, wy, wz)
 
 
+# The flat names of static methods, which scripts in Python 2 use.
+Transform_fromRotX, Transform_fromRotY = Transform.fromRotX, Transform.fromRotY
+Transform_fromRotZ, Transform_from3DRotation = Transform.fromRotZ, Transform.from3DRotation
+Transform_fromPosition, Pose2D_fromPolarCoordinates = Transform.fromPosition, Pose2D.fromPolarCoordinates
+
+
 def of_matrix(matrix: Any) -> Transform:
     """Return the transform of a 4 x 4 matrix."""
     return Transform([float(x) for x in np.asarray(matrix)[:3].ravel()])
