@@ -371,7 +371,9 @@ def _print_reach(outcome: ReachOutcome) -> None:
         # Escaped: in brackets rich looks for its own commands, and drops what it takes for one.
         joints.add_column(escape(heading), justify="left" if heading == "joint" else "right")
     for joint, use in figures["peak_torque_use"].items():
-        joints.add_row(joint, f"{use * 100:.1f}", f"{figures['tracking_error_rms'][joint] * 1000:.3f}")
+        joints.add_row(
+            escape(joint), f"{use * 100:.1f}", f"{figures['tracking_error_rms'][joint] * 1000:.3f}"
+        )
     console = Console()
     console.print(table)
     console.print(joints)

@@ -50,9 +50,9 @@ def serve(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Host the modules for any qi client, in real time.  Ctrl-C or SIGTERM ends it.
+    r"""Host the modules for any qi client, in real time.  Ctrl-C or SIGTERM ends it.
 
-    Needs: pip install 'pepper_kin[naoqi]'
+    Needs: pip install 'pepper_kin\[naoqi]'
 
     Example: pepper-kin naoqi serve --view
     """
@@ -131,9 +131,9 @@ def mirror(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Let the twin get the commands of a robot, and show how the robot differs from it.
+    r"""Let the twin get the commands of a robot, and show how the robot differs from it.
 
-    Needs for robots: pip install 'pepper_kin[naoqi]'
+    Needs for robots: pip install 'pepper_kin\[naoqi]'
 
     Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
     """

@@ -17,13 +17,13 @@ from pepper_kin.base_placement.result import Placement, PlacementResult, Placeme
 from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
 from pepper_kin.base_placement.task_sets import Given, TaskSet
 from pepper_kin.base_placement.trial import Trials
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.result import IKResult, IKStatus
 from pepper_kin.ik.solve import solve
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_whole
-from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

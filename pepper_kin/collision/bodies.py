@@ -17,9 +17,9 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice
-from pepper_kin.model.shapes import read_only
 
 GeometryType = Literal["collision", "visual"]
 """What stands for the robot: its collision shapes, or the surfaces that are drawn."""

@@ -20,10 +20,10 @@ from pepper_kin.collision.pair_queries import KeptPairs, SinglePairs, ball_dista
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Mesh, PepperModel, kept_for_robot
 from pepper_kin.model.dynamics_model import working_memory
 from pepper_kin.model.joint_vectors import as_joint_vectors, as_real
-from pepper_kin.model.shapes import read_only
 
 __all__ = ["RANGE_RADIUS", "ClosestPair", "CollisionChecker", "checker_for", "coal_geometry"]
 

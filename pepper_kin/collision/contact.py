@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays
+
 
 @dataclass(frozen=True, eq=False)
-class ClosestPair:
+class ClosestPair(FrozenArrays):
     """The two things that are nearest to one another.
 
     Attributes:
@@ -26,7 +28,7 @@ class ClosestPair:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Contact(FrozenArrays):
     """A pair of things that touch, or that are nearer than was asked for.
 
     The two links of a dependent range (`pepper_kin.collision.dependent_ranges`) are known to touch but not

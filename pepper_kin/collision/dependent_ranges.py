@@ -15,14 +15,14 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.shapes import read_only
 
 REASON = "DependentRange"
 
 
 @dataclass(frozen=True, eq=False)
-class DependentRange:
+class DependentRange(FrozenArrays):
     """The free interval of one joint against another's position.
 
     Attributes:

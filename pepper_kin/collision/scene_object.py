@@ -20,9 +20,9 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.model.shapes import read_only
 
 Color = tuple[float, float, float, float]
 WOOD: Color = (0.72, 0.53, 0.36, 1.0)
@@ -33,7 +33,7 @@ RIGID_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class SceneObject:
+class SceneObject(FrozenArrays):
     """One obstacle.
 
     Attributes:
@@ -69,7 +69,7 @@ class SceneObject:
 
 
 @dataclass(frozen=True, eq=False)
-class AttachedObject:
+class AttachedObject(FrozenArrays):
     """An object that moves with the robot, such as a cup in a hand.
 
     Attributes:

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.core.collision.clouds import extent, thin
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Geometry
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, shown
-from pepper_kin.model.shapes import read_only
 
 FLAT = 1e-9
 """A body whose least extent is smaller than this is flat [m]; so is a triangle by its height."""
@@ -38,7 +38,7 @@ class HalfSpace:
 
 
 @dataclass(frozen=True, eq=False)
-class ConvexMesh:
+class ConvexMesh(FrozenArrays):
     """The convex hull of points; everything inside it is solid.
 
     Attributes:
@@ -75,12 +75,12 @@ class ConvexMesh:
         turns = np.linalg.det(np.stack([b - a, c - a, hull.equations[:, :3]], axis=1))
         faces = np.where(turns[:, None] < 0.0, faces[:, ::-1], faces)
         object.__setattr__(self, "vertices", read_only(vertices))
-        object.__setattr__(self, "faces", _read_only_indices(faces))
+        object.__setattr__(self, "faces", read_only(faces, np.int64))
         object.__setattr__(self, "padding", _thickness("padding of a convex mesh", self.padding))
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh:
+class TriangleMesh(FrozenArrays):
     """A surface of triangles, closed or not.  It is the surface that is solid, not what it encloses.
 
     Attributes:
@@ -109,12 +109,12 @@ class TriangleMesh:
                 "at least one triangle with an area",
             )
         object.__setattr__(self, "vertices", read_only(vertices))
-        object.__setattr__(self, "faces", _read_only_indices(faces[real]))
+        object.__setattr__(self, "faces", read_only(faces[real], np.int64))
         object.__setattr__(self, "padding", _thickness("padding of a mesh", self.padding))
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloud:
+class PointCloud(FrozenArrays):
     """Balls of one radius around points, such as a depth camera gives; there may be none.
 
     Attributes:
@@ -247,10 +247,3 @@ def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
             f"indices from 0 to {count - 1}, one for each of {count} vertices",
         )
     return array.astype(np.int64)
-
-
-def _read_only_indices(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a read-only copy of faces, shape (f, 3)."""
-    copy = np.array(faces, dtype=np.int64)
-    copy.setflags(write=False)
-    return copy

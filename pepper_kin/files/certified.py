@@ -9,6 +9,8 @@ from typing import Any
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import shown
+from pepper_kin.trajectory.certificate import Certificate
+from pepper_kin.trajectory.check import check
 from pepper_kin.trajectory.trajectory import Trajectory
 
 
@@ -44,7 +46,7 @@ def refuse_unsafe(
         raise InvalidValueError(
             "pepper", None, "the robot that is to play the motion, which is checked, or unchecked=True"
         )
-    certificate = trajectory.check(robot, scene, payload=payload)
+    certificate = _examined(trajectory, robot, scene, payload)
     if not certificate.success:
         first = certificate.checks[certificate.failures[0]].sentence()
         raise InvalidValueError(
@@ -52,6 +54,19 @@ def refuse_unsafe(
             f"one that fails {', '.join(certificate.failures)}",
             f"one that passes check(){advice}; {first}",
         )
+
+
+def _examined(
+    trajectory: Trajectory, robot: PepperModel, scene: Any | None, payload: Mapping[str, float] | None
+) -> Certificate:
+    """Return the certificate of a motion by the library's own function.
+
+    Raises:
+        InvalidValueError: for a subclass, which may play another motion than the one examined.
+    """
+    if type(trajectory) is not Trajectory:
+        raise InvalidValueError("trajectory", f"a {type(trajectory).__name__}", "a Trajectory itself")
+    return check(robot, trajectory, scene=scene, payload=payload)
 
 
 def pepper_with_joints(names: tuple[str, ...]) -> PepperModel | None:

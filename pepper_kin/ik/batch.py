@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import Rows
@@ -21,7 +22,7 @@ from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solve import DONE, Request, checked_scene, reasons, search_on, solve
+from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
@@ -33,7 +34,6 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
-from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -48,7 +48,7 @@ CODES = tuple(IKStatus)
 
 
 @dataclass(frozen=True, eq=False)
-class BatchResult:
+class BatchResult(FrozenArrays):
     """The configurations found for N sets of targets; arrays are read-only.
 
     Attributes:
@@ -179,7 +179,6 @@ def solve_batch(
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
     """
-    begin = time.perf_counter()
     check_choice("solver", solver, ALL_SOLVERS)
     world = Collisions(pepper, *checked_scene(scene, collisions, margin))
     parts = tuple(with_loads(flatten_tasks(pepper, tasks, batch=True), world.loads))
@@ -194,7 +193,11 @@ def solve_batch(
     check_whole("threads", threads, 1)
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
     budget = SearchBudget(deadline=math.inf, **options)
-    if solver == "fast" and known_structures(parts) is not None:
+    compiled = solver == "fast" and known_structures(parts) is not None
+    if compiled:
+        load_search(pepper, balanced(parts), world)
+    begin = time.perf_counter()
+    if compiled:
         arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
     else:
         options |= {

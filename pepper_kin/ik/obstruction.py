@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus
@@ -16,7 +17,6 @@ from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.task import words_for_length
 from pepper_kin.model.dynamics_model import working_memory
-from pepper_kin.model.shapes import read_only
 
 RESTARTS = 3
 """Of a search that asks whether a target can be reached at all."""

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from pepper_kin.exceptions import ModelError
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.ik.tasks.task import Array, words_for
 from pepper_kin.status import ResultStatus
 
@@ -123,7 +124,7 @@ class SearchResult(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class IKResult:
+class IKResult(FrozenArrays):
     """The best configuration found and a certificate recomputed from it, never the solver's word.
 
     The certificate is computed when something of it is first asked for, and kept.

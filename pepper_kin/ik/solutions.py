@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.priorities import equally_weighted
@@ -17,7 +18,6 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_seed, check_whole
-from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, clearance
 from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import HandPosition, IKResult, IKStatus, LookAt, solve
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion import Plan, PlanStatus, plan
 from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.twin import Run, Twin

@@ -6,7 +6,6 @@ import hashlib
 import json
 import logging
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ _logger = logging.getLogger(__name__)
 
 
 def read_file(path: Path, what: str, version: int) -> tuple[dict[str, Any], bytes] | None:
-    """Return head and body of a file, or None where it cannot be used; the reason is logged.
+    """Return head and body of a file, or None where it cannot be used, for which `tell` keeps the reason.
 
     Args:
         path: The file.
@@ -63,7 +62,18 @@ def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
     return len(whole)
 
 
-@cache
 def tell(reason: str) -> None:
+    """Keep why machine code may have to be made on this machine; it is logged once something is made."""
+    _reasons.setdefault(reason, False)
+
+
+def log_reasons() -> None:
     """Log, once for each reason, why machine code is made on this machine."""
-    _logger.warning("%s; it is made here, once, and kept", reason)
+    for reason, logged in tuple(_reasons.items()):
+        if not logged:
+            _reasons[reason] = True
+            _logger.warning("%s; it is made here, once, and kept", reason)
+
+
+_reasons: dict[str, bool] = {}
+"""Reasons, and whether they have been logged."""

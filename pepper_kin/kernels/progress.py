@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Iterator
 
+from pepper_kin.kernels.package_file import log_reasons
+
 _logger = logging.getLogger(__name__)
 
 PATIENCE = 2.0
@@ -41,6 +43,7 @@ def making(name: str) -> Iterator[None]:
     """
     global _spent
     begin = time.perf_counter()
+    log_reasons()
     with _lock:
         timer = threading.Timer(max(PATIENCE - _spent, 0.0), _tell, (name,))
         timer.daemon = True

@@ -15,8 +15,8 @@ writers see a whole file or none.  A checksum finds damage; what is damaged coun
 again.  A folder that cannot be written means that code stays in memory, not an error.  Where several
 processes need a part that does not exist yet, one makes it and the others wait.
 
-The files hold machine code that is run without further checks.  The folder is made readable by its owner
-only; do not point `PEPPER_KIN_CACHE` to a place where others can write.
+The files hold machine code that is run without further checks.  So the folder has to belong to this user or
+to root, and so have its files, and nobody else may write to them (`private_folder`).
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from pepper_kin.kernels.private_folder import folder_without_home, made, private, read_own
 from pepper_kin.kernels.progress import making
 from pepper_kin.kernels.shipping import baseline_target, shipped_part
 from pepper_kin.kernels.target import Target, host_target
@@ -140,8 +141,7 @@ def is_recording() -> bool:
 def can_write() -> bool:
     """Whether the cache folder can be written."""
     try:
-        cache_folder().mkdir(parents=True, exist_ok=True, mode=0o700)
-        with tempfile.TemporaryFile(dir=cache_folder()):
+        with tempfile.TemporaryFile(dir=made(cache_folder())):
             return True
     except OSError:
         return False
@@ -218,8 +218,7 @@ def prefers_native() -> bool:
 
 def prefer_native() -> None:
     """Let later processes use code for this very processor in place of the package's."""
-    cache_folder().mkdir(parents=True, exist_ok=True, mode=0o700)
-    (cache_folder() / NATIVE).touch()
+    (made(cache_folder()) / NATIVE).touch()
     prefers_native.cache_clear()
 
 
@@ -232,7 +231,7 @@ def cache_folder() -> Path:
     """The folder in which machine code is kept; it need not exist."""
     chosen = os.environ.get(CACHE_VARIABLE)
     if chosen:
-        return Path(chosen).expanduser()
+        return private(Path(chosen).expanduser())
     if sys.platform == "darwin":
         base = Path("~/Library/Caches")
     elif sys.platform == "win32":
@@ -240,16 +239,16 @@ def cache_folder() -> Path:
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
     try:
-        return base.expanduser() / "pepper_kin"
+        return private(base.expanduser() / "pepper_kin")
     except RuntimeError:  # no home folder
-        return Path(tempfile.gettempdir()) / f"pepper_kin-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
+        return folder_without_home()
 
 
 def read_part(key: str) -> bytes | None:
-    """The part kept under a key, or None if there is none or its file is damaged."""
+    """The part kept under a key, or None if there is none or its file is damaged or of another user."""
     path = cache_folder() / f"{key}{_SUFFIX}"
     try:
-        data = path.read_bytes()
+        data = read_own(path)
     except OSError:
         return None
     checksum, content = data[:_DIGEST_SIZE], data[_DIGEST_SIZE:]
@@ -268,7 +267,7 @@ def write_part(key: str, content: bytes) -> bool:
     folder = cache_folder()
     temporary: str | None = None
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        made(folder)
         handle, temporary = tempfile.mkstemp(prefix=f"{key[:16]}-", suffix=".tmp", dir=folder)
         with os.fdopen(handle, "wb") as file:
             file.write(hashlib.sha256(key.encode() + content).digest() + content)
@@ -297,7 +296,7 @@ def only_maker(key: str, *, wait: bool = True) -> Iterator[bool]:
     mine = True
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            made(path.parent)
             file = stack.enter_context(path.open("a"))
             if fcntl is not None:
                 try:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics.frames import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 

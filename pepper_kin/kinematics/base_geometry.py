@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class BaseGeometry:
+class BaseGeometry(FrozenArrays):
     """Omnidirectional wheels in the frame of the base (x forward, y left, origin on the floor).
 
     Attributes:

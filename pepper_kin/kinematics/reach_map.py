@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import batch
 from pepper_kin.atomic_file import write_bytes
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
@@ -42,7 +43,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class ReachMap:
+class ReachMap(FrozenArrays):
     """Voxels reached by a frame's origin.
 
     A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more

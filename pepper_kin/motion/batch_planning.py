@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.path_costs import PathCost
@@ -33,7 +34,7 @@ Outcome = tuple["Plan | None", "Exception | None"]
 
 
 @dataclass(frozen=True, eq=False)
-class PlanProblem:
+class PlanProblem(FrozenArrays):
     """What `plan` is asked, as a value; see there.
 
     Attributes:

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import ik
 from pepper_kin.collision import Scene, checker_for
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.static_limits import static_limits

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
 
-class HandCurve(ABC):
+class HandCurve(FrozenArrays, ABC):
     """One piece of the way of a hand; it begins where the piece before ends."""
 
     @abstractmethod

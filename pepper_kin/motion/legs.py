@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, in_collision, loads_of
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik import Task, TaskGroup, solutions
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import shown
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.constraints import as_constraints, with_constraints
 from pepper_kin.motion.goals import are_tasks
 from pepper_kin.motion.path_costs import PathCost
@@ -63,7 +63,7 @@ class Leg:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanInLegs:
+class PlanInLegs(FrozenArrays):
     """The outcome of planning in legs.
 
     Attributes:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 from pepper_kin.planners import Result
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.inverse_kinematics.search import EXTRA, STATUS, SearchOptions
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
@@ -19,7 +20,6 @@ from pepper_kin.ik.fast.search import STATUSES, search_compiled
 from pepper_kin.ik.priorities import equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.goal_search import (
     BLOCK,

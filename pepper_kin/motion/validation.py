@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
-from pepper_kin.model.shapes import read_only
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of

@@ -8,13 +8,14 @@ import threading
 import time
 from typing import Any
 
+from pepper_kin.connection_gate import listening_sockets
 from pepper_kin.end_signals import EndRequest, ended_by_signals
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.errors import NaoqiError
+from pepper_kin.naoqi.host_gate import HostGate
 from pepper_kin.naoqi.wire import Wire
 from pepper_kin.qi_library import libqi
-from pepper_kin.server_access import Access
+from pepper_kin.server_access import LOOPBACK, Access
 
 RISK = "they could read what the robot does, and move it with the token"
 
@@ -63,29 +64,26 @@ class Host:
         allow_remote: bool = False,
         token: str | None = None,
     ) -> None:
-        if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
-            raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
         self.broker = broker
-        self.token = Access.of(address, allow_remote, token, RISK).token
+        access = Access.of(address, allow_remote, token, RISK)
+        self.token = access.token
         qi = libqi()
+        sockets = listening_sockets("server of NAOqi", address, port)
         self._wire = Wire(qi)
         self._session = qi.Session()
         self._open: dict[str, Any] = {}
         self._closed = threading.Lock()
-        try:
-            self._session.listenStandalone(f"tcp://{address}:{port}")
-        except RuntimeError as error:
-            detail = str(error).splitlines()[-1].partition(" [")[0]
-            reason = f"{address} port {port} cannot be had: {detail}"
-            raise InfeasibleError("server of NAOqi", reason, "choose another address or port") from error
+        self._session.listenStandalone(f"tcp://{LOOPBACK}:0")
+        inner = int(str(self._session.endpoints()[0]).rpartition(":")[2])
+        self.url = f"tcp://{access.shown_host}:{sockets[0].getsockname()[1]}"
+        self._gate = HostGate(sockets, inner, self.token)
         atexit.register(self.close)
-        self.url = str(self._session.endpoints()[0])
         for name in broker.module_names:
             service = self._wire.service(broker.module(name), locked=self.token is not None)
             self._session.registerService(name, service)
         if self.token is not None:
-            access = self._wire.object_of("Access", {"unlock": self._unlock})
-            self._session.registerService("Access", access)
+            unlock = self._wire.object_of("Access", {"unlock": self._unlock})
+            self._session.registerService("Access", unlock)
 
     def __enter__(self) -> Host:
         return self
@@ -104,6 +102,7 @@ class Host:
             body.tasks.kill(tuple(body.tasks), body)
         body.time.release()
         self._session.close(_async=True).wait(int(1000 * CLOSING))
+        self._gate.close()  # not before: libqi still answers the calls that have just ended
         body.time.release()  # calls that were accepted just before
         del self._session  # libqi keeps the services for as long as there is a session
         self._open.clear()

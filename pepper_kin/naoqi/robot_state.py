@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError, shortened
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.device_keys import TOP, TOUCHES
 from pepper_kin.naoqi.joint_names import ACTUATED
@@ -36,7 +37,7 @@ BATTERY = f"{TOP}Battery/Charge/Sensor/Value"
 
 
 @dataclass(frozen=True, eq=False)
-class RobotState:
+class RobotState(FrozenArrays):
     """What a robot measured at a time; arrays are in the order of the model's joints, NaN for unknown.
 
     Attributes:

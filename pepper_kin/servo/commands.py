@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
@@ -18,7 +19,7 @@ LONGEST_PAUSE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Twist:
+class Twist(FrozenArrays):
     """A commanded velocity of a hand.
 
     Attributes:

@@ -13,6 +13,7 @@ from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
@@ -20,7 +21,6 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive
-from pepper_kin.model.shapes import read_only
 from pepper_kin.servo.balance_rows import BalanceRows
 from pepper_kin.servo.clearance_guard import ClearanceGuard
 from pepper_kin.servo.demand import Demand, Pace, task_demand
@@ -33,7 +33,7 @@ SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class DifferentialStep:
+class DifferentialStep(FrozenArrays):
     """The answer of `differential_step`.
 
     Attributes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pepper_kin.collision.motion_tree import bounds_anywhere
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.shapes import read_only
 
 
 @kept_for_robot(most=32)

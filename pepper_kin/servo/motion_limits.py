@@ -8,9 +8,9 @@ import numpy as np
 
 from pepper_kin.core.braking import JointLimits
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
-from pepper_kin.model.shapes import read_only
 
 # The command stays this far inside the robot's limits, so that rounding cannot leave them: relative for
 # velocity and acceleration, in rad or m for positions.

@@ -12,6 +12,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
@@ -21,7 +22,6 @@ from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.joint_vectors import check_within_limits as check_limits
-from pepper_kin.model.shapes import read_only
 from pepper_kin.servo.balance_rows import BalanceRows
 from pepper_kin.servo.clearance_guard import ClearanceGuard
 from pepper_kin.servo.commands import Targets, Twist

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.ik.tasks.task import Array
 from pepper_kin.status import ResultStatus
@@ -28,7 +29,7 @@ class ServoStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class ServoState:
+class ServoState(FrozenArrays):
     """A servo after a tick.
 
     Attributes:

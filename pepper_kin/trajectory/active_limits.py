@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves_base, support_polygon
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits

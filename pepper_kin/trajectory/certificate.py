@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model.shapes import kept_read_only
+from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class LimitCheck:
+class LimitCheck(FrozenArrays):
     """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
 
     Position, velocity, acceleration and jerk are polynomials, of which the extremes are found, wherever they

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ PathLike: TypeAlias = ArrayLike | PiecewiseCubic | PlannedPath
 
 
 @dataclass(frozen=True, eq=False)
-class CubicPath:
+class CubicPath(FrozenArrays):
     """A continuous piecewise cubic curve of joint positions; arrays are read-only.
 
     Attributes:

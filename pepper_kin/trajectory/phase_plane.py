@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_whole
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import State, Trajectory
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _SLOW = 1e-3  # of the greatest speed: below it the direction of the way is lost
 
 
 @dataclass(frozen=True, eq=False)
-class PhasePlane:
+class PhasePlane(FrozenArrays):
     """Speed against way; arrays of shape (T,), read-only.
 
     Attributes:

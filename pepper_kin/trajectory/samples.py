@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pepper_kin.core.splines import quintic_hermite
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(FrozenArrays):
     """A trajectory at discrete times; the arrays are read-only.
 
     Attributes:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.core.splines import evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.samples import Samples, names_and_units
 from pepper_kin.trajectory.segment_values import checked_derivatives
 
@@ -50,7 +50,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(FrozenArrays):
     """Joint positions as piecewise polynomials of time; exact, frozen, read-only.
 
     On piece i, where breaks[i] <= t <= breaks[i + 1],
@@ -411,12 +411,13 @@ class Trajectory:
 def known_trajectory(
     names: tuple[str, ...], units: tuple[str, ...], breaks: Array, coefficients: Array
 ) -> Trajectory:
-    """Return the trajectory of new arrays that are known to be right, without copies and checks.
+    """Return the trajectory of arrays that are known to be right, without checks.
 
     For code that has just computed breaks [s], shape (m + 1,), and coefficients, constant term first, shape
-    (m, k, n); they become read-only.
+    (m, k, n); they are copied, to memory that cannot be written to.
     """
-    return _known(Trajectory, names, units, breaks=breaks, coefficients=coefficients)
+    arrays = {"breaks": read_only(breaks), "coefficients": read_only(coefficients)}
+    return _known(Trajectory, names, units, **arrays)
 
 
 def _known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **arrays: Array) -> _Value:

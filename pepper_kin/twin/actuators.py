@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ QUANTITIES = (*_GIVEN, *_ZERO, *_UNBOUNDED, "strength")
 
 
 @dataclass(frozen=True, eq=False)
-class ActuatorParameters:
+class ActuatorParameters(FrozenArrays):
     """Actuators of all joints; see `pepper_kin.core.simulation.actuator_model` for their torque.
 
     What is wanted of an actuator depends on its mode:

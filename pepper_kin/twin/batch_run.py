@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import check_whole
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class BatchRun:
+class BatchRun(FrozenArrays):
     """Motions of N twins; arrays are read-only.
 
     Rows are recorded at `time`; a robot whose state diverged has NaN from there on.

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.twin.paper_gestures import FRAMES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.run import Run
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class GestureReport:
+class GestureReport(FrozenArrays):
     """One of the paper's movements as the twin made it; arrays are read-only.
 
     Attributes:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.model.shapes import read_only
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ COLUMNS = ("plan", "gazebo", "choregraphe", "reality")
 
 
 @dataclass(frozen=True, eq=False)
-class PaperGesture:
+class PaperGesture(FrozenArrays):
     """One movement of table 5 of Sekkat et al., Heliyon (2024); arrays are read-only.
 
     Attributes:

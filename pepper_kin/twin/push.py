@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, as_real
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class Push(FrozenArrays):
     """A constant force; arrays are read-only.
 
     Attributes:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import check_positive
-from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.state import TwinState
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ Commander = Callable[[TwinState], ArrayLike | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Timing:
+class Timing(FrozenArrays):
     """How well the clock was kept; arrays are read-only.
 
     Attributes:

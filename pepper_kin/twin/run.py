@@ -14,8 +14,8 @@ from pepper_kin.collision.loads import checked_loads
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.files.table_file import TIME, PathName, load_table, save_table
+from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import kept_read_only
 from pepper_kin.status import ResultStatus
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class RunStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(FrozenArrays):
     """A motion of the twin; arrays are read-only.
 
     The base of a twin is held: it neither tips nor slides, whatever acts on it.  `BalanceMonitor.assess_run`

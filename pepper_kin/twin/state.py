@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.model.shapes import kept_read_only
+from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class DivergedError(PepperKinError):
 
 
 @dataclass(frozen=True, eq=False)
-class TwinState:
+class TwinState(FrozenArrays):
     """State of the twin; arrays are read-only.
 
     Attributes:

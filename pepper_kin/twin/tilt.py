@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import kinematics
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.kinematic_tree import kinematic_tree
-from pepper_kin.model.shapes import read_only
 from pepper_kin.model.urdf_document import Joint
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def tilt_angles(specific_force: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class TiltMeasurement:
+class TiltMeasurement(FrozenArrays):
     """Joint angles recovered from sensors on both sides of each joint; arrays are read-only.
 
     Attributes:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
@@ -19,7 +20,6 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import check_joints

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 CameraView: TypeAlias = Literal["three-quarter", "front", "side", "top"]
 
@@ -19,7 +19,7 @@ _LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Viewpoint:
+class Viewpoint(FrozenArrays):
     """A camera at any position, for pictures, films and pages.
 
         viewer.save_image("hand.png", q, view=pk.viewer.Viewpoint((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))

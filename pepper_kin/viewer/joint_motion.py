@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
-from pepper_kin.model.shapes import read_only
 from pepper_kin.trajectory import Trajectory
 
 _TRAJECTORY_STEP = 0.005  # [s]
 
 
 @dataclass(frozen=True, eq=False)
-class JointMotion:
+class JointMotion(FrozenArrays):
     """Joint positions over time, with curves to plot beside them.
 
     Attributes:

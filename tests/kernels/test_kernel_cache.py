@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pepper_kin.kernels import cache_folder, clear_cache, compile_function
+from pepper_kin.kernels import cache_folder, clear_cache, compile_function, package_file, private_folder
 
 POINTS = np.linspace(-2, 2, 30).reshape(10, 3)
 
@@ -225,3 +225,102 @@ def test_default_folder_follows_the_platform(monkeypatch):
         monkeypatch.delenv("XDG_CACHE_HOME")
         monkeypatch.setenv("HOME", "/home/someone")
         assert str(cache_folder()) == "/home/someone/.cache/pepper_kin"
+
+
+as_root = pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give a folder to another user"
+)
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+def test_a_folder_that_others_can_write_is_not_used(folder, caplog, mode, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    compile_function(make_function())
+    folder.chmod(mode)
+    private_folder._other.cache_clear()
+    with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
+        assert not compile_function(make_function()).from_cache
+        assert compile_function(make_function()).from_cache
+    assert cache_folder() == tmp_path / "pepper_kin"
+    assert stat.S_IMODE(cache_folder().stat().st_mode) == 0o700
+    assert (
+        len([record for record in caplog.records if "can be written by others" in record.getMessage()]) == 1
+    )
+
+
+@as_root
+def test_a_folder_or_a_part_of_another_user_is_not_used(folder, caplog, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    compile_function(make_function())
+    (part,) = files(folder)
+    os.chown(part, 65_534, 65_534)
+    with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
+        assert not compile_function(make_function()).from_cache
+    assert "is not read: it belongs to another user" in caplog.text
+    os.chown(folder, 65_534, 65_534)
+    private_folder._other.cache_clear()
+    assert cache_folder() == tmp_path / "pepper_kin"
+
+
+def test_a_part_that_is_a_link_is_not_read(folder, tmp_path):
+    compile_function(make_function())
+    (part,) = files(folder)
+    part.rename(tmp_path / "elsewhere")
+    part.symlink_to(tmp_path / "elsewhere")
+    assert not compile_function(make_function()).from_cache
+    assert not part.is_symlink()
+
+
+def without_home(monkeypatch, tmp_path):
+    """A user without a home whose temporary folder is everybody's."""
+    shared = tmp_path / "tmp"
+    shared.mkdir()
+    shared.chmod(0o1777)
+    monkeypatch.delenv("PEPPER_KIN_CACHE")
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "~nobody-of-this-name/cache")
+    monkeypatch.setattr("tempfile.tempdir", str(shared))
+    private_folder._other.cache_clear()
+    return shared
+
+
+def test_without_a_home_the_folder_is_private_and_stays_the_same(folder, monkeypatch, tmp_path):
+    shared = without_home(monkeypatch, tmp_path)
+    assert not compile_function(make_function()).from_cache
+    assert cache_folder().parent == shared
+    assert stat.S_IMODE(cache_folder().stat().st_mode) == 0o700
+    assert compile_function(make_function()).from_cache
+    session = tmp_path / "session"
+    session.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
+    assert cache_folder() == session / "pepper_kin"
+
+
+@as_root
+@pytest.mark.parametrize("planted", ["folder", "link"])
+def test_a_folder_that_another_user_made_first_is_not_used(folder, monkeypatch, tmp_path, caplog, planted):
+    shared = without_home(monkeypatch, tmp_path)
+    place = shared / f"pepper_kin-{os.geteuid()}"
+    if planted == "folder":
+        place.mkdir(mode=0o777)
+    else:
+        place.symlink_to(tmp_path)
+    os.chown(place, 65_534, 65_534, follow_symlinks=False)
+    with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
+        used = cache_folder()
+        assert cache_folder() == used != place
+    assert stat.S_IMODE(used.stat().st_mode) == 0o700
+    assert used.stat().st_uid == os.geteuid()
+    assert len(caplog.records) == 1
+
+
+def test_a_reason_is_logged_where_something_is_made_and_not_again(folder, caplog):
+    package_file.tell("a reason of this test")
+    with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
+        compile_function(make_function())
+        assert caplog.text.count("a reason of this test; it is made here, once, and kept") == 1
+        package_file._reasons.clear()  # as in another process
+        package_file.tell("a reason of this test")
+        assert compile_function(make_function()).from_cache
+    assert caplog.text.count("a reason of this test") == 1
+    package_file._reasons.clear()

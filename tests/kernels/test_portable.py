@@ -14,6 +14,7 @@ from pepper_kin.jobs import shipping as job
 from pepper_kin.kernels import package_file, portable
 from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.compiler import compile_portable
+from pepper_kin.kernels.progress import making
 from pepper_kin.kernels.target import make_target
 from pepper_kin.kernels.warm_up import compiled_modules
 
@@ -34,12 +35,16 @@ def place(tmp_path, monkeypatch):
 
 def forget():
     portable._loaded.cache_clear()
-    package_file.tell.cache_clear()
+    package_file._reasons.clear()
 
 
 def ask(caplog, key=KEY):
     with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
-        return portable.portable_part(key)
+        part = portable.portable_part(key)
+        if part is None:
+            with making(key):  # reasons are logged where something is made
+                pass
+        return part
 
 
 def package_module():

@@ -1,5 +1,6 @@
 """Real clients of libqi, in processes of their own."""
 
+import contextlib
 import importlib.util
 import json
 import signal
@@ -10,6 +11,7 @@ import textwrap
 
 import pytest
 
+from pepper_kin.connection_gate import MOST_WAITING
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.naoqi import Broker, Host
 
@@ -242,6 +244,24 @@ def test_a_token_is_needed_to_move_and_not_to_read(host):
 def test_an_empty_token_is_refused(host):
     with pytest.raises(InvalidValueError, match="token"):
         Host(host.broker, port=0, token="")
+
+
+def test_half_messages_keep_no_client_out_and_other_bytes_end_their_connection(host):
+    place = ("127.0.0.1", int(host.url.rpartition(":")[2]))
+    links = [socket.create_connection(place, 30.0) for _ in range(2 * MOST_WAITING)]
+    for link in links:
+        try:
+            link.sendall(b"\x42\xde\xad\x42" + bytes(10))
+        except ConnectionError:  # one of the oldest: it has been closed for the newest
+            continue
+    for wrong in (b"GET / HTTP/1.1\r\n", b"\x42\xde\xad\x42" + b"\xff" * 24):
+        with socket.create_connection(place, 30.0) as link:
+            link.sendall(wrong)
+            with contextlib.suppress(ConnectionError):  # that, too, is its end
+                assert link.recv(1) == b""
+    assert ask(host).wait(120) == 0
+    for link in links:
+        link.close()
 
 
 @pytest.mark.parametrize("port", [-1, 65536, True, 9559.0, "9559"])

@@ -20,8 +20,8 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL, OTHER, Array
 from pepper_kin.core.collision.scene_rows import BALL, BAR, BLOCK, ROUND
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-from pepper_kin.model.shapes import read_only
 
 VAST = 25.0
 """Half length of the box that stands for a half-space [m]: single precision resolves 4e-6 m there."""

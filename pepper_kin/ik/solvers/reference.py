@@ -13,6 +13,7 @@ import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import torque_ratios
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import unit_points
@@ -20,7 +21,6 @@ from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model.shapes import read_only
 
 RESTARTS = 16
 """Further starts at most, also where the budget allows for more."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.connection_gate import listening_sockets
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
 from pepper_kin.server_access import Access, is_loopback
@@ -29,9 +28,6 @@ PING_SECONDS, PONG_SECONDS = 2.0, 2.0
 
 MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
 """Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
-
-MOST_CLIENTS = 100
-"""Clients at a time."""
 
 RISK = "others could move the robot, plan on this machine, and see what its cameras see"
 
@@ -64,11 +60,11 @@ class RosbridgeServer(LocalTransport):
     ) -> None:
         super().__init__()
         self.access = Access.of(host, allow_remote, token, risk=RISK)
-        self._sockets = _bound(host, port)
+        self._sockets = listening_sockets("rosbridge", host, port)
         self.port = int(self._sockets[0].getsockname()[1])
         self.sessions: set[Session] = set()
         self.executor = ThreadPoolExecutor(16, thread_name_prefix="rosbridge")
-        self._loop = asyncio.new_event_loop()
+        self._loop = asyncio.SelectorEventLoop()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rosbridge", daemon=True)
         self._thread.start()
@@ -96,19 +92,17 @@ class RosbridgeServer(LocalTransport):
             self._loop.close()
 
     async def _serve(self) -> None:
-        from tornado.httpserver import HTTPServer
-
+        from pepper_kin.http_server import GatedHttpServer
         from pepper_kin.ros.transports.rosbridge_socket import application
 
         self._stop = asyncio.Event()
-        server = HTTPServer(application(self), max_header_size=65_536, max_body_size=65_536)
-        server.add_sockets(self._sockets)
+        server = GatedHttpServer(application(self), "rosbridge", self.fault)
+        server.start(self._sockets)
         self._started.set()
         await self._stop.wait()
-        server.stop()
         for session in tuple(self.sessions):
             session.close()
-        await server.close_all_connections()
+        await server.close()
         others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
         for task in others:
             task.cancel()
@@ -124,8 +118,6 @@ class RosbridgeServer(LocalTransport):
             origin: The header `Origin`, None where there is none.
             token: The token that it carries, None where there is none.
         """
-        if len(self.sessions) >= MOST_CLIENTS:
-            return f"There are {MOST_CLIENTS} clients already."
         try:
             local = origin is not None and is_loopback(urlsplit(origin).hostname or "?")
         except ValueError:
@@ -145,19 +137,6 @@ class Allowance:
         self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE) - 1.0
         self._asked_at = now
         return max(-self._left / MOST_PER_SECOND, 0.0)
-
-
-def _bound(host: str, port: Any) -> list[socket.socket]:
-    """Return sockets that listen on a port."""
-    from tornado.netutil import bind_sockets
-
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
-        raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
-    try:
-        return bind_sockets(port, host)
-    except OSError as error:
-        reason = f"{host} port {port} cannot be had: {error.strerror or error}"
-        raise InfeasibleError("rosbridge", reason, "choose another host or port, or port 0") from error
 
 
 __all__ = ["DEFAULT_PORT", "LARGEST_TEXT", "Allowance", "RosbridgeServer"]

@@ -38,18 +38,8 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
         self._allowance = Allowance()
         self._sending: asyncio.Task[None] | None = None
 
-    def prepare(self) -> None:
-        """Refuse with a sentence, or go on."""
-        headers = self.request.headers
-        fault = self._server.fault(
-            headers.get("Host"), headers.get("Origin"), self.get_query_argument("token", None)
-        )
-        if fault is not None:
-            self.set_status(403)
-            self.finish(fault)
-
     def check_origin(self, origin: str) -> bool:
-        """Whether a page may connect; `prepare` has checked the rules already."""
+        """Whether a page may connect; the gate has asked already."""
         return True
 
     def open(self, *args: str, **kwargs: str) -> None:

@@ -12,11 +12,11 @@ from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_joint_vectors
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, check_seed
-from pepper_kin.model.shapes import read_only
 from pepper_kin.twin.base.omni_base import OmniBase
 
 Array = NDArray[np.float64]

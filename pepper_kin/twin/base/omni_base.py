@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 

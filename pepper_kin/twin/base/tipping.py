@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.dynamics import total_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -22,7 +23,6 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     shown,
 )
-from pepper_kin.model.shapes import read_only
 from pepper_kin.status import ResultStatus
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
 
@@ -40,7 +40,7 @@ class TippingStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class TippingRun:
+class TippingRun(FrozenArrays):
     """How the robot tilted; arrays are read-only.
 
     Attributes:

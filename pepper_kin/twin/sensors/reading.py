@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class Reading(FrozenArrays):
     """One sample of one sensor; arrays are read-only.
 
     Attributes:
@@ -35,9 +36,8 @@ class Reading:
 
     def __post_init__(self) -> None:
         for name in ("value", "truth"):
-            copy = np.array(getattr(self, name))
-            copy.setflags(write=False)
-            object.__setattr__(self, name, copy)
+            value = np.asarray(getattr(self, name))
+            object.__setattr__(self, name, read_only(value, value.dtype))
 
     @property
     def error(self) -> NDArray[np.float64]:

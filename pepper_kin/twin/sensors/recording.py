@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
+
 
 @dataclass(frozen=True, eq=False)
-class ReadingSeries:
+class ReadingSeries(FrozenArrays):
     """The samples of one sensor, in order; arrays are read-only.
 
     Attributes:
@@ -29,9 +31,8 @@ class ReadingSeries:
 
     def __post_init__(self) -> None:
         for name in ("time", "value", "truth"):
-            copy = np.array(getattr(self, name))
-            copy.setflags(write=False)
-            object.__setattr__(self, name, copy)
+            value = np.asarray(getattr(self, name))
+            object.__setattr__(self, name, read_only(value, value.dtype))
 
     def __len__(self) -> int:
         return len(self.time)

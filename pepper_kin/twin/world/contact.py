@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model.shapes import read_only
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class WorldContact:
+class WorldContact(FrozenArrays):
     """A point where two things touched, or could have, during the last step.  Arrays are read-only.
 
     Attributes:

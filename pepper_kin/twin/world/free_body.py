@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Box, Sphere
-from pepper_kin.model.shapes import read_only
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class FreeBody:
+class FreeBody(FrozenArrays):
     """A rigid box or ball of even density, and its state.  Arrays are read-only.
 
     Attributes:

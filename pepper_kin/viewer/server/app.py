@@ -14,7 +14,6 @@ import tornado.web
 import tornado.websocket
 
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.server_access import Access
 from pepper_kin.viewer.server.body_poses import drawing_message
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.page_text import content_policy, page_text
@@ -33,92 +32,69 @@ MOST_UNSENT = 32_000_000
 """A page that has yet to take so much more than it was sent at first is closed [byte]."""
 
 
-def application(access: Access, hub: Hub, title: str) -> tornado.web.Application:
-    """Return the application of one server."""
-    shared = {"access": access, "hub": hub}
+def application(hub: Hub, title: str) -> tornado.web.Application:
+    """Return the application of one server; `GatedHttpServer` has asked the rules of access before it."""
     return tornado.web.Application(
-        [("/", PageHandler, {**shared, "title": title}), ("/socket", PageSocket, shared)],
+        [("/", PageHandler, {"title": title}), ("/socket", PageSocket, {"hub": hub})],
         default_handler_class=NothingHere,
-        default_handler_args=shared,
         websocket_ping_interval=PING_SECONDS,
         websocket_max_message_size=4 * LONGEST_TEXT,
     )
 
 
-def _fault(access: Access, handler: tornado.web.RequestHandler) -> str | None:
-    headers, token = handler.request.headers, handler.get_query_argument("token", None)
-    origin = headers.get("Origin") or headers.get("Sec-Websocket-Origin")
-    return access.fault(headers.get("Host"), origin, token)
-
-
-class GuardedHandler(tornado.web.RequestHandler):
-    """Refuses what the rules of access refuse, before anything else."""
-
-    def initialize(self, access: Access, hub: Hub, **more: Any) -> None:
-        """Take what the application hands to every handler."""
-        self.access, self.hub, self.more = access, hub, more
-
-    def prepare(self) -> None:
-        """Refuse with a sentence, or go on."""
-        fault = _fault(self.access, self)
-        if fault is not None:
-            self.set_status(403)
-            self.finish(fault)
+class CarefulHandler(tornado.web.RequestHandler):
+    """Sends the headers that every answer has."""
 
     def set_default_headers(self) -> None:
         """Forbid browsers to guess types, to store pages and to send the address to other servers."""
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("Connection", "close")
         self.set_header("Cross-Origin-Resource-Policy", "same-origin")
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.clear_header("Server")
 
 
-class PageHandler(GuardedHandler):
+class PageHandler(CarefulHandler):
     """The page."""
+
+    def initialize(self, title: str) -> None:
+        """Take what the application hands to the handler."""
+        self._title = title
 
     def get(self) -> None:
         """Send the page."""
         nonce = secrets.token_urlsafe(16)
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.set_header("Content-Security-Policy", content_policy(nonce, self.request.host))
-        self.finish(page_text(self.more["title"], nonce))
+        self.finish(page_text(self._title, nonce))
 
 
-class NothingHere(GuardedHandler):
+class NothingHere(CarefulHandler):
     """Every other address."""
 
     def prepare(self) -> None:
-        """Refuse, or say that there is nothing."""
-        super().prepare()
-        if not self._finished:
-            self.set_status(404)
-            self.finish("There is nothing here but /.")
+        """Say that there is nothing."""
+        self.set_status(404)
+        self.finish("There is nothing here but /.")
 
 
 class PageSocket(tornado.websocket.WebSocketHandler):
     """The socket of one page.  Texts are JSON, binary messages are drawing commands and poses."""
 
-    def initialize(self, access: Access, hub: Hub) -> None:
-        """Take what the application hands to every handler."""
-        self._access, self._hub = access, hub
+    def initialize(self, hub: Hub) -> None:
+        """Take what the application hands to the handler."""
+        self._hub = hub
         self.revision = -1
         self._unsent: Any = None
         self._late_poses = False
         self._bytes, self._most_bytes, self._refusals = 0, sys.maxsize, 0
         self._left, self._asked_at, self._warned_at = AT_ONCE, time.monotonic(), 0.0
 
-    def prepare(self) -> None:
-        """Refuse with a sentence, or go on."""
-        fault = _fault(self._access, self)
-        if fault is not None:
-            self.set_status(403)
-            self.finish(fault)
-
     def check_origin(self, origin: str) -> bool:
-        """Whether a page may connect; `prepare` has asked the same rules already."""
-        return self._access.fault(self.request.host, origin, self._access.token) is None
+        """Whether a page may connect; the gate has asked already."""
+        return True
 
     def open(self, *args: str, **kwargs: str) -> None:
         """Send everything that a new page needs."""

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-import errno
-import socket
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.connection_gate import listening_sockets
+from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.server_access import Access
 from pepper_kin.viewer.server.hub import Hub
-from pepper_kin.viewer.server.protocol import LONGEST_TEXT
 from pepper_kin.viewer.server.session import Session
 from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.worker import Worker
 
 DEFAULT_PORT = 7878
-IDLE_SECONDS = 60.0
-"""Connections without a request are closed after this time."""
 _TRIED = 20
 """Ports that are tried after the default one, where others are at home already."""
 
@@ -50,10 +46,11 @@ class ViewerServer:
         title: str | None = None,
     ) -> None:
         self.access = access or Access()
-        self._sockets = _bound(self.access.host, port)
+        first, tried = (DEFAULT_PORT, _TRIED) if port is None else (port, 1)
+        self._sockets = listening_sockets("live page", self.access.host, first, tried)
         self.port = int(self._sockets[0].getsockname()[1])
         self._title = title or pepper.name.title()
-        self._loop = asyncio.new_event_loop()
+        self._loop = asyncio.SelectorEventLoop()  # others do not tell when a socket can be read
         self._worker = Worker(self._deliver)
         self._tasks = LongTasks(pepper, self._worker)
         self._hub = Hub(pepper, self._tasks)
@@ -136,45 +133,20 @@ class ViewerServer:
                     outcome.set_exception(_has_ended())
 
     async def _serve(self) -> None:
-        from tornado.httpserver import HTTPServer
-
+        from pepper_kin.http_server import GatedHttpServer
         from pepper_kin.viewer.server.app import application
 
         self._stop = asyncio.Event()
-        server = HTTPServer(
-            application(self.access, self._hub, self._title),
-            max_body_size=LONGEST_TEXT,
-            max_header_size=4 * LONGEST_TEXT,
-            idle_connection_timeout=IDLE_SECONDS,
-        )
-        server.add_sockets(self._sockets)
+        server = GatedHttpServer(application(self._hub, self._title), "live page", self.access.fault)
+        server.start(self._sockets)
         ticking = asyncio.ensure_future(self._hub.run())
         self._started.set()
         await self._stop.wait()
         ticking.cancel()
-        server.stop()
         self._hub.close_pages()
-        await server.close_all_connections()
+        await server.close()
         await asyncio.gather(ticking, return_exceptions=True)  # it has yet to hear of its end
 
 
 def _has_ended() -> InfeasibleError:
     return InfeasibleError("live page", "its server has ended", "make a new viewer")
-
-
-def _bound(host: str, port: int | None) -> list[socket.socket]:
-    """Return sockets that listen on a port."""
-    from tornado.netutil import bind_sockets
-
-    if port is not None and (isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536):
-        raise InvalidValueError("port", port, "a whole number in 0 ... 65535")
-    wanted = [port] if port is not None else range(DEFAULT_PORT, DEFAULT_PORT + _TRIED)
-    for number in wanted:
-        try:
-            return bind_sockets(number, host)
-        except OSError as error:
-            if error.errno != errno.EADDRINUSE:
-                reason = f"{host} port {number} cannot be had: {error.strerror or error}"
-                raise InfeasibleError("live page", reason, "choose another host or port") from error
-    which = f"port {port} is" if port is not None else f"ports {wanted[0]} to {wanted[-1]} are"
-    raise InfeasibleError("live page", f"{which} in use", "choose another port, or 0 for any that is free")

@@ -1,0 +1,47 @@
+"""Help texts of the commands."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import pepper_kin
+from pepper_kin.cli import app
+
+
+def commands(group, words=()):
+    """Yield the words and the command of every command."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*words, name))
+        else:
+            yield (*words, name), command
+
+
+ALL = dict(commands(get_command(app)))
+
+
+def extras_named():
+    """Extras in the docstrings of commands: what pip gets in brackets."""
+    for path in Path(pepper_kin.__file__).parent.glob("cli*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and (text := ast.get_docstring(node)):
+                for extra in re.findall(r"pepper_kin\\?\[(\w+)\]", text):
+                    yield node.name, extra
+
+
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_help_has_every_extra_that_is_to_be_installed(words):
+    wanted = {extra for name, extra in extras_named() if name == words[-1]}
+    shown = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
+    assert shown.exit_code == 0
+    text = re.sub(r"\x1b\[[0-9;]*m", "", shown.stdout)
+    assert set(re.findall(r"pepper_kin\[(\w+)\]", text)) == wanted
+    assert not re.search(r"pip install '?pepper_kin'?(?!\[)", text)
+
+
+def test_two_commands_name_an_extra():
+    assert sorted(extras_named()) == [("mirror", "naoqi"), ("serve", "naoqi")]
