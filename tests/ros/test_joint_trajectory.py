@@ -59,6 +59,17 @@ def test_accelerations_make_quintics():
     np.testing.assert_allclose(made(3)(t).position, spline(t), atol=1e-10)
 
 
+def test_the_acceleration_of_a_first_point_at_time_zero_is_taken():
+    """As ros2_control does; it was zero, which changed motions that set out with an acceleration."""
+    bends = BENDS + np.array([[1.0, -2.0], [0.0, 0.0], [0.0, 0.0]])
+    points = [(TIMES[i], PLACES[i], SLOPES[i], bends[i]) for i in range(3)]
+    t = np.linspace(0.0, 1.25, 101)
+    spline = BPoly.from_derivatives(TIMES, np.stack([PLACES, SLOPES, bends], axis=1))
+    np.testing.assert_allclose(
+        trajectory_of(trajectory(NAMES, *points), START)(t).position, spline(t), atol=1e-10
+    )
+
+
 def test_a_planned_trajectory_survives_the_message(pepper):
     import pepper_kin as pk
 
