@@ -62,7 +62,7 @@ def of_powers(breaks, coefficients):
 
 def of_points(time, q, v, a=None):
     """Return states by the formulas of ros2_control's JointTrajectoryController (trajectory.cpp)."""
-    pieces = []
+    polynomials = []
     for i, h in enumerate(np.diff(time)):
         p0, p1, v0, v1 = q[i], q[i + 1], v[i], v[i + 1]
         if a is None:
@@ -76,8 +76,8 @@ def of_points(time, q, v, a=None):
                 (30 * p0 - 30 * p1 + 3 * a0 * h**2 - 2 * a1 * h**2 + 16 * v0 * h + 14 * v1 * h) / (2 * h**4)
             ]
             c += [(-12 * p0 + 12 * p1 - a0 * h**2 + a1 * h**2 - 6 * v0 * h - 6 * v1 * h) / (2 * h**5)]
-        pieces.append(c)
-    return of_powers(time, np.array(pieces))
+        polynomials.append(c)
+    return of_powers(time, np.array(polynomials))
 
 
 def casteljau(points, u):
@@ -166,8 +166,8 @@ def random_motion(pepper, rng):
     points = np.clip(points, pepper.lower_limits + 1e-3, pepper.upper_limits - 1e-3)
     if rng.random() < 0.25:
         time = np.cumsum(rng.uniform(0.3, 2.0, count))
-        with np.testing.suppress_warnings() as quiet:
-            quiet.filter(pk.exceptions.OvershootWarning)
+        with np.testing.suppress_warnings() as hidden:
+            hidden.filter(pk.exceptions.OvershootWarning)
             return pk.Trajectory.from_positions(time, points, pepper), {}
     given = {}
     if rng.random() < 0.3:
