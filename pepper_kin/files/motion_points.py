@@ -133,8 +133,8 @@ def points_near(
     """Return times of points whose curve is near a trajectory, also where its acceleration jumps.
 
     No polynomial through a jump keeps an acceleration limit that both its sides use: points lie at the jumps,
-    and cubics between them.  A motion without jumps gets quintics.  Pieces are halved where their
-    acceleration is off by more than the tolerance, or exceeds its limit.
+    and cubics between them.  A motion without jumps gets quintics between its own knots.  Pieces
+    are halved where their acceleration is off by more than the tolerance, or exceeds its limit.
 
     Args:
         pepper: The robot.
@@ -148,7 +148,8 @@ def points_near(
     """
     jumps = _jumps(pepper, trajectory)
     quintic = not (jumps.size or bezier)
-    time = np.concatenate([[0.0], jumps, [trajectory.duration]])
+    inner = trajectory.breaks[1:-1] if quintic else jumps  # motions with jerk limits are quintics themselves
+    time = np.concatenate([[0.0], inner, [trajectory.duration]])
     time = time[np.concatenate([[True], np.diff(time) > _MERGED])]
     time[-1] = trajectory.duration
     parts = np.maximum(np.ceil(np.diff(time) / step - 1e-9), 1).astype(int)

@@ -160,3 +160,14 @@ def test_a_plan_is_no_trajectory(pepper, tmp_path):
     for twin in (pk.Twin(pepper), pk.TwinBatch(pepper, 2)):
         with pytest.raises(InvalidValueError, match=words):
             twin.execute(plan)
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".mcap", ".csv"])
+def test_a_motion_with_jerk_limits_keeps_them_in_a_file(pepper, tmp_path, suffix):
+    """Between quintics at its own knots; those of even times exceeded the limit by a fifth."""
+    stand = pepper.posture("Stand")
+    motion = pk.retime(pepper, [stand, pepper.joint_vector({"HeadYaw": 0.5})], jerk="brisk")
+    again = load(save(motion, tmp_path / f"a{suffix}", jerk="brisk"), pepper)
+    assert again.check(pepper, jerk="brisk").success
+    with pytest.raises(InvalidValueError, match=r"no curve .* passes acceleration_conti"):
+        save(motion, tmp_path / "a.py", jerk="brisk")
