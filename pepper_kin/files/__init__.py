@@ -4,7 +4,9 @@
     save_table, load_table, load_columns      columns over time as CSV, and their meaning
     read_joint_states                         joint states of ROS, from MCAP or CSV
     read_choregraphe, read_naoqi_export       animations from other programs, as timelines
-    naoqi_timeline, naoqi_arguments, NaoqiArguments   lists as ALMotion.angleInterpolation takes them
+    naoqi_timeline                            lists for NAOqi, as a timeline
+    naoqi_arguments, NaoqiArguments           a motion as ALMotion.angleInterpolationBezier takes it
+    ros_points, MotionPoints                  a motion as the points of a JointTrajectory
 
 Functions that save take the object first and the path last; every file is written whole or not at all.
 """
@@ -12,10 +14,13 @@ Functions that save take the object first and the path last; every file is writt
 from pepper_kin.files.choregraphe import naoqi_timeline, read_choregraphe, read_naoqi_export
 from pepper_kin.files.formats import load, save
 from pepper_kin.files.joint_states import read_joint_states
+from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.naoqi_file import NaoqiArguments, naoqi_arguments
+from pepper_kin.files.ros_file import ros_points
 from pepper_kin.files.table_file import load_columns, load_table, save_table
 
 __all__ = [
+    "MotionPoints",
     "NaoqiArguments",
     "load",
     "load_columns",
@@ -25,6 +30,7 @@ __all__ = [
     "read_choregraphe",
     "read_joint_states",
     "read_naoqi_export",
+    "ros_points",
     "save",
     "save_table",
 ]

@@ -1,17 +1,196 @@
-"""Certificates of motions before they go into files that robots play."""
+"""Certificates of motions before they go into files that robots play: of the curves that readers make."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.files.motion_points import (
+    MotionPoints,
+    points_at,
+    points_every,
+    points_near,
+    slowing_needed,
+)
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import shown
 from pepper_kin.trajectory.certificate import Certificate
 from pepper_kin.trajectory.check import check
-from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.jerk_limits import JerkLike
+
+SLOWED = 1e-4
+"""Greatest share by which a motion that uses a limit to the full is written slower."""
+
+_LEVELS = ((1e-2, 0.0), (1e-3, 1e-5), (1e-4, 1e-5), (1e-5, SLOWED))
+"""Errors of acceleration as shares of the limits, and how much slower at least, one after the other."""
+
+_LEAST_DT = 1e-3  # [s] the shortest of those that are tried when one is refused, and their spacing
+
+
+class Conditions(TypedDict, total=False):
+    """Options of `pepper_kin.trajectory.check`, which describes them."""
+
+    scene: Scene | None
+    collisions: bool
+    jerk: JerkLike | None
+    balance: float | None
+    hand_speed: float | Mapping[str, float] | None
+    payload: Mapping[str, float] | None
+
+
+class Examination(NamedTuple):
+    """What a motion is examined with.
+
+    Attributes:
+        pepper: The robot.
+        conditions: Options of `pepper_kin.trajectory.check`, the scene among them.
+    """
+
+    pepper: PepperModel
+    conditions: Conditions
+
+    def certificate(self, trajectory: Trajectory) -> Certificate:
+        """Return what the library's own `check` finds.
+
+        Raises:
+            InvalidValueError: for a subclass, which may play another motion than the one examined.
+        """
+        if type(trajectory) is not Trajectory:
+            raise InvalidValueError("trajectory", f"a {type(trajectory).__name__}", "a Trajectory itself")
+        return check(self.pepper, trajectory, **self.conditions)
+
+    def passes(self, curve: Trajectory) -> bool:
+        """Return whether a curve passes; states that exceed a limit by far spare the whole check."""
+        return slowing_needed(self.pepper, curve).max() <= 1.0 + 1e-8 and self.certificate(curve).success
+
+    def refuse(self, trajectory: Trajectory, advice: str) -> None:
+        """Refuse a trajectory that itself fails.
+
+        Raises:
+            InvalidValueError: with what fails, and by how much.
+        """
+        certificate = self.certificate(trajectory)
+        if not certificate.success:
+            raise InvalidValueError(
+                "trajectory",
+                f"one that fails {', '.join(certificate.failures)}",
+                f"one that passes check(){advice}; {_first(certificate)}",
+            )
+
+
+def examination(
+    trajectory: Trajectory,
+    pepper: PepperModel | None,
+    unchecked: bool,
+    conditions: Conditions,
+    *,
+    needed: bool = True,
+) -> Examination | None:
+    """Return what a motion is to be examined with; None where it is not.
+
+    Args:
+        trajectory: The motion.
+        pepper: The robot that is to play it; None for Pepper with joints of these names.
+        unchecked: Whether to let anything pass.
+        conditions: Options of `pepper_kin.trajectory.check`.
+        needed: Whether an unknown robot is an error, rather than no examination.
+
+    Raises:
+        InvalidValueError: for joints of no robot that is known; or for an `unchecked` that is neither True
+            nor False.
+        TypeError: for another option.
+    """
+    checked_trajectory(trajectory)
+    if not isinstance(unchecked, bool):
+        raise InvalidValueError("unchecked", shown(unchecked), "True or False")
+    if unknown := set(conditions) - set(Conditions.__annotations__):
+        raise TypeError(f"unexpected keyword argument {min(unknown)!r}")
+    if unchecked:
+        return None
+    robot = pepper_with_joints(trajectory.joint_names) if pepper is None else pepper
+    if robot is None and needed:
+        raise InvalidValueError(
+            "pepper", None, "the robot that is to play the motion, which is checked, or unchecked=True"
+        )
+    return None if robot is None else Examination(robot, conditions)
+
+
+def certified_points(
+    trajectory: Trajectory, step: float, dt: float | None, examined: Examination | None, bezier: bool = False
+) -> MotionPoints:
+    """Return points of a trajectory whose curve passes its certificate.
+
+    Args:
+        trajectory: The trajectory.
+        step: Time between points that is tried first where no dt is given [s].
+        dt: Time between points [s]; None to choose points that pass: every `step` if these do, else at the
+            motion's jumps of acceleration and as near to each other as it takes.  A motion that uses a limit
+            to the full gets slower then, by at most `SLOWED`.
+        examined: What the curve is examined with; None for any curve.
+        bezier: Whether NAOqi is to interpolate.
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero; for a trajectory that fails its certificate; or
+            for one whose curve does, with what fails, where, and the largest dt that passes.
+    """
+    points = points_every(trajectory, step if dt is None else dt, bezier)
+    if examined is None or examined.passes(curve := points.curve()):
+        return points
+    if dt is not None:
+        examined.refuse(trajectory, ", or unchecked=True")
+        failed = examined.certificate(curve)
+        raise InvalidValueError(
+            "dt",
+            f"{dt:g} s, whose curve fails {', '.join(failed.failures)}",
+            f"{_largest_dt(trajectory, dt, examined, bezier)}, None for points that are chosen to pass, or "
+            f"unchecked=True; {_first(failed)}",
+        )
+    for tolerance, slower in _LEVELS:
+        time, quintic = points_near(examined.pepper, trajectory, step, tolerance, bezier)
+        points = points_at(trajectory, time, quintic=quintic, from_rest=bezier)
+        needed = float(slowing_needed(examined.pepper, points.curve()).max()) - 1.0
+        slower = max(slower, needed + 2e-6 if needed > 0.0 else 0.0)
+        if slower > SLOWED:
+            continue
+        if slower > 0.0:
+            points = points_at(trajectory, time, quintic=quintic, from_rest=bezier, stretch=1.0 + slower)
+        if examined.passes(points.curve()):
+            return points
+    examined.refuse(trajectory, ", or unchecked=True")
+    failed = examined.certificate(points.curve())
+    raise InvalidValueError(
+        "trajectory",
+        f"one of which no curve through points was found that passes {', '.join(failed.failures)}",
+        f"one with more distance to its limits, or unchecked=True; {_first(failed)}",
+    )
+
+
+def _first(certificate: Certificate) -> str:
+    return certificate.checks[certificate.failures[0]].sentence()
+
+
+def _largest_dt(trajectory: Trajectory, dt: float, examined: Examination, bezier: bool) -> str:
+    """Return which dt below a given one passes, of whole milliseconds, in words; halved, then bisected."""
+
+    def passes(count: int) -> bool:
+        return examined.passes(points_every(trajectory, count * _LEAST_DT, bezier).curve())
+
+    fails = int(min(dt, trajectory.duration) / _LEAST_DT) + 1
+    good = fails // 2
+    while good and not passes(good):
+        fails, good = good, good // 2
+    if not good:
+        return "a motion with more distance to its limits, as no dt was found that passes"
+    while fails - good > max(1, good // 16):
+        middle = (good + fails) // 2
+        good, fails = (middle, fails) if passes(middle) else (good, middle)
+    return f"{good * _LEAST_DT:g} s, the largest found that passes"
 
 
 def refuse_unsafe(
@@ -37,36 +216,9 @@ def refuse_unsafe(
         InvalidValueError: with what fails, and by how much; for joints of no robot that is known; or for an
             `unchecked` that is neither True nor False.
     """
-    if not isinstance(unchecked, bool):
-        raise InvalidValueError("unchecked", shown(unchecked), "True or False")
-    if unchecked:
-        return
-    robot = pepper_with_joints(trajectory.joint_names) if pepper is None else pepper
-    if robot is None:
-        raise InvalidValueError(
-            "pepper", None, "the robot that is to play the motion, which is checked, or unchecked=True"
-        )
-    certificate = _examined(trajectory, robot, scene, payload)
-    if not certificate.success:
-        first = certificate.checks[certificate.failures[0]].sentence()
-        raise InvalidValueError(
-            "trajectory",
-            f"one that fails {', '.join(certificate.failures)}",
-            f"one that passes check(){advice}; {first}",
-        )
-
-
-def _examined(
-    trajectory: Trajectory, robot: PepperModel, scene: Any | None, payload: Mapping[str, float] | None
-) -> Certificate:
-    """Return the certificate of a motion by the library's own function.
-
-    Raises:
-        InvalidValueError: for a subclass, which may play another motion than the one examined.
-    """
-    if type(trajectory) is not Trajectory:
-        raise InvalidValueError("trajectory", f"a {type(trajectory).__name__}", "a Trajectory itself")
-    return check(robot, trajectory, scene=scene, payload=payload)
+    examined = examination(trajectory, pepper, unchecked, {"scene": scene, "payload": payload})
+    if examined is not None:
+        examined.refuse(trajectory, advice)
 
 
 def pepper_with_joints(names: tuple[str, ...]) -> PepperModel | None:

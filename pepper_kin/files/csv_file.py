@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.sampled_motion import points_of_file
 from pepper_kin.files.table_file import (
     COLUMNS_FILE,
@@ -15,6 +16,7 @@ from pepper_kin.files.table_file import (
     PathName,
     load_columns,
     load_table,
+    read_lines,
     save_table,
 )
 from pepper_kin.model import PepperModel
@@ -23,30 +25,28 @@ from pepper_kin.trajectory.trajectory import Trajectory
 _QUANTITIES = ("position", "velocity", "acceleration")
 
 
-def write_csv(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
-    """Write a trajectory, sampled, as CSV; see `save_table` for the format.
+def write_csv(path: PathName, points: MotionPoints) -> Path:
+    """Write a motion as CSV; see `save_table` for the format.
 
-    Columns: `time`, then `<joint>.position` of all joints, `<joint>.velocity` of all, `<joint>.acceleration`
-    of all.
+    Columns: `time`, then `<joint>.position` of all joints, `<joint>.velocity` of all, and, where they are
+    known, `<joint>.acceleration` of all.
 
     Args:
         path: The file; its folder must exist.
-        trajectory: The trajectory.
-        dt: Time between rows [s]; the last row is exactly at the duration.
+        points: The motion.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: for a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    samples = trajectory.sample(dt)
-    columns = {TIME: samples.time}
+    columns = {TIME: points.time}
     for quantity in _QUANTITIES:
-        values = getattr(samples, quantity)
-        columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(samples.joint_names)})
-    units = dict(zip(samples.joint_names, samples.joint_units, strict=True))
+        values = getattr(points, quantity)
+        if values is not None:
+            columns.update({f"{name}.{quantity}": values[:, j] for j, name in enumerate(points.joint_names)})
+    units = dict(zip(points.joint_names, points.joint_units, strict=True))
     return save_table(columns, path, joint_units=units)
 
 
@@ -54,7 +54,7 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read a trajectory that `write_csv` wrote.
 
     At the rows' times it has their positions, velocities and accelerations exactly; in between it is the
-    polynomial of degree 5 through them.
+    polynomial of degree 5 through them, or of degree 3 where the file has no accelerations.
 
     Args:
         path: The file.
@@ -66,17 +66,18 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path and line and what is wrong there.
     """
-    names = pepper.joint_names if pepper is not None else _joints(list(load_table(path)))
-    header = [TIME, *(f"{name}.{quantity}" for quantity in _QUANTITIES for name in names)]
-    table = load_table(path, header)
+    found = read_lines(path)[0]
+    names = pepper.joint_names if pepper is not None else _joints(found)
+    kinds = _QUANTITIES if any(name.endswith(_QUANTITIES[2]) for name in found) else _QUANTITIES[:2]
+    table = load_table(path, [TIME, *(f"{name}.{kind}" for kind in kinds for name in names)])
     time = table[TIME]
     if time.size < 2:
         raise FileFormatError(path, "has one line of numbers, expected at least 2", 2)
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
-    q, v, a = (np.column_stack([table[f"{name}.{kind}"] for name in names]) for kind in _QUANTITIES)
+    values = [np.column_stack([table[f"{name}.{kind}"] for name in names]) for kind in kinds]
     units = pepper.joint_units if pepper is not None else _units(Path(path), names)
-    return points_of_file(path, names, units, time, q, v, a)
+    return points_of_file(path, names, units, time, *values)
 
 
 def _joints(header: Sequence[str]) -> tuple[str, ...]:

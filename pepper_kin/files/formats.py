@@ -2,43 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.files.certified import refuse_unsafe
+from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.csv_file import read_csv, write_csv
 from pepper_kin.files.json_file import read_json, write_json
 from pepper_kin.files.mcap_file import read_mcap, write_mcap
-from pepper_kin.files.naoqi_file import CYCLE, read_naoqi, write_naoqi
+from pepper_kin.files.naoqi_file import STEP as NAOQI_STEP
+from pepper_kin.files.naoqi_file import check_turning, read_naoqi, write_naoqi
 from pepper_kin.files.npz_file import read_npz, write_npz
-from pepper_kin.files.ros_file import read_ros, write_ros
+from pepper_kin.files.ros_file import STEP, read_ros, write_ros
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
+from pepper_kin.trajectory.trajectory import Trajectory
 
 
 class _Format(NamedTuple):
     suffixes: tuple[str, ...]
     write: Callable[..., Path]
     read: Callable[[PathName, PepperModel | None], Trajectory]
-    step: float | None  # default time between samples [s]; None where the file is exact
+    step: float | None = STEP  # time between points that is tried first [s]; None where the file is exact
+    played: bool = False  # whether robots play it: one must be known
+    bezier: bool = False  # whether NAOqi interpolates
 
 
 FORMATS: dict[str, _Format] = {
-    "csv": _Format((".csv",), write_csv, read_csv, 0.01),
+    "csv": _Format((".csv",), write_csv, read_csv),
     "npz": _Format((".npz",), write_npz, read_npz, None),
     "json": _Format((".json",), write_json, read_json, None),
-    "ros": _Format((".yaml", ".yml"), write_ros, read_ros, 0.01),
-    "naoqi": _Format((".py",), write_naoqi, read_naoqi, 2 * CYCLE),
-    "mcap": _Format((".mcap",), write_mcap, read_mcap, 0.01),
+    "ros": _Format((".yaml", ".yml"), write_ros, read_ros, played=True),
+    "naoqi": _Format((".py",), write_naoqi, read_naoqi, NAOQI_STEP, played=True, bezier=True),
+    "mcap": _Format((".mcap",), write_mcap, read_mcap),
 }
-"""Format -> suffixes, writer, reader and step."""
-
-
-PLAYED = ("ros", "naoqi")
-"""Formats that robots play, whose motions are checked before they are written."""
+"""Format -> suffixes, writer, reader and what is written."""
 
 
 def save(
@@ -48,46 +47,54 @@ def save(
     format: str | None = None,
     dt: float | None = None,
     pepper: PepperModel | None = None,
-    scene: Any | None = None,
-    payload: Mapping[str, float] | None = None,
     unchecked: bool = False,
+    **conditions: Unpack[Conditions],
 ) -> Path:
-    """Write a trajectory to a file, whole or not at all.
+    """Write a trajectory to a file, whole or not at all; what the file holds passes its certificate.
 
-    "npz" and "json" hold the polynomials and are exact; the others hold samples, which read back the same at
-    the samples' times.  "ros" and "naoqi" are what robots play: a motion that fails
-    `pepper_kin.trajectory.check` is refused there.
+    "npz" and "json" hold the polynomials and are exact.  The others hold points, between which `load`, like
+    the controllers of ros2_control and NAOqi, makes polynomials of degree 5 where the points have
+    accelerations, and of degree 3 where not.  This curve is what `pepper_kin.trajectory.check` examines, with
+    the robot, the scene and the other conditions given here; one that fails is not written.
+
+    Without `dt` the points are chosen so that the curve passes: every 0.01 s, for "naoqi" 0.04 s, where that
+    does; else where the acceleration jumps, and between these as near to each other as it takes.  A motion
+    that uses a limit to the full is then slower by up to 0.01 %, since no such curve keeps the limit exactly.
 
     Args:
         trajectory: The trajectory.
         path: The file; its folder must exist.
         format: "csv", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script for the
-            robot) or "mcap"; by the suffix (.csv, .npz, .json, .yaml, .py, .mcap) if omitted.
-        dt: Time between samples [s]; 0.01, for "naoqi" 0.04, if omitted.  Without meaning where exact.
-        pepper: The robot that a motion for "ros" or "naoqi" is checked with; if omitted, Pepper, where the
-            joints are its own.
-        scene: What the check looks at around the robot; None for nothing.
-        payload: Point masses that the check counts with, by hand or frame [kg].
-        unchecked: Whether to write "ros" and "naoqi" without a check.
+            robot, which takes motions from rest) or "mcap"; by the suffix (.csv, .npz, .json, .yaml, .py,
+            .mcap) if omitted.
+        dt: Time between points [s].  Without meaning where exact.
+        pepper: The robot that the motion is checked with; if omitted, Pepper, where the joints are its own.
+            A motion of an unknown robot goes only into files that no robot plays ("ros" and "naoqi" are
+            played), without a check.
+        unchecked: Whether to write what was not checked.
+        conditions: Options of `pepper_kin.trajectory.check`: `scene`, `payload`, `balance`, `hand_speed`,
+            `jerk`, `collisions`.  Give what the motion was planned and timed with.
 
     Returns:
         The path.
 
     Raises:
         UnknownNameError: for an unknown format or suffix.
-        InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold; for "ros"
-            and "naoqi" also for a motion that fails its certificate, with what fails, or a robot that is not
-            known.
+        InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold; for a
+            motion that fails its certificate, with what fails, by how much and when; for a dt whose curve
+            does, with the largest that passes; or for a robot that is not known.
         MissingDependencyError: for "mcap" without its package.
         FileFormatError: where the file cannot be written.
     """
-    checked_trajectory(trajectory)
     chosen = _chosen(path, format)
-    if any(chosen is FORMATS[name] for name in PLAYED):
-        refuse_unsafe(trajectory, pepper, scene, payload, unchecked)
+    examined = examination(trajectory, pepper, unchecked, conditions, needed=chosen.played)
     if chosen.step is None:
+        if examined is not None:
+            examined.refuse(trajectory, ", or unchecked=True")
         return chosen.write(path, trajectory)
-    return chosen.write(path, trajectory, chosen.step if dt is None else dt)
+    if chosen.bezier:
+        check_turning(trajectory)
+    return chosen.write(path, certified_points(trajectory, chosen.step, dt, examined, chosen.bezier))
 
 
 def load(path: PathName, pepper: PepperModel | None = None, *, format: str | None = None) -> Trajectory:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
 from pepper_kin.files.mcap_file import StateMessage, read_states
-from pepper_kin.files.sampled_motion import NANOSECONDS
+from pepper_kin.files.motion_points import NANOSECONDS
 from pepper_kin.files.table_file import numbers_of, read_lines
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
 from pepper_kin.trajectory.interpolation import INTERPOLATIONS, OVERSHOOT, from_positions

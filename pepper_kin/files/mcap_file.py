@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.files.sampled_motion import (
-    NANOSECONDS,
     check_joint_names,
     check_times,
-    nanosecond_samples,
     points_of_file,
     units_for,
 )
@@ -33,41 +32,37 @@ _TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 _POINT_TYPE = "trajectory_msgs/msg/JointTrajectoryPoint"
 
 
-def write_mcap(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
-    """Write a trajectory, sampled, as an MCAP recording.
+def write_mcap(path: PathName, points: MotionPoints) -> Path:
+    """Write a motion as an MCAP recording.
 
     Topic `/joint_states` (`sensor_msgs/msg/JointState`) has one message a sample, for plots and for playing
     it; topic `/joint_trajectory` (`trajectory_msgs/msg/JointTrajectory`) has the whole motion in one message,
-    accelerations included, which is what `read_mcap` reads.  Time begins at 0.
+    with accelerations where they are known, which is what `read_mcap` reads.  Time begins at 0.
 
     Args:
         path: The file; its folder must exist.
-        trajectory: The trajectory.
-        dt: Time between samples [s]; the last is at the duration, rounded to a nanosecond.
+        points: The motion.
 
     Raises:
         MissingDependencyError: where the package `mcap` is not installed.
-        InvalidValueError: for a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    stamps, samples = nanosecond_samples(trajectory, dt)
-    names, point = list(samples.joint_names), message_type(_POINT_TYPE)
+    names, point = list(points.joint_names), message_type(_POINT_TYPE)
     whole = message_type(_TRAJECTORY_TYPE)(joint_names=names)
     whole.points = [
         point(
-            positions=samples.position[i],
-            velocities=samples.velocity[i],
-            accelerations=samples.acceleration[i],
+            positions=points.position[i],
+            velocities=points.velocity[i],
+            accelerations=[] if points.acceleration is None else points.acceleration[i],
             time_from_start=_duration_of(stamp),
         )
-        for i, stamp in enumerate(stamps.tolist())
+        for i, stamp in enumerate(points.stamps.tolist())
     ]
     with BagWriter(path) as bag:
         bag.write(TRAJECTORY_TOPIC, whole, 0)
-        for i, stamp in enumerate(stamps.tolist()):
-            bag.write(
-                STATES_TOPIC, state_message(stamp, names, samples.position[i], samples.velocity[i]), stamp
-            )
+        for i, stamp in enumerate(points.stamps.tolist()):
+            state = state_message(stamp, names, points.position[i], points.velocity[i])
+            bag.write(STATES_TOPIC, state, stamp)
     return Path(path)
 
 

@@ -1,12 +1,11 @@
-"""Trajectories as arguments of NAOqi's `ALMotion.angleInterpolation`, and as a script for the robot."""
+"""Trajectories as arguments of NAOqi's `angleInterpolationBezier`, and as a script for the robot."""
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -14,18 +13,19 @@ from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_reading import read_text
-from pepper_kin.files.certified import refuse_unsafe
+from pepper_kin.files.certified import Conditions, certified_points, examination
+from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.sampled_motion import check_joint_names, check_times, points_of_file
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.trajectory import Trajectory
 
-CYCLE = 0.02
-"""[s] NAOqi commands its joints once a cycle."""
+STEP = 0.04
+"""Time between keys that is tried first: twice the cycle of NAOqi [s]."""
 
 _TOKEN = re.compile(r"[\w.]+|[^\w\s.]")
 _MOST_TOKENS = 2_000_000  # a million numbers; the syntax tree takes up to 0.5 kB for each
-_LISTS = ("NAMES", "START", "ANGLES", "TIMES")
+_LISTS = ("NAMES", "START", "TIMES", "ANGLES", "VELOCITIES")
 _SCRIPT = '''# -*- coding: utf-8 -*-
 """A motion for NAOqi, of {duration:.3f} s: python THIS_FILE --ip ROBOT
 
@@ -35,19 +35,29 @@ Needs the `qi` package of the robot's SDK.  The robot first goes to START slowly
 # Joints, and where each begins [rad].
 NAMES = {names}
 START = {start}
-# For each joint its positions [rad], and when it has them [s], after the start.
+# When the joints have their keys [s], and for each joint its angles [rad] and velocities [rad/s] there.
+TIMES = {times}
 ANGLES = [
 {angles}
 ]
-TIMES = [
-{times}
+VELOCITIES = [
+{velocities}
 ]
+
+
+def keys(angles, velocities):
+    """Return the keys of a joint, with handles of a third of the time between two keys."""
+    before = [(b - a) / 3.0 for a, b in zip([0.0] + TIMES, TIMES)]
+    behind = before[1:] + [0.0]
+    rows = zip(angles, velocities, before, behind)
+    return [[q, [3, -b, -b * v], [3, f, f * v]] for q, v, b, f in rows]
 
 
 def run(motion):
     """Make the motion with an ALMotion service; returns when it is done."""
     motion.angleInterpolationWithSpeed(NAMES, START, 0.1)
-    motion.angleInterpolation(NAMES, ANGLES, TIMES, True)
+    curves = [keys(a, v) for a, v in zip(ANGLES, VELOCITIES)]
+    motion.angleInterpolationBezier(NAMES, [TIMES] * len(NAMES), curves)
 
 
 if __name__ == "__main__":
@@ -66,87 +76,98 @@ if __name__ == "__main__":
 
 
 class NaoqiArguments(NamedTuple):
-    """Arguments of `ALMotion.angleInterpolation(names, angles, times, True)`, and the pose before it.
+    """Arguments of `ALMotion.angleInterpolationBezier(names, times, keys)`, and the pose before it.
 
     Attributes:
         names: Joints.
-        angles: Positions of each joint [rad].
-        times: When each joint has them [s], above 0.
-        start: Position of each joint at time 0 [rad].
+        times: When each joint has its keys [s], above 0.
+        keys: Of each joint [angle, [3, dTime, dAngle], [3, dTime, dAngle]], with the handles before and
+            behind the key [rad, s], a third of the time to the next key long: cubics in time.
+        start: Position of each joint at time 0 [rad], where it rests.
     """
 
     names: list[str]
-    angles: list[list[float]]
     times: list[list[float]]
+    keys: list[list[list[Any]]]
     start: list[float]
 
 
 def naoqi_arguments(
     trajectory: Trajectory,
-    dt: float = 2 * CYCLE,
+    dt: float | None = None,
     *,
     pepper: PepperModel | None = None,
-    scene: Any | None = None,
-    payload: Mapping[str, float] | None = None,
     unchecked: bool = False,
+    **conditions: Unpack[Conditions],
 ) -> NaoqiArguments:
-    """Return a trajectory, sampled, as plain lists for NAOqi.
+    """Return a trajectory as plain lists for NAOqi, of which the curve executed passes its certificate.
 
     Args:
-        trajectory: The trajectory; its joints must turn, since NAOqi moves its base otherwise.
-        dt: Time between positions [s].
+        trajectory: The trajectory, which begins at rest; its joints must turn, since NAOqi moves its base
+            otherwise.
+        dt: Time between keys [s]; chosen so that the curve passes if omitted, as in `save`.
         pepper: The robot that the motion is checked with, as in `save`, like the next ones.
-        scene: What the check looks at around the robot.
-        payload: Point masses that the check counts with, by hand or frame [kg].
         unchecked: Whether to leave the check out.
+        conditions: Options of `pepper_kin.trajectory.check`, such as `scene` and `payload`.
 
     Returns:
         The lists; the position at time 0 is apart, because NAOqi takes only times above 0.
 
     Raises:
-        InvalidValueError: for a joint in meters, a dt that is not above zero, or a motion that fails its
+        InvalidValueError: for a joint in meters, a dt that is not above zero, or a curve that fails its
             certificate.
     """
-    arguments = _arguments(trajectory, dt)
-    refuse_unsafe(trajectory, pepper, scene, payload, unchecked)
-    return arguments
+    check_turning(trajectory)
+    examined = examination(trajectory, pepper, unchecked, conditions)
+    return naoqi_keys(certified_points(trajectory, STEP, dt, examined, bezier=True))
 
 
-def _arguments(trajectory: Trajectory, dt: float) -> NaoqiArguments:
+def naoqi_keys(points: MotionPoints) -> NaoqiArguments:
+    """Return the keys of a motion from rest."""
+    third = np.diff(points.time) / 3.0
+    before, behind = third.tolist(), [*third[1:].tolist(), 0.0]
+    handles = list(zip(before, behind, strict=True))
+    keys = [
+        [[q, [3, -b, -b * v], [3, f, f * v]] for q, v, (b, f) in zip(angles, speeds, handles, strict=True)]
+        for angles, speeds in zip(points.position[1:].T.tolist(), points.velocity[1:].T.tolist(), strict=True)
+    ]
+    times = points.time[1:].tolist()
+    names = list(points.joint_names)
+    return NaoqiArguments(names, [list(times) for _ in names], keys, points.position[0].tolist())
+
+
+def check_turning(trajectory: Trajectory) -> None:
+    """Refuse joints that `angleInterpolationBezier` does not move.
+
+    Raises:
+        InvalidValueError: naming the joints in meters.
+    """
     sliding = [n for n, u in zip(trajectory.joint_names, trajectory.joint_units, strict=True) if u != "rad"]
     if sliding:
         raise InvalidValueError(
-            "trajectory", f"joints in meters: {', '.join(sliding)}", "joints that angleInterpolation supports"
+            "trajectory",
+            f"joints in meters: {', '.join(sliding)}",
+            "joints that angleInterpolationBezier supports",
         )
-    samples = trajectory.sample(dt)
-    times = samples.time[1:].tolist()
-    return NaoqiArguments(
-        list(trajectory.joint_names),
-        samples.position[1:].T.tolist(),
-        [list(times) for _ in trajectory.joint_names],
-        samples.position[0].tolist(),
-    )
 
 
-def write_naoqi(path: PathName, trajectory: Trajectory, dt: float = 2 * CYCLE) -> Path:
+def write_naoqi(path: PathName, points: MotionPoints) -> Path:
     """Write a Python script that makes the motion on a robot with NAOqi.
 
     Args:
         path: The script; its folder must exist.
-        trajectory: The trajectory.
-        dt: Time between positions [s].
+        points: The motion, from rest, of joints that turn.
 
     Raises:
-        InvalidValueError: for a joint in meters, or a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    names, angles, times, start = _arguments(trajectory, dt)
     text = _SCRIPT.format(
-        duration=trajectory.duration,
-        names=repr(names),
-        start=repr(start),
-        angles="\n".join(f"    {row!r}," for row in angles),
-        times="\n".join(f"    {row!r}," for row in times),
+        duration=points.time[-1],
+        names=repr(list(points.joint_names)),
+        start=repr(points.position[0].tolist()),
+        times=repr(points.time[1:].tolist()),
+        angles="\n".join(f"    {row!r}," for row in points.position[1:].T.tolist()),
+        velocities="\n".join(f"    {row!r}," for row in points.velocity[1:].T.tolist()),
     )
     return atomic_file.write_text(path, text)
 
@@ -154,7 +175,7 @@ def write_naoqi(path: PathName, trajectory: Trajectory, dt: float = 2 * CYCLE) -
 def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read the motion of a script that `write_naoqi` wrote; the script is not run.
 
-    NAOqi gets positions only: between them the trajectory is the cubic spline from rest to rest.
+    From START, where it rests, the motion goes through the keys by the cubics that their handles make.
 
     Args:
         path: The script.
@@ -164,25 +185,27 @@ def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         FileFormatError: naming path and line and what is wrong there.
     """
     lists = _lists(path)
-    names_node, start_node, angles_node, times_node = (lists[name] for name in _LISTS)
+    names_node, start_node, times_node, angles_node, speeds_node = (lists[name] for name in _LISTS)
     names = check_joint_names(path, _literals(path, names_node, "NAMES"), pepper, names_node.lineno)
     start = _numbers(path, start_node, "START")
-    angles = [_numbers(path, node, f"ANGLES of {name}") for name, node in _rows(path, names, angles_node)]
-    times = [_numbers(path, node, f"TIMES of {name}") for name, node in _rows(path, names, times_node)]
     if len(start) != len(names):
         raise FileFormatError(
             path, f"START has {len(start)} values for {len(names)} joints", start_node.lineno
         )
-    for i, name in enumerate(names):
-        if len(angles[i]) != len(times[i]):
-            reason = f"{name} has {len(angles[i])} angles and {len(times[i])} times"
-            raise FileFormatError(path, reason, angles_node.elts[i].lineno)
-        if times[i] != times[0]:
-            raise FileFormatError(path, f"{name} has other times than {names[0]}", times_node.elts[i].lineno)
-    time = np.array([0.0, *times[0]])
-    check_times(path, time, lambda _: int(times_node.elts[0].lineno))
-    position = np.vstack([start, np.array(angles).T])
-    return points_of_file(path, names, ("rad",) * len(names), time, position)
+    time = np.array([0.0, *_numbers(path, times_node, "TIMES")])
+    check_times(path, time, lambda _: int(times_node.lineno))
+    tables = []
+    for what, node in (("ANGLES", angles_node), ("VELOCITIES", speeds_node)):
+        rows = [
+            (name, row, _numbers(path, row, f"{what} of {name}")) for name, row in _rows(path, names, node)
+        ]
+        for name, row, values in rows:
+            if len(values) != time.size - 1:
+                reason = f"{name} has {len(values)} {what.lower()} and {time.size - 1} times"
+                raise FileFormatError(path, reason, row.lineno)
+        tables.append(np.array([values for _, _, values in rows]).T)
+    position, velocity = np.vstack([start, tables[0]]), np.vstack([np.zeros(len(names)), tables[1]])
+    return points_of_file(path, names, ("rad",) * len(names), time, position, velocity)
 
 
 def _lists(path: PathName) -> dict[str, Any]:

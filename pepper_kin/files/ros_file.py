@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,11 @@ from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_reading import plain_whole, read_text
+from pepper_kin.files.certified import Conditions, certified_points, examination
+from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.files.sampled_motion import (
-    NANOSECONDS,
     check_joint_names,
     check_times,
-    nanosecond_samples,
     points_of_file,
     units_for,
 )
@@ -26,6 +26,9 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+STEP = 0.01
+"""Time between points that is tried first [s]."""
 
 _FIELDS = {"header", "joint_names", "points"}
 _LISTS = ("positions", "velocities", "accelerations", "effort")
@@ -35,31 +38,55 @@ _DEEPEST = 16  # lists and mappings in one another; a trajectory has five
 _MOST_NODES = 3_000_000  # with all that aliases stand for: a few can stand for more than memory holds
 
 
-def write_ros(path: PathName, trajectory: Trajectory, dt: float = 0.01) -> Path:
-    """Write a trajectory, sampled, as YAML of `trajectory_msgs/msg/JointTrajectory`.
+def ros_points(
+    trajectory: Trajectory,
+    dt: float | None = None,
+    *,
+    pepper: PepperModel | None = None,
+    unchecked: bool = False,
+    **conditions: Unpack[Conditions],
+) -> MotionPoints:
+    """Return the points of a JointTrajectory, of which the curve of ros2_control passes its certificate.
+
+    Args:
+        trajectory: The trajectory.
+        dt: Time between points [s]; chosen so that the curve passes if omitted, as in `save`.
+        pepper: The robot that the motion is checked with, as in `save`, like the next ones.
+        unchecked: Whether to leave the check out.
+        conditions: Options of `pepper_kin.trajectory.check`, such as `scene` and `payload`.
+
+    Returns:
+        The points; without accelerations where these jump.
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero, or a curve that fails its certificate.
+    """
+    examined = examination(trajectory, pepper, unchecked, conditions)
+    return certified_points(trajectory, STEP, dt, examined)
+
+
+def write_ros(path: PathName, points: MotionPoints) -> Path:
+    """Write a motion as YAML of `trajectory_msgs/msg/JointTrajectory`.
 
     It is published by
         ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory "$(cat FILE)"
 
     Args:
         path: The file; its folder must exist.
-        trajectory: The trajectory.
-        dt: Time between points [s]; the last is at the duration, rounded to a nanosecond.
+        points: The motion.
 
     Raises:
-        InvalidValueError: for a dt that is not above zero.
         FileFormatError: where the file cannot be written.
     """
-    stamps, samples = nanosecond_samples(trajectory, dt)
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", "joint_names:"]
-    lines += [f"- {_text(name)}" for name in samples.joint_names]
+    lines += [f"- {_text(name)}" for name in points.joint_names]
     lines.append("points:")
-    for i, stamp in enumerate(stamps.tolist()):
+    for i, stamp in enumerate(points.stamps.tolist()):
         seconds, nanoseconds = divmod(stamp, NANOSECONDS)
         lines += [
-            f"- positions: {_floats(samples.position[i])}",
-            f"  velocities: {_floats(samples.velocity[i])}",
-            f"  accelerations: {_floats(samples.acceleration[i])}",
+            f"- positions: {_floats(points.position[i])}",
+            f"  velocities: {_floats(points.velocity[i])}",
+            f"  accelerations: {'[]' if points.acceleration is None else _floats(points.acceleration[i])}",
             "  effort: []",
             f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
         ]

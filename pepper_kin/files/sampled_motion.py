@@ -12,31 +12,9 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_reading import is_real_text
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.interpolation import through_points
-from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Nanoseconds = NDArray[np.int64]
-
-NANOSECONDS = 1_000_000_000
-
-
-def nanosecond_samples(trajectory: Trajectory, dt: float) -> tuple[Nanoseconds, Samples]:
-    """Return whole nanoseconds at 0, dt, 2 dt, ... and the duration, and the samples at exactly these times.
-
-    Args:
-        trajectory: The trajectory.
-        dt: Time between samples, at least 1 ns [s].
-
-    Raises:
-        InvalidValueError: for a dt that is too small or not above zero.
-    """
-    stamps = np.round(sample_times(trajectory.duration, dt) * NANOSECONDS).astype(np.int64)
-    if np.any(np.diff(stamps) <= 0):
-        raise InvalidValueError("dt", f"{dt} s", "at least 1e-9 s, as the file counts whole nanoseconds")
-    time = stamps / NANOSECONDS
-    state = trajectory(np.minimum(time, trajectory.duration))
-    return stamps, Samples(trajectory.joint_names, time, *state, joint_units=trajectory.joint_units)
 
 
 def check_joint_names(

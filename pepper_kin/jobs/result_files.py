@@ -121,7 +121,9 @@ def write_results(
     folder = atomic_file.make_folder(folder)
     files: dict[str, Path] = {}
     if trajectory is not None:
-        files["trajectory.csv"] = save(trajectory, folder / "trajectory.csv", dt=step)
+        files["trajectory.csv"] = save(
+            trajectory, folder / "trajectory.csv", dt=step, unchecked=True
+        )  # to look at, beside the certificate in the summary
     if run is not None:
         files["run.csv"] = run.save(folder / "run.csv")
     if files:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.files.naoqi_file import NaoqiArguments
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.channel import Moved
 from pepper_kin.naoqi.following import FollowOptions
@@ -22,9 +23,6 @@ Array = NDArray[np.float64]
 
 CATCH_UP = 1.5
 """Cycles by which the motion goes on in one cycle at most: after a delay it waits rather than jumps."""
-
-KEY_SPACING = 0.04
-"""Time between the keys of a Bezier curve [s]."""
 
 ARRIVED, BASE_ARRIVED = 0.02, 0.01
 """Where the end of a motion counts as reached [rad, m]."""
@@ -204,31 +202,20 @@ class BezierMotion(FollowMotion):
 
     The robot begins when it has taken the motion, on its own clock.  How far it is, is seen from the
     commands that it reports: the time near the one expected at which the motion has them.
+
+    Attributes:
+        curves: Times and keys, certified as ALMotion interpolates them; set by the check.
     """
 
     method = "bezier"
+    curves: NaoqiArguments | None = None
 
     def _begin(self) -> Iterator[None]:
-        yield from self._channel.start_curves(*self._keys())
+        assert self.curves is not None
+        yield from self._channel.start_curves(self.curves.times, self.curves.keys)
         while self._channel.state == "armed":
             yield
         self._moved_at = self._clock.now()
-
-    def _keys(self) -> tuple[list[list[float]], list[list[Any]]]:
-        """Return times and keys of all joints for `angleInterpolationBezier`: cubics that meet the motion."""
-        duration = self._trajectory.duration
-        count = max(math.ceil(duration / KEY_SPACING), 1)
-        times = duration * np.arange(1, count + 1) / count
-        state = self._trajectory(times)
-        step = duration / count / 3.0
-        keys = [
-            [
-                [float(p), [3, -step, -step * float(v)], [3, step, step * float(v)]]
-                for p, v in zip(state.position[:, k], state.velocity[:, k], strict=True)
-            ]
-            for k in self._columns
-        ]
-        return [times.tolist() for _ in self._columns], keys
 
     def _advance(self) -> bool:
         if self._finishing:

@@ -16,6 +16,7 @@ from pepper_kin import atomic_file
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.files.certified import pepper_with_joints, refuse_unsafe
+from pepper_kin.files.naoqi_file import naoqi_arguments
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
 from pepper_kin.naoqi import on_robot
@@ -193,10 +194,14 @@ class Robot:
 
         def check() -> RobotState:
             refuse_unsafe(trajectory, robot, scene, payload, False, advice="")
+            if isinstance(motion, BezierMotion):  # what ALMotion interpolates is certified as well
+                motion.curves = naoqi_arguments(trajectory, pepper=robot, scene=scene, payload=payload)
             return self._check_start(trajectory)
 
         chosen = FollowOptions() if options is None else options
-        motion = kind(self._link, robot, trajectory, chosen, self.has_watchdog, self._clock, check)
+        motion: RobotMotion = kind(
+            self._link, robot, trajectory, chosen, self.has_watchdog, self._clock, check
+        )
         return self._supervised(motion)
 
     def move_to(

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.files.certified import refuse_unsafe
+from pepper_kin.files.motion_points import MotionPoints
+from pepper_kin.files.ros_file import ros_points
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.ros.controllers import ACTION
 from pepper_kin.ros.errors import TransportError
@@ -39,9 +41,6 @@ STATE_TIMEOUT = 0.5
 
 NEAR = 0.05
 """How far the robot may be from the start of a motion, and from its end [rad]."""
-
-STEP = 0.05
-"""Time between the points that are sent [s]."""
 
 SETTLE = 2.0
 """Time after its success in which a motion comes to rest [s]."""
@@ -221,7 +220,8 @@ class RobotClient:
             away = self._away(trajectory, names)
             if away:
                 raise MotionEndedError(RobotMotionStatus.NOT_AT_START, away)
-            return self._goal_of(trajectory, names, path_tolerance)
+            points = ros_points(trajectory, pepper=self.pepper, scene=scene, payload=payload)
+            return self._goal_of(points, names, path_tolerance)
 
         end = {name: float(trajectory.end[trajectory.joint_names.index(name)]) for name in names}
         motion = _GoalMotion(self, end, check, on_progress)
@@ -267,9 +267,9 @@ class RobotClient:
                 return f"{name} is at {here[name]:.3f} rad, the motion starts at {wanted:.3f} rad."
         return ""
 
-    def _goal_of(self, trajectory: Trajectory, names: Sequence[str], tolerance: float | None) -> Any:
+    def _goal_of(self, points: MotionPoints, names: Sequence[str], tolerance: float | None) -> Any:
         """Return control_msgs/action/FollowJointTrajectory_Goal."""
-        message = message_of(trajectory, STEP, names)
+        message = message_of(points, names)
         message.joint_names = [self._theirs.get(name, name) for name in names]
         goal = message_type(f"{ACTION}_Goal")(trajectory=message)
         if tolerance is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pepper_kin.core.splines import quintic_hermite
 from pepper_kin.exceptions import PepperKinError, shortened
 from pepper_kin.file_reading import repeated
+from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import Trajectory
@@ -141,6 +142,7 @@ def _segments(
 ) -> Trajectory:
     """Return the polynomials through points; times [s], shape (T,)."""
     position, velocity, acceleration = points
+    first = np.zeros(len(names)) if acceleration is None or times[0] > 0.0 else acceleration[0]
     if times[0] == 0.0 and len(times) > 1:  # where the robot should be now, beside where it is
         times, position = times[1:], position[1:]
         velocity = None if velocity is None else velocity[1:]
@@ -153,7 +155,7 @@ def _segments(
     coefficients = np.zeros((m, 6, n))
     if velocity is not None and acceleration is not None:
         slope = np.vstack([start.velocity, velocity])
-        bend = np.vstack([np.zeros(n), acceleration])
+        bend = np.vstack([first, acceleration])
         coefficients = quintic_hermite(step, place, slope, bend)
     elif velocity is not None:
         slope, h = np.vstack([start.velocity, velocity]), step[:, None]
@@ -257,28 +259,24 @@ def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) 
     return Tolerance(position, velocity)
 
 
-def message_of(trajectory: Trajectory, step: float, joints: Sequence[str] | None = None) -> Any:
-    """Return trajectory_msgs/msg/JointTrajectory with positions, velocities and accelerations.
-
-    Followed by quintics between the points, it is the trajectory to the accuracy of its fourth derivative.
+def message_of(points: MotionPoints, joints: Sequence[str] | None = None) -> Any:
+    """Return trajectory_msgs/msg/JointTrajectory of points.
 
     Args:
-        trajectory: The trajectory.
-        step: Time between points [s]; the last is at the end.
-        joints: Which of its joints the message has; None for all.
+        points: The points, as `pepper_kin.files.ros_points` certifies them.
+        joints: Which of their joints the message has; None for all.
     """
-    names = trajectory.joint_names if joints is None else tuple(joints)
-    rows = [trajectory.joint_names.index(name) for name in names]
-    point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
-    count = max(int(np.ceil(trajectory.duration / step - 1e-9)), 1)
-    times = np.minimum(step * np.arange(count + 1), trajectory.duration)
-    state = trajectory(times)
-    velocity = state.velocity[:, rows]
+    names = points.joint_names if joints is None else tuple(joints)
+    rows = [points.joint_names.index(name) for name in names]
+    kind = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
+    velocity = points.velocity[:, rows].copy()
     velocity[-1] = 0.0 if np.abs(velocity[-1]).max() < STANDING else velocity[-1]
-    points = [
-        point(positions=p, velocities=v, accelerations=a, time_from_start=duration_message(t))
+    none = np.empty((len(velocity), 0))
+    acceleration = none if points.acceleration is None else points.acceleration[:, rows]
+    made = [
+        kind(positions=p, velocities=v, accelerations=a, time_from_start=duration_message(t))
         for t, p, v, a in zip(
-            times.tolist(), state.position[:, rows], velocity, state.acceleration[:, rows], strict=True
+            points.time.tolist(), points.position[:, rows], velocity, acceleration, strict=True
         )
     ]
-    return message_type("trajectory_msgs/msg/JointTrajectory")(joint_names=list(names), points=points)
+    return message_type("trajectory_msgs/msg/JointTrajectory")(joint_names=list(names), points=made)

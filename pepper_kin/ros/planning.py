@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import ik
-from pepper_kin.exceptions import PepperKinError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
+from pepper_kin.files import ros_points
 from pepper_kin.motion import Plan, PlanStatus, plan
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.ros.commands import world_pose
 from pepper_kin.ros.controllers import CONTROLLERS
-from pepper_kin.ros.joint_trajectory import message_of
+from pepper_kin.ros.joint_trajectory import message_of_points
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import retime
 
@@ -29,9 +30,6 @@ SERVICE = "/plan_kinematic_path"
 
 TYPE = "moveit_msgs/srv/GetMotionPlan"
 CODES: Any = message_type("moveit_msgs/msg/MoveItErrorCodes")
-
-STEP = 0.05
-"""Time between the points of a planned trajectory [s]; with accelerations, it is followed as planned."""
 
 LONGEST, USUAL = 60.0, 5.0
 """Greatest time that planning may take, and the time where a request states none [s]."""
@@ -122,11 +120,12 @@ class PlanningService:
             acceleration_scale=wanted.max_acceleration_scaling_factor or 1.0,
             hand_speed=wanted.max_cartesian_speed or None,
         )
-        certificate = trajectory.check(pepper, self.node.body.scene)
-        if not certificate.success:
-            _fail(response, CODES.INVALID_MOTION_PLAN, certificate.report())
+        try:
+            points = ros_points(trajectory, pepper=pepper, scene=self.node.body.scene)
+        except InvalidValueError as error:
+            _fail(response, CODES.INVALID_MOTION_PLAN, str(error))
             return
-        response.trajectory.joint_trajectory = message_of(trajectory, STEP, joints)
+        response.trajectory.joint_trajectory = message_of_points(points, joints)
 
     def _start(self, state: Any) -> Array:
         """Return the configuration where a plan begins, shape (n,)."""

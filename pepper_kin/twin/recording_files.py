@@ -12,7 +12,7 @@ from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
 from pepper_kin.files.mcap_file import STATES_TOPIC, state_message
-from pepper_kin.files.sampled_motion import NANOSECONDS
+from pepper_kin.files.motion_points import NANOSECONDS
 from pepper_kin.ros_messages import message_type
 from pepper_kin.ros_messages.bags import BagWriter
 from pepper_kin.twin.recording import Recording

@@ -20,7 +20,7 @@ def test_mcap_is_read_by_its_library(trajectory, tmp_path):
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
-    path = save(trajectory, tmp_path / "motion.mcap")
+    path = save(trajectory, tmp_path / "motion.mcap", unchecked=True)
     samples = trajectory.sample(0.01)
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])

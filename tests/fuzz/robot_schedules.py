@@ -118,6 +118,7 @@ class Motions:
         self.base = pk.retime(planar, np.array([q, goal]))
         for trajectory, robot in ((self.arms, pepper), (self.base, planar)):
             assert trajectory.check(robot).success
+        self.curves = pk.files.naoqi_arguments(self.arms)
 
 
 @dataclass
@@ -141,7 +142,7 @@ def run(
     network = Network(world, robot)
     case = _Case(schedule, world, robot, network, random)
     try:
-        with case.patched():
+        with case.patched(motions):
             return case.run(motions)
     finally:
         world.forget()
@@ -171,7 +172,7 @@ class _Case:
         self.ordered: float | None = None
 
     @contextlib.contextmanager
-    def patched(self) -> Iterator[None]:
+    def patched(self, motions: Motions) -> Iterator[None]:
         """Let `Robot` use this network and time."""
 
         def supervisor(motion: Any, clock: Any) -> Supervisor:
@@ -183,6 +184,7 @@ class _Case:
             mock.patch("pepper_kin.naoqi.robot.Clock", return_value=self),
             mock.patch("pepper_kin.naoqi.robot.Supervisor", supervisor),
             mock.patch("pepper_kin.naoqi.robot.refuse_unsafe", self.certify),
+            mock.patch("pepper_kin.naoqi.robot.naoqi_arguments", return_value=motions.curves),
         ):
             yield
 

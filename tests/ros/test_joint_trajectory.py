@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
+from pepper_kin.files.motion_points import points_every
 from pepper_kin.ros.joint_trajectory import (
     ErrorCode,
     StartState,
@@ -59,12 +60,23 @@ def test_accelerations_make_quintics():
     np.testing.assert_allclose(made(3)(t).position, spline(t), atol=1e-10)
 
 
+def test_the_acceleration_of_a_first_point_at_time_zero_is_taken():
+    """As ros2_control does; it was zero, which changed motions that set out with an acceleration."""
+    bends = BENDS + np.array([[1.0, -2.0], [0.0, 0.0], [0.0, 0.0]])
+    points = [(TIMES[i], PLACES[i], SLOPES[i], bends[i]) for i in range(3)]
+    t = np.linspace(0.0, 1.25, 101)
+    spline = BPoly.from_derivatives(TIMES, np.stack([PLACES, SLOPES, bends], axis=1))
+    np.testing.assert_allclose(
+        trajectory_of(trajectory(NAMES, *points), START)(t).position, spline(t), atol=1e-10
+    )
+
+
 def test_a_planned_trajectory_survives_the_message(pepper):
     import pepper_kin as pk
 
     goal = pepper.joint_vector({"HeadYaw": 0.8, "LElbowRoll": -1.0})
     planned = pk.retime(pepper, np.stack([pepper.neutral(), goal]))
-    message = message_of(planned, 0.05, ("HeadYaw", "LElbowRoll"))
+    message = message_of(points_every(planned, 0.05), ("HeadYaw", "LElbowRoll"))
     rows = [pepper.joint_index(name) for name in message.joint_names]
     start = StartState(planned.start[rows], np.zeros(2), pepper.lower_limits[rows], pepper.upper_limits[rows])
     t = np.linspace(0.0, planned.duration, 500)
