@@ -245,7 +245,7 @@ class Supervisor:
     def run(self) -> MotionEnd:
         """Make the motion, and return how it ended.
 
-        Ctrl-C and SIGTERM wait, where the program has no handlers of its own, until the robot is at rest;
+        Ctrl-C and SIGTERM wait, where the program has no other handlers, until the robot is at rest;
         they and all other errors are raised then.
 
         Raises:
@@ -356,7 +356,7 @@ class _DeferredSignals:
 
 @contextmanager
 def _deferred_signals() -> Iterator[_DeferredSignals]:
-    """Let Ctrl-C and SIGTERM wait, in the main thread and where the program has no handlers of its own."""
+    """Let Ctrl-C and SIGTERM wait, in the main thread and where the program has no other handlers."""
     deferred = _DeferredSignals()
     ordinary = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     kept = []

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays
 
 from .vectors import FloatArray, finite_vector, real_numbers
 
 
 @dataclass(frozen=True, eq=False)
-class Metric:
+class Metric(FrozenArrays):
     """Weighted Euclidean metric ``d(a, b) = sqrt(sum_i (w_i (a_i - b_i))^2)``.
 
     A weight turns the unit of its coordinate into the common unit of length of the problem: with radians

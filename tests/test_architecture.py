@@ -61,7 +61,7 @@ APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planne
 ONLY = {
     "kernels": {"exceptions", "atomic_file"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "status", "kernels", "core"},
+    "planners": {"exceptions", "status", "frozen_arrays", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
     "status": set(),

@@ -16,7 +16,7 @@ from pepper_kin.motion import Plan, PlanStatus, plan
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.ros.commands import world_pose
 from pepper_kin.ros.controllers import CONTROLLERS
-from pepper_kin.ros.joint_trajectory import message_of_points
+from pepper_kin.ros.joint_trajectory import message_of
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import retime
 
@@ -125,7 +125,7 @@ class PlanningService:
         except InvalidValueError as error:
             _fail(response, CODES.INVALID_MOTION_PLAN, str(error))
             return
-        response.trajectory.joint_trajectory = message_of_points(points, joints)
+        response.trajectory.joint_trajectory = message_of(points, joints)
 
     def _start(self, state: Any) -> Array:
         """Return the configuration where a plan begins, shape (n,)."""

@@ -303,9 +303,9 @@ class _Case:
         returned = world.time
         self.network.delay = lambda: 0.002 if self.network.connected else float("inf")
         end = world.time + 12.0
-        world.block(lambda: robot.quiet and world.time > returned + 0.3, end - world.time)
-        if not robot.quiet:
-            wrong.append("the robot is not quiet 12 s later")
+        world.block(lambda: robot.inactive and world.time > returned + 0.3, end - world.time)
+        if not robot.inactive:
+            wrong.append("the robot is not inactive 12 s later")
         wrong += self.broken(result, error, returned)
         return Outcome(result, error, wrong, self.states)
 

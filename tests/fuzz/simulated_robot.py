@@ -21,7 +21,7 @@ from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.watchdog import MotionWatchdogModule
 from pepper_kin.naoqi.wire import as_plain
 
-QUIET = 15
+INACTIVE = 15
 """Cycles after which a body that stood still, with nothing queued, is not computed any more."""
 
 
@@ -141,7 +141,7 @@ class SimulatedRobot:
         world.spawn(self._watch)
 
     @property
-    def quiet(self) -> bool:
+    def inactive(self) -> bool:
         """Whether nothing moves, and nothing is queued that could."""
         queued = list(self.body.tasks) or self.watchdog._stopping or self.watchdog._armed or self.calls
         if queued or np.any(self.body.controller.twist):
@@ -158,8 +158,8 @@ class SimulatedRobot:
         self.world.at(self.world.time + CYCLE, self._cycle)
 
     def _stood(self) -> bool:
-        rows = self.measured[-QUIET:]
-        return len(rows) == QUIET and float(np.ptp(np.array(rows), axis=0).max()) < 2e-3
+        rows = self.measured[-INACTIVE:]
+        return len(rows) == INACTIVE and float(np.ptp(np.array(rows), axis=0).max()) < 2e-3
 
     def _watch(self) -> None:
         while True:

@@ -1,7 +1,7 @@
 """Motions on a simulated robot while messages, clients and the robot itself fail at random times.
 
 The oracles are laws: after an order to stop arms are at rest within 0.5 s and the base within its time of
-braking, nothing moves after rest was reported, the robot is quiet in the end, and no error is raw.
+braking, nothing moves after rest was reported, the robot is inactive in the end, and no error is raw.
 """
 
 import itertools
@@ -80,7 +80,7 @@ def test_a_motion_that_the_robot_begins_late_does_not_outlive_its_stop(guarded, 
     assert held(schedule, motions).status is RobotMotionStatus.STOPPED
 
 
-def test_a_client_that_was_frozen_is_told_that_the_watchdog_stopped_it(motions):
+def test_a_client_that_was_frozen_learns_that_the_watchdog_stopped_it(motions):
     outcome = run(replace(PLAIN, method="bezier", end="freeze", seed=3), motions)
     assert not outcome.wrong
     assert outcome.result.status is RobotMotionStatus.STALLED
