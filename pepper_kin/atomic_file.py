@@ -22,7 +22,8 @@ def as_path(path: object, quantity: str = "path") -> Path:
 
     Raises:
         InvalidValueError: naming the quantity, for what is neither a text nor a path.
-        FileFormatError: for a name that no file has: with a null character, or half of a surrogate pair.
+        FileFormatError: for a name that no file has: with a null character, half of a surrogate pair, or a
+            character that the locale's encoding lacks.
     """
     if not isinstance(path, str | os.PathLike):
         raise InvalidValueError(quantity, repr(path), "the name of a file or folder")
@@ -33,7 +34,10 @@ def as_path(path: object, quantity: str = "path") -> Path:
         if b"\0" in os.fsencode(name):
             raise FileFormatError(ascii(name), "cannot be the name of a file: it holds a null character")
     except UnicodeEncodeError as error:
-        reason = f"cannot be the name of a file: character {error.start} is half of a surrogate pair"
+        what = "is half of a surrogate pair"
+        if not "\ud800" <= name[error.start] <= "\udfff":
+            what = f"is not in {error.encoding}, the encoding of this locale's names; choose one of UTF-8"
+        reason = f"cannot be the name of a file: character {error.start} {what}"
         raise FileFormatError(ascii(name), reason) from error
     return Path(name)
 

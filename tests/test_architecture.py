@@ -26,6 +26,7 @@ ORDER = (
     "end_signals",
     "thread_priority",
     "qi_library",
+    "proxsuite_library",
     "ros_messages",
     "model",
     "symbolic",

@@ -178,6 +178,7 @@ def solve_batch(
         InvalidValueError: as `solve`, and where the numbers of targets differ or no task has several.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
+        MissingDependencyError: for "proxsuite" where its library cannot be loaded.
     """
     check_choice("solver", solver, ALL_SOLVERS)
     world = Collisions(pepper, *checked_scene(scene, collisions, margin))

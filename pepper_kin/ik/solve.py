@@ -102,6 +102,7 @@ def solve(
         InvalidValueError: for no task, an unknown solver, or numbers that are none, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
+        MissingDependencyError: for "proxsuite" where its library cannot be loaded.
     """
     check_choice("solver", solver, ALL_SOLVERS)
     world, apart = checked_scene(scene, collisions, margin)

@@ -11,6 +11,7 @@ from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
 from pepper_kin.ik.solvers.reference import HalfSpaces, StepSolver
 from pepper_kin.ik.tasks.task import Array
+from pepper_kin.proxsuite_library import proxqp
 
 ACCURACY = 1e-9
 
@@ -23,9 +24,13 @@ class ProxsuiteSolver(StepSolver):
 
     Args:
         problem: The problem; its joints that may not move are left out of the program.
+
+    Raises:
+        MissingDependencyError: where proxsuite cannot be loaded.
     """
 
     def __init__(self, problem: Problem) -> None:
+        self._library = proxqp()
         self._problem = problem
         self._index = np.flatnonzero(problem.movable)
         self._diagonal = np.diag_indices(self._index.size)
@@ -71,21 +76,20 @@ class ProxsuiteSolver(StepSolver):
         Returns:
             The change [rad or m], shape (k,); None where the program has no solution.
         """
-        from proxsuite import proxqp
-
+        library = self._library
         rows = 0 if half_spaces is None else half_spaces.offsets.size
         normals = None if half_spaces is None else half_spaces.normals[:, self._index]
         offsets = None if half_spaces is None else half_spaces.offsets
         least = None if half_spaces is None else np.full(rows, -1e20)
         program = self._programs.get(rows)
         if program is None:
-            program = proxqp.dense.QP(self._index.size, 0, rows, True)
+            program = library.dense.QP(self._index.size, 0, rows, True)
             program.settings.eps_abs = ACCURACY
             # Started warm, small residuals alone do not show that the bounds which hold have been found.
             program.settings.check_duality_gap = True
             program.settings.eps_duality_gap_abs = ACCURACY
             program.settings.max_iter = 1000
-            program.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            program.settings.initial_guess = library.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
             program.init(hessian, gradient, None, None, normals, least, offsets, lower, upper)
             self._programs[rows] = program
         else:
@@ -94,6 +98,6 @@ class ProxsuiteSolver(StepSolver):
                 l_box=lower, u_box=upper, update_preconditioner=True,
             )  # fmt: skip
         program.solve()
-        solved = program.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
+        solved = program.results.info.status == library.QPSolverOutput.PROXQP_SOLVED
         change = np.array(program.results.x)
         return change if solved and np.isfinite(change).all() else None

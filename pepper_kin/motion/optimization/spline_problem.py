@@ -81,7 +81,7 @@ def load_search(pepper: PepperModel, loads: Loads, balanced: bool) -> None:
 def _load_search() -> None:
     load_code(search, measure_motion, measure_cost, least_distance)
     for term in (clearance_rows, range_rows, kernel_rows):
-        assert term.address
+        term.address  # noqa: B018
 
 
 class SplineProblem:

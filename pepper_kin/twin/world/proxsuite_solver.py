@@ -7,11 +7,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.proxsuite_library import proxqp
+
 Array = NDArray[np.float64]
 
 ACCURACY = 1e-9
 """Tolerance of ProxQP's residuals; an impulse of 1 changes its own edge's velocity by 1 m/s."""
 ITERATIONS = 200
+SOLVERS = ("compiled", "proxsuite")
+
+
+def check_solver(name: str) -> str:
+    """Return the name of a contact solver that can be used here.
+
+    Raises:
+        InvalidValueError: for another name than those of `SOLVERS`.
+        MissingDependencyError: for "proxsuite" where it cannot be loaded.
+    """
+    if check_choice("solver", name, SOLVERS) == "proxsuite":
+        proxqp()
+    return name
 
 
 class ImpulseProblem(NamedTuple):
@@ -52,9 +68,7 @@ class ImpulseProgram:
 
     def solve(self, problem: ImpulseProblem) -> Array | None:
         """Return the impulses (normal, first, second tangent) of all points, shape (3 k,); None for none."""
-        from proxsuite import proxqp
-
-        count = len(problem.bias)
+        library, count = proxqp(), len(problem.bias)
         edges = _edges(problem.friction)
         rows, response = _edge_rows(edges, problem.jacobian), _edge_rows(edges, problem.response)
         hessian = response @ rows.T
@@ -65,11 +79,11 @@ class ImpulseProgram:
         solver = self._kept.get(count)
         if solver is None:
             none, ever = np.zeros(4 * count), np.full(4 * count, 1e20)
-            solver = self._kept[count] = proxqp.dense.QP(4 * count, 0, 0, True)
+            solver = self._kept[count] = library.dense.QP(4 * count, 0, 0, True)
             solver.settings.eps_abs = ACCURACY
             solver.settings.eps_rel = 0.0
             solver.settings.max_iter = ITERATIONS
-            solver.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+            solver.settings.initial_guess = library.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
             solver.init(hessian, gradient, None, None, None, None, None, none, ever)
         else:
             solver.update(H=hessian, g=gradient, update_preconditioner=False)

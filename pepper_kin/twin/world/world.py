@@ -28,7 +28,7 @@ from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.model.shapes import read_only, transform
 from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.contact_error import ContactError
@@ -37,12 +37,11 @@ from pepper_kin.twin.world.coal_contacts import CoalContacts
 from pepper_kin.twin.world.colliders import colliders
 from pepper_kin.twin.world.contact import StepSolution, WorldContact
 from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
-from pepper_kin.twin.world.proxsuite_solver import ImpulseProblem, ImpulseProgram
+from pepper_kin.twin.world.proxsuite_solver import SOLVERS, ImpulseProblem, ImpulseProgram, check_solver
 from pepper_kin.twin.world.tree import tree_table
 
 Array = NDArray[np.float64]
 
-SOLVERS = ("compiled", "proxsuite")
 _CAUSES = {
     NOT_SOLVED: "the contact problem was not solved",
     TOO_MANY_POINTS: f"more than {MOST_POINTS} points in contact",
@@ -72,6 +71,7 @@ class World:
     Raises:
         InvalidValueError: for a friction below 0 or above 100, NaN, an unknown solver, or an object that is
             named like a link.
+        MissingDependencyError: for "proxsuite" where it cannot be loaded.
         UnknownNameError: for frames that the robot lacks.
     """
 
@@ -100,7 +100,7 @@ class World:
             )
         self.friction = body_limits.check_friction("friction", friction)
         self.gravity = read_only(as_finite(gravity, "gravity", (3,)))
-        self._solver = check_choice("solver", solver, SOLVERS)
+        self._solver = check_solver(solver)
         self._tree = tree_table(pepper)
         self._initial: dict[str, FreeBody] = {}
         self._program = ImpulseProgram()
@@ -118,8 +118,9 @@ class World:
 
         Raises:
             InvalidValueError: for another name than "compiled" or "proxsuite".
+            MissingDependencyError: for "proxsuite" where it cannot be loaded.
         """
-        self._solver = check_choice("solver", solver, SOLVERS)
+        self._solver = check_solver(solver)
         self._tables = self._tables._replace(by_callback=self._solver == "proxsuite")
 
     @property

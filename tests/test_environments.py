@@ -1,0 +1,117 @@
+"""Interpreter options, locales, folders and system libraries that differ from a developer's machine."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import requires, version
+
+import pytest
+from packaging.requirements import Requirement
+
+
+def run(*arguments, cwd=None, drop=(), **environment):
+    """Run Python in another process and return what it printed; a failure shows its errors."""
+    inherited = {name: value for name, value in os.environ.items() if name not in drop}
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        check=False,
+        cwd=cwd,
+        env={**inherited, **environment},
+    )
+    assert done.returncode == 0, done.stderr.decode(errors="replace")
+    return done.stdout.decode("utf-8", errors="replace")
+
+
+PROXSUITE = """
+import pepper_kin as pk
+from pepper_kin.twin.world.world import World
+
+pepper = pk.load_pepper()
+task = pk.ik.HandPosition("left", (0.38, 0.22, 0.82))
+world = World(pepper)
+for call in (
+    lambda: pk.ik.solve(pepper, task, solver="proxsuite"),
+    lambda: World(pepper, solver="proxsuite"),
+    lambda: setattr(world, "solver", "proxsuite"),
+):
+    try:
+        call()
+    except pk.exceptions.MissingDependencyError as error:
+        print(error.package, "|", error)
+print(pk.ik.solve(pepper, task, solver="placo").success, world.solver)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the loader of Linux")
+def test_proxsuite_without_libgomp_names_the_system_package(tmp_path):
+    """The loader finds an empty file in the library's place; the wheel brings none (D1)."""
+    (tmp_path / "libgomp.so.1").touch()
+    lines = run("-c", PROXSUITE, LD_LIBRARY_PATH=str(tmp_path)).splitlines()
+    assert len(lines) == 4
+    for line in lines[:3]:
+        assert line.startswith("libgomp1 | the solver 'proxsuite' (")
+        assert "apt-get install libgomp1" in line
+    assert lines[3] == "True compiled"
+
+
+def requirement(name, **environment):
+    """The requirement of a package for an environment, such as an extra and a version of Python."""
+    found = [Requirement(text) for text in requires("pepper_kin")]
+    return [r for r in found if r.name == name and (r.marker is None or r.marker.evaluate(environment))]
+
+
+@pytest.mark.parametrize("extra", ["test", "naoqi"])
+def test_scripts_of_python_2_have_their_translator(extra):
+    """lib2to3 came with Python until 3.12 (D2)."""
+    assert requirement("fissix", extra=extra, python_version="3.13")
+    assert not requirement("fissix", extra=extra, python_version="3.11")
+
+
+@pytest.mark.parametrize("extra", ["test", "mujoco"])
+def test_the_mujoco_that_computes_wrong_accelerations_is_excluded(extra):
+    """D3."""
+    (found,) = requirement("mujoco", extra=extra)
+    assert "4.0.0" not in found.specifier
+    assert version("mujoco") in found.specifier
+
+
+@pytest.mark.parametrize("name", ["numba", "llvmlite"])
+def test_what_machine_code_depends_on_has_an_upper_bound(name):
+    """D4."""
+    (found,) = requirement(name, extra="")
+    assert "999.0" not in found.specifier
+    assert version(name) in found.specifier
+
+
+PROGRAM = """
+import pepper_kin as pk
+
+pepper = pk.load_pepper()
+scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+tasks = [pk.ik.HandPosition("left", (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]
+trajectory = pk.retime(pepper, pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0))
+assert trajectory.check(pepper, scene=scene).success or print("fails")
+pk.files.save(trajectory, "reach.yaml", scene=scene)
+print(pk.Twin(pepper, timestep=0.001).execute(trajectory).status.value, f"{trajectory.duration:.9f}")
+"""
+
+C_LOCALE = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+def test_the_main_job_is_the_same_wherever_it_runs(tmp_path):
+    """With -O, in a locale of ASCII, without a home, and in folders with a space (D5)."""
+    odd = tmp_path / "a folder of my own"
+    odd.mkdir()
+    expected = run("-c", PROGRAM, cwd=tmp_path)
+    assert expected.startswith("completed ")
+    for options, environment in (
+        (["-O"], {}),
+        (["-OO"], {}),
+        ([], C_LOCALE),
+        ([], {"PEPPER_KIN_CACHE": str(odd / "cache of code")}),
+    ):
+        assert run(*options, "-c", PROGRAM, cwd=odd, **environment) == expected
+    homeless = run("-c", PROGRAM, cwd=odd, drop=("HOME", "XDG_CACHE_HOME", "PEPPER_KIN_CACHE"))
+    assert homeless == expected
+    assert (odd / "reach.yaml").stat().st_size > 1000
