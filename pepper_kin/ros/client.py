@@ -116,6 +116,7 @@ class RobotClient:
         self._lock = threading.Lock()
         self._states: dict[str, _JointState] = {}
         self._trouble = ""
+        self._last_trouble = (float("-inf"), "")
         self._motions: set[Supervisor] = set()
         self._subscription = transport.subscribe(
             topic, "sensor_msgs/msg/JointState", RELIABLE, self._on_joint_states
@@ -293,6 +294,12 @@ class RobotClient:
             states = [self._states[name] for name in names]
         return min(state.heard_at for state in states), [state.position for state in states]
 
+    def trouble_since(self, time: float) -> str:
+        """Return what was malformed in joint states that arrived since a time [s]; "" if nothing was."""
+        with self._lock:
+            at, trouble = self._last_trouble
+        return trouble if at >= time else ""
+
     def _on_joint_states(self, message: Any) -> None:
         now, stamp = self._clock.now(), seconds(message.header.stamp)
         names = [self._ours.get(name, name) for name in message.name]
@@ -306,6 +313,7 @@ class RobotClient:
         with self._lock:
             self._trouble = trouble
             if trouble:
+                self._last_trouble = (now, trouble)
                 return
             for name, position in zip(names, positions.tolist(), strict=True):
                 last = self._states.get(name)
@@ -354,6 +362,7 @@ class _GoalMotion(SupervisedMotion):
         self._handle: GoalHandle | None = None
         self._canceled = float("-inf")
         self._ended: float | None = None
+        self._begun = 0.0
         self.code: int | None = None
         self.worst = 0.0
 
@@ -368,6 +377,7 @@ class _GoalMotion(SupervisedMotion):
 
     def hand_over(self) -> bool:
         """Send the goal."""
+        self._begun = self._clock.now()
         name = f"/{self._client.controller}/follow_joint_trajectory"
         try:
             self._handle = self._client.transport.send_goal(name, ACTION, self._goal, self._feedback)
@@ -383,6 +393,9 @@ class _GoalMotion(SupervisedMotion):
     def step(self) -> bool:
         """Look at the goal and the joint states."""
         assert self._handle is not None
+        trouble = self._client.trouble_since(self._begun)
+        if trouble:
+            raise UnusableStateError(trouble)
         positions = self._measure()
         if not self._handle.done:
             return False

@@ -118,6 +118,39 @@ def test_joint_states_that_stop_cancel_the_motion(model):
         body.time.stop()
 
 
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_states_that_are_no_numbers_stop_the_robot(model, value):
+    from pepper_kin.naoqi.body import Body
+    from pepper_kin.ros.node import RobotNode
+    from pepper_kin.ros_messages import message_type
+
+    with LocalTransport() as transport:
+        body = Body()
+        body.time.start()
+        with RobotNode(body, transport, cameras=()), RobotClient(transport, model) as robot:
+            trajectory = motion(robot, 4.0, HeadYaw=1.2)
+            kind = message_type("sensor_msgs/msg/JointState")
+            damaged = kind(name=["HeadYaw"], position=[value])
+            result = robot.follow(
+                trajectory, on_progress=lambda time: time > 0.5 and robot._on_joint_states(damaged)
+            )
+            assert result.status is RobotMotionStatus.STATE_UNUSABLE
+            assert "position of HeadYaw: got" in result.message
+            assert result.at_rest
+            assert abs(body.measured("HeadYaw")) < 1.1
+        body.time.stop()
+
+
+def test_a_stop_while_the_certificate_is_checked_counts(robot, served, monkeypatch):
+    """A2, over rosbridge."""
+    trajectory = motion(robot, 1.5, HeadYaw=0.9 if served.body.measured("HeadYaw") < 0.5 else 0.0)
+    monkeypatch.setattr("pepper_kin.ros.client.refuse_unsafe", lambda *_, **__: robot.stop())
+    before = served.body.commanded("HeadYaw")
+    result = robot.follow(trajectory)
+    assert result.status is RobotMotionStatus.STOPPED
+    assert served.body.commanded("HeadYaw") == before
+
+
 def test_no_robot(model):
     with (
         RosbridgeServer(port=0) as server,
