@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -214,7 +214,10 @@ class SupervisedMotion(ABC):
         """Whether the robot can be reached."""
 
 
-class Supervisor:
+Motion = TypeVar("Motion", bound=SupervisedMotion)
+
+
+class Supervisor(Generic[Motion]):
     """Drives one motion through its states; every end but COMPLETED holds the robot and measures rest.
 
     Args:
@@ -228,7 +231,7 @@ class Supervisor:
 
     def __init__(
         self,
-        motion: SupervisedMotion,
+        motion: Motion,
         clock: Clock | None = None,
         on_state: Callable[[MotionState], object] | None = None,
     ) -> None:

@@ -221,9 +221,12 @@ class MotionWatchdog(object):
                 return self.status(token)
             for one in list(self._armed):
                 self._end(one, str(why))
-            body = list(self._motion.getBodyNames("Body"))
+            held = [name for motion in self._stopping.values() for name in motion.joints]
+            body = [str(name) for name in self._motion.getBodyNames("Body")]
+            joints = [name for name in body if not name.startswith("Wheel") and name not in held]
+            base = not any(motion.base for motion in self._stopping.values())
             self._number += 1
-            everything = _Motion(1.0, [n for n in body if not n.startswith("Wheel")], True, self._clock())
+            everything = _Motion(1.0, joints, base, self._clock())
             self._armed[self._number] = everything
             self._end(self._number, str(why))
             self._watch_on()

@@ -80,7 +80,7 @@ class Robot:
         self._link = Link(url, token, check_positive("timeout", timeout, "s"))
         self._clock = Clock()
         self._reader = StateReader(self._link, self.pepper, self._clock)
-        self._motions: set[Supervisor] = set()
+        self._motions: set[Supervisor[RobotMotion]] = set()
         self._lock = threading.Lock()
         self.has_watchdog = self._watchdog_is_there()
 
@@ -150,9 +150,13 @@ class Robot:
             if self.has_watchdog:
                 self._link.call(on_robot.NAME, "halt", 0, "stop() was called")
                 return
-        joints = [name for name in self.pepper.joint_names if name in ACTUATED]
-        on_robot.hold_joints(self._link.proxy("ALMotion"), joints)
-        self._link.call("ALMotion", "stopMove")
+        supervised = [supervisor.motion.moved for supervisor in motions]  # each holds what it moves
+        taken = {name for moved in supervised for name in moved.joints}
+        joints = [name for name in self.pepper.joint_names if name in ACTUATED and name not in taken]
+        if joints:
+            on_robot.hold_joints(self._link.proxy("ALMotion"), joints)
+        if not any(moved.base for moved in supervised):
+            self._link.call("ALMotion", "stopMove")
 
     def follow(
         self,

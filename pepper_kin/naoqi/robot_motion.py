@@ -66,7 +66,7 @@ class RobotMotion(SupervisedMotion):
         check: Callable[[], object],
     ) -> None:
         self._link, self._pepper, self._options, self._guarded = link, pepper, options, guarded
-        self._clock, self._check, self._moved = clock, check, moved
+        self._clock, self._check, self.moved = clock, check, moved
         self._reader = StateReader(link, pepper, clock)
         self._base = [pepper.joint_index(name) for name in BASE if name in pepper.joint_names]
         self._channel: Channel = (
@@ -220,7 +220,7 @@ class RobotMotion(SupervisedMotion):
 
     def _last_calls(self) -> list[tuple[str, list[Any]]]:
         """Return the calls that keep the robot at the end of the motion."""
-        return [("move", [0.0, 0.0, 0.0])] if self._moved.base else []
+        return [("move", [0.0, 0.0, 0.0])] if self.moved.base else []
 
     def _as_run(self) -> Run | None:
         """Return the states as a run in steps of 20 ms."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +17,16 @@ from pepper_kin.files.ros_file import ros_points
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.ros.controllers import ACTION
 from pepper_kin.ros.errors import TransportError
-from pepper_kin.ros.joint_trajectory import ErrorCode, message_of, seconds
+from pepper_kin.ros.goal_motion import NEAR, STATE_TIMEOUT, STOP_TIME, GoalMotion
+from pepper_kin.ros.joint_trajectory import message_of, seconds
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros.qos import RELIABLE
-from pepper_kin.ros.transport import GoalHandle, GoalStatus, Transport
+from pepper_kin.ros.transport import Transport
 from pepper_kin.ros_messages import message_type
 from pepper_kin.supervision import (
     Clock,
     MotionEndedError,
-    RestMeter,
     RobotMotionStatus,
-    SupervisedMotion,
     Supervisor,
     UnusableStateError,
 )
@@ -36,23 +34,11 @@ from pepper_kin.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-STATE_TIMEOUT = 0.5
-"""Joint states that are older than this end a motion [s]."""
-
-NEAR = 0.05
-"""How far the robot may be from the start of a motion, and from its end [rad]."""
-
-SETTLE = 2.0
-"""Time after its success in which a motion comes to rest [s]."""
-
-CANCEL_AGAIN, CANCEL_WAIT = 0.2, 0.2
-"""Time between two cancel requests, and for the answer of one [s]."""
+BEYOND = 0.5
+"""How far beyond its limits a joint may be stated [rad or m]."""
 
 RESTART = 1.0
 """Time after which joint states may begin again with earlier stamps [s]."""
-
-STOP_TIME = 5.0
-"""The longest time in which rest is waited for [s]."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +98,7 @@ class RobotClient:
         self.pepper = load_pepper(hands="mimic") if pepper is None else pepper
         self._theirs = dict(joint_names or {})
         self._ours = {theirs: ours for ours, theirs in self._theirs.items()}
-        self._clock = Clock()
+        self.clock = Clock()
         self._lock = threading.Lock()
         self._states: dict[str, _JointState] = {}
         self._trouble = ""
@@ -131,9 +117,9 @@ class RobotClient:
     def close(self) -> None:
         """Stop motions under way, wait for their end, and listen no more."""
         self.stop()
-        end = self._clock.now() + STOP_TIME
-        while self._motions and self._clock.now() < end:
-            self._clock.sleep(0.01)
+        end = self.clock.now() + STOP_TIME
+        while self._motions and self.clock.now() < end:
+            self.clock.sleep(0.01)
         self._subscription.close()
 
     @property
@@ -141,7 +127,7 @@ class RobotClient:
         """Time since the last joint states arrived [s]; infinite before the first."""
         with self._lock:
             heard = max((state.heard_at for state in self._states.values()), default=float("-inf"))
-        return self._clock.now() - heard
+        return self.clock.now() - heard
 
     def joint_positions(self, timeout: float = 5.0) -> dict[str, float]:
         """Return the positions of the joints, by our names [rad or m].
@@ -152,14 +138,14 @@ class RobotClient:
         Raises:
             TransportError: where none arrive.
         """
-        end = self._clock.now() + timeout
+        end = self.clock.now() + timeout
         while self.age >= STATE_TIMEOUT:
-            if self._clock.now() >= end:
+            if self.clock.now() >= end:
                 trouble = f" ({self._trouble})" if self._trouble else ""
                 raise TransportError(
                     "joint states", f"none arrived within {timeout:g} s{trouble}; is the robot there?"
                 )
-            self._clock.sleep(0.005)
+            self.clock.sleep(0.005)
         with self._lock:
             return {name: state.position for name, state in self._states.items()}
 
@@ -225,9 +211,9 @@ class RobotClient:
             return self._goal_of(points, names, path_tolerance)
 
         end = {name: float(trajectory.end[trajectory.joint_names.index(name)]) for name in names}
-        motion = _GoalMotion(self, end, check, on_progress)
-        supervisor = Supervisor(motion, self._clock)
-        begin = self._clock.now()
+        motion = GoalMotion(self, end, check, on_progress, trajectory.duration)
+        supervisor = Supervisor(motion, self.clock)
+        begin = self.clock.now()
         self._motions.add(supervisor)
         try:
             ended = supervisor.run()
@@ -235,7 +221,7 @@ class RobotClient:
             self._motions.discard(supervisor)
         message = ended.message or "The end was reached."
         return FollowResult(
-            ended.status, message, ended.at_rest, motion.code, self._clock.now() - begin, motion.worst
+            ended.status, message, ended.at_rest, motion.code, self.clock.now() - begin, motion.worst
         )
 
     def stop(self) -> None:
@@ -294,6 +280,16 @@ class RobotClient:
             states = [self._states[name] for name in names]
         return min(state.heard_at for state in states), [state.position for state in states]
 
+    def _beyond_limits(self, names: Sequence[str], positions: Array) -> str:
+        """Return which joint of the model is where none can be; "" if none is."""
+        for name, position in zip(names, positions.tolist(), strict=True):
+            if name in self.pepper.joint_names:
+                k = self.pepper.joint_index(name)
+                lower, upper = self.pepper.lower_limits[k], self.pepper.upper_limits[k]
+                if not lower - BEYOND <= position <= upper + BEYOND:
+                    return f"position of {name}: got {position:g}, expected {lower:g} to {upper:g}"
+        return ""
+
     def trouble_since(self, time: float) -> str:
         """Return what was malformed in joint states that arrived since a time [s]; "" if nothing was."""
         with self._lock:
@@ -301,15 +297,19 @@ class RobotClient:
         return trouble if at >= time else ""
 
     def _on_joint_states(self, message: Any) -> None:
-        now, stamp = self._clock.now(), seconds(message.header.stamp)
+        now, stamp = self.clock.now(), seconds(message.header.stamp)
         names = [self._ours.get(name, name) for name in message.name]
         positions = np.asarray(message.position, dtype=float)
         trouble = ""
         if len(positions) != len(names):
-            trouble = f"joint states have {len(positions)} positions for {len(names)} names"
+            trouble = (
+                f"joint states have {len(positions)} positions, expected {len(names)}, one for each name"
+            )
         elif not np.isfinite(positions).all():
             k = int(np.argmin(np.isfinite(positions)))
             trouble = f"position of {names[k]}: got {positions[k]}, expected a finite number"
+        else:
+            trouble = self._beyond_limits(names, positions)
         with self._lock:
             self._trouble = trouble
             if trouble:
@@ -328,135 +328,3 @@ class _JointState:
     position: float
     stamp: float
     heard_at: float
-
-
-class _GoalMotion(SupervisedMotion):
-    """A goal of the action, and the joint states meanwhile.
-
-    Args:
-        client: Whose robot.
-        end: Joint -> where it ends [rad or m].
-        check: Raises what speaks against the motion, or returns the goal that is sent.
-        on_progress: Called with the time along the trajectory [s].
-    """
-
-    stop_time = STOP_TIME
-    ending_errors: ClassVar = (
-        (TransportError, RobotMotionStatus.CONNECTION_LOST),
-        (UnusableStateError, RobotMotionStatus.STATE_UNUSABLE),
-    )
-
-    def __init__(
-        self,
-        client: RobotClient,
-        end: Mapping[str, float],
-        check: Callable[[], Any],
-        on_progress: Callable[[float], object] | None,
-    ) -> None:
-        self._client, self._end, self._check = client, end, check
-        self._goal: Any = None
-        self._on_progress = on_progress
-        self._clock = client._clock
-        self._rest = RestMeter(tuple(end))
-        self._measured: deque[float] = deque([float("-inf")], maxlen=1)
-        self._handle: GoalHandle | None = None
-        self._canceled = float("-inf")
-        self._ended: float | None = None
-        self._begun = 0.0
-        self.code: int | None = None
-        self.worst = 0.0
-
-    @property
-    def connected(self) -> bool:
-        """Always True: a transport does not say; rest is waited for until time is over."""
-        return True
-
-    def check(self) -> None:
-        """Raise what speaks against the motion."""
-        self._goal = self._check()
-
-    def hand_over(self) -> bool:
-        """Send the goal."""
-        self._begun = self._clock.now()
-        name = f"/{self._client.controller}/follow_joint_trajectory"
-        try:
-            self._handle = self._client.transport.send_goal(name, ACTION, self._goal, self._feedback)
-        except TransportError as error:
-            raise MotionEndedError(RobotMotionStatus.REFUSED, str(error)) from error
-        return True
-
-    def _feedback(self, message: Any) -> None:
-        self.worst = max(self.worst, float(np.abs(message.error.positions).max(initial=0.0)))
-        if self._on_progress is not None:
-            self._on_progress(seconds(message.desired.time_from_start))
-
-    def step(self) -> bool:
-        """Look at the goal and the joint states."""
-        assert self._handle is not None
-        trouble = self._client.trouble_since(self._begun)
-        if trouble:
-            raise UnusableStateError(trouble)
-        positions = self._measure()
-        if not self._handle.done:
-            return False
-        now = self._clock.now()
-        if self._ended is None:
-            self._look_at_result()
-            self._ended = now
-        moving = self._rest.moving(self._ended, now)
-        off = {name: abs(q - end) for (name, end), q in zip(self._end.items(), positions, strict=True)}
-        worst = max(off, key=lambda name: off[name])
-        if not moving and off[worst] <= NEAR:
-            return True
-        if now > self._ended + SETTLE:
-            text = moving or f"{worst} is {off[worst]:.3f} rad from the end"
-            raise MotionEndedError(
-                RobotMotionStatus.DEVIATED, f"{SETTLE:g} s after the robot's success {text}"
-            )
-        return False
-
-    def _measure(self) -> list[float]:
-        """Return where the joints are, and keep it for the measurement of rest."""
-        heard, positions = self._client.positions_of(tuple(self._end))
-        age = self._clock.now() - heard
-        if age > STATE_TIMEOUT:
-            raise UnusableStateError(f"no joint states arrived for {age:.1f} s")
-        if heard > self._measured[-1]:
-            self._measured.append(heard)
-            self._rest.add(heard, positions)
-        return positions
-
-    def _look_at_result(self) -> None:
-        """End the motion where the robot has not made it."""
-        assert self._handle is not None
-        try:
-            found = self._handle.result(0.0)
-        except TransportError as error:
-            raise MotionEndedError(RobotMotionStatus.REFUSED, str(error)) from error
-        if found.status is GoalStatus.UNKNOWN:
-            raise MotionEndedError(RobotMotionStatus.CONNECTION_LOST, "The connection was lost.")
-        self.code, text = int(found.result.error_code), str(found.result.error_string)
-        if found.status is GoalStatus.CANCELED:
-            raise MotionEndedError(RobotMotionStatus.STOPPED, f"Canceled: {text}.")
-        if found.status is not GoalStatus.SUCCEEDED or self.code != ErrorCode.SUCCESSFUL:
-            raise MotionEndedError(RobotMotionStatus.ABORTED, f"Aborted with {self.code}: {text}.")
-
-    def stop(self) -> str:
-        """Cancel the goal until it has ended, then wait for measured rest."""
-        now, handle = self._clock.now(), self._handle
-        trouble = ""
-        try:
-            self._measure()
-        except UnusableStateError as error:
-            trouble = error.reason
-        if handle is not None and not handle.done:
-            self._ended = None
-            if now >= self._canceled + CANCEL_AGAIN:
-                self._canceled = now
-                handle.cancel(CANCEL_WAIT)
-            return "the goal has not ended yet"
-        if handle is not None and handle.accepted and handle.result(0.0).status is GoalStatus.UNKNOWN:
-            return "whether the goal has ended is not known"
-        self._ended = now if self._ended is None else self._ended
-        moving = self._rest.moving(self._ended, now)
-        return f"{moving} ({trouble})" if moving and trouble else moving

@@ -5,20 +5,22 @@ from __future__ import annotations
 import contextlib
 import signal
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 from unittest import mock
 
 import numpy as np
 from simulated_robot import FakeQi, Network, SimulatedRobot, World
+from simulated_ros import SimulatedTransport
 
 import pepper_kin as pk
 from pepper_kin.exceptions import PepperKinError
 from pepper_kin.naoqi import Robot, RobotMotionResult, RobotMotionStatus
 from pepper_kin.naoqi.link import Link
+from pepper_kin.ros import RobotClient, RobotNode
 from pepper_kin.supervision import MotionState, Supervisor
 
-METHODS = ("stream", "bezier", "base", "drive", "move_to")
+METHODS = ("stream", "bezier", "base", "drive", "move_to", "ros")
 
 STATES = (MotionState.CHECKING, MotionState.HANDED_OVER, MotionState.MOVING, MotionState.STOPPING)
 
@@ -80,8 +82,8 @@ def schedule_of(method: str, rng: np.random.Generator) -> Schedule:
     if rng.random() < 0.4:
         lasting = {"bezier": "angleInterpolationBezier", "move_to": "moveTo", "stream": "setAngles"}
         slow[lasting.get(method, "move")] = 0.05
-        if method in ("bezier", "move_to"):
-            slow[lasting[method]] = float(rng.choice([0.05, 0.3, 1.0, 2.0]))
+        if method in ("bezier", "move_to", "ros"):
+            slow[lasting.get(method, "goal")] = float(rng.choice([0.05, 0.3, 1.0, 2.0]))
     return Schedule(
         method,
         guarded,
@@ -118,7 +120,7 @@ class Motions:
         self.base = pk.retime(planar, np.array([q, goal]))
         for trajectory, robot in ((self.arms, pepper), (self.base, planar)):
             assert trajectory.check(robot).success
-        self.curves = pk.files.naoqi_arguments(self.arms)
+        self.curves, self.points = pk.files.naoqi_arguments(self.arms), pk.files.ros_points(self.arms)
 
 
 @dataclass
@@ -140,7 +142,7 @@ def run(
     robot = SimulatedRobot(world, watchdog=schedule.guarded)
     robot.motion.watch = watch
     network = Network(world, robot)
-    case = _Case(schedule, world, robot, network, random)
+    case = (_RosCase if schedule.method == "ros" else _Case)(schedule, world, robot, network, random)
     try:
         with case.patched(motions):
             return case.run(motions)
@@ -166,7 +168,7 @@ class _Case:
         )
         self.states: list[MotionState] = []
         self.caused: float | None = None
-        self.client: Robot | None = None
+        self.client: Any = None
         self.ghost, self.over = False, False
         self.frozen_until = 0.0
         self.ordered: float | None = None
@@ -277,7 +279,7 @@ class _Case:
     def run(self, motions: Motions) -> Outcome:
         """Make the motion, then look on until nothing can move any more."""
         schedule, world, robot = self.schedule, self.world, self.robot
-        self.client = Robot("tcp://simulated:9559", timeout=3.0)
+        self.connect()
         self.watch_orders()
         self.network.delay = self.delay
         self.network.twice = lambda: bool(self.random.random() < schedule.doubled)
@@ -308,6 +310,10 @@ class _Case:
             wrong.append("the robot is not inactive 12 s later")
         wrong += self.broken(result, error, returned)
         return Outcome(result, error, wrong, self.states)
+
+    def connect(self) -> None:
+        """Make the client."""
+        self.client = Robot("tcp://simulated:9559", timeout=3.0)
 
     def move(self, motions: Motions) -> RobotMotionResult:
         """Make the motion."""
@@ -363,7 +369,7 @@ class _Case:
                 wrong.append(f"completed {end:.3f} from the end")
         if self.ordered is not None and not completed:
             late = max(schedule.slow.values(), default=0.0)
-            bound = REST if schedule.method in ("stream", "bezier") else self.braking()
+            bound = REST if schedule.method in ("stream", "bezier", "ros") else self.braking()
             spike = schedule.longest if schedule.spikes > 0 else 0.1
             slack = 2.0 * late + (0.0 if schedule.guarded else 2.0 * spike)
             moved = moved_after(self.ordered + bound + slack)
@@ -387,3 +393,49 @@ class _Case:
         wanted = run.reference_position[-1]
         columns = [k for k, name in enumerate(run.joint_names) if not name.startswith("Base")]
         return float(np.abs(run.position[-1] - wanted)[columns].max())
+
+
+class _RosCase(_Case):
+    """A motion by `RobotClient`: cancel requests are the orders to stop."""
+
+    @contextlib.contextmanager
+    def patched(self, motions: Motions) -> Iterator[None]:
+        def supervisor(motion: Any, clock: Any) -> Supervisor:
+            return Supervisor(motion, clock, self.begin_state)
+
+        with (
+            mock.patch("pepper_kin.ros.client.Clock", return_value=self),
+            mock.patch("pepper_kin.ros.client.Supervisor", supervisor),
+            mock.patch("pepper_kin.ros.client.refuse_unsafe", self.certify),
+            mock.patch("pepper_kin.ros.client.ros_points", return_value=motions.points),
+        ):
+            yield
+
+    def connect(self) -> None:
+        slow = self.schedule.slow.get("goal", 0.0)
+        self.transport = SimulatedTransport(self.world, self.network, slow, self.order)
+        self.node = RobotNode(self.robot.body, self.transport, cameras=(), noise=False)
+        self.client = RobotClient(self.transport, pk.load_pepper())
+        self.client.joint_positions()
+
+    def watch_orders(self) -> None:
+        """Do nothing: the transport notes the orders."""
+
+    def go_wrong(self) -> None:
+        if self.schedule.end in ("kill", "cut"):
+            self.ghost = True
+            self.transport.lose_client()
+        elif self.schedule.end == "other stop":
+            self.schedule = replace(self.schedule, end="kill all")
+            super().go_wrong()
+        else:
+            super().go_wrong()
+
+    def damaged(self, module: str, topic: str, message: Any) -> Any:
+        values = {"nan": float("nan"), "infinite": float("inf"), "text": 1e300}
+        value = values.get(self.schedule.damage)
+        positions = [value] * len(message.name) if value is not None else message.position[:2]
+        return type(message)(header=message.header, name=message.name, position=positions)
+
+    def move(self, motions: Motions) -> Any:
+        return self.client.follow(motions.arms)

@@ -152,6 +152,10 @@ class SimulatedRobot:
         body = self.body
         if list(body.tasks) or np.any(body.controller.twist) or not self._stood():
             body.time._advance()
+        else:
+            body.time._cycles += 1
+            for listener in tuple(body.listeners):
+                listener()
         self.times.append(self.world.time)
         position = np.array(body.state.position)
         self.measured.append(position)
