@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -361,7 +361,7 @@ class _DeferredSignals:
 def _deferred_signals() -> Iterator[_DeferredSignals]:
     """Let Ctrl-C and SIGTERM wait, in the main thread and where the program has no other handlers."""
     deferred = _DeferredSignals()
-    ordinary = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    ordinary: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     kept = []
     if threading.current_thread() is threading.main_thread():
         kept = [number for number, handler in ordinary.items() if signal.getsignal(number) == handler]

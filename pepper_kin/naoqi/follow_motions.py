@@ -74,7 +74,7 @@ class FollowMotion(RobotMotion):
         self._trajectory = trajectory
         self._origin: Array | None = None
         self._at = 0.0
-        self._moved_at: float | None = None
+        self._moved_at = math.inf
         self._ended: float | None = None
 
     def check(self) -> None:
@@ -247,7 +247,7 @@ class BezierMotion(FollowMotion):
         return np.where(np.isfinite(state.command), state.command, state.q)[self._columns]
 
     def _wanted(self, state: RobotState) -> Array:
-        if self._moved_at is not None and not self._finishing:
+        if self._moved_at < math.inf and not self._finishing:
             passed = state.time - (self._states[-1][1].time if self._states else state.time)
             expected = min(self._at + max(passed, 0.0), self._trajectory.duration)
             grid = np.arange(self._at, min(expected + AHEAD, self._trajectory.duration) + CYCLE, CYCLE / 2.0)

@@ -150,7 +150,12 @@ class StateReader:
         return RobotState(
             self.pepper.joint_names,
             reading.asked_at,
-            *(found[quantity] for quantity in QUANTITIES),
+            found["position"],
+            found["command"],
+            found["velocity"],
+            found["torque"],
+            found["stiffness"],
+            found["temperature"],
             _number(rest[0]),
             pressed,
         )

@@ -39,7 +39,8 @@ class MotionWatchdogModule(Module):
 
     def add(self, token: int, number: int, part: Any) -> str:
         """Keep a part of the times and keys of `start`; return the motion's state."""
-        return self.watchdog.add(*self._whole("add", token=token, number=number), part)
+        token, number = self._whole("add", token=token, number=number)
+        return self.watchdog.add(token, number, part)
 
     def start(self, token: int, number: int, method: str, arguments: Any) -> str:
         """Begin "moveTo" or "angleInterpolationBezier"; return the motion's state."""
@@ -56,7 +57,8 @@ class MotionWatchdogModule(Module):
 
     def halt(self, token: int, why: str) -> str:
         """End a motion, or all (0), and hold the robot until it is at rest; return the motion's state."""
-        return self.watchdog.halt(*self._whole("halt", token=token), str(why))
+        (token,) = self._whole("halt", token=token)
+        return self.watchdog.halt(token, str(why))
 
     def status(self, token: int) -> str:
         """Return the state of a motion."""

@@ -88,7 +88,7 @@ class ImpulseProgram:
         else:
             solver.update(H=hessian, g=gradient, update_preconditioner=False)
         solver.solve()
-        solved = solver.results.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
+        solved = solver.results.info.status == library.QPSolverOutput.PROXQP_SOLVED
         forces = scale * np.maximum(solver.results.x, 0.0)
         if not (solved and np.isfinite(forces).all()):
             self._kept.pop(count)  # the next start is a cold one
