@@ -281,7 +281,12 @@ class RobotClient:
         return min(state.heard_at for state in states), [state.position for state in states]
 
     def _beyond_limits(self, names: Sequence[str], positions: Array) -> str:
-        """Return which joint of the model is where none can be; "" if none is."""
+        """Return which joint of the model is where none can be; "" if none is.
+
+        Args:
+            names: Joints.
+            positions: Of these [rad or m], shape (k,).
+        """
         for name, position in zip(names, positions.tolist(), strict=True):
             if name in self.pepper.joint_names:
                 k = self.pepper.joint_index(name)
