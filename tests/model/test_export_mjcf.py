@@ -142,9 +142,15 @@ def test_sensors_measure():
     jacobian = pk.kinematics.frame_jacobian(engine.pepper, q, "ImuTorsoGyrometer_frame")
     expected = turn.T @ (jacobian[3:, engine.pepper.joint_index("HipRoll")] * 0.5)
     np.testing.assert_allclose(engine.data.sensor("ImuTorsoGyrometer").data, expected, atol=1e-9)
-    # The base stands on the floor, so its accelerometer feels 1 g upwards.
-    np.testing.assert_allclose(engine.data.sensor("ImuBaseAccelerometer").data, [0, 0, 9.81], atol=1e-9)
     assert engine.data.sensor("ImuTorsoAccelerometer").data.shape == (3,)
+
+
+def test_the_accelerometer_of_a_base_on_the_floor_feels_gravity():
+    """A base that drives: MuJoCo 3 reads nothing on bodies that cannot move."""
+    engine = Engine(pk.load_pepper(base="planar"))
+    engine.set(engine.pepper.posture("Stand"))
+    mujoco.mj_forward(engine.model, engine.data)
+    assert engine.data.sensor("ImuBaseAccelerometer").data[2] == pytest.approx(9.81, abs=1e-9)
 
 
 def test_base_follows_its_velocity_commands():
