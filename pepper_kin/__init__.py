@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pepper_kin import forked_children  # noqa: F401
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from pepper_kin import _PACKAGES
 ROOT = Path(__file__).parents[1]
 ORDER = (
     "lazy_names",
+    "forked_children",
     "exceptions",
     "status",
     "atomic_file",
@@ -67,6 +68,7 @@ ONLY = {
     "exceptions": set(),
     "status": set(),
     "lazy_names": set(),
+    "forked_children": set(),
     "atomic_file": {"exceptions"},
     "file_reading": {"exceptions", "atomic_file"},
     "frozen_arrays": set(),
@@ -199,6 +201,7 @@ def test_certificates_share_no_code_with_the_core(name):
 
 ASKS_WHAT_IS_IMPORTED = {
     "pepper_kin/kernels/compiled_function.py",  # the file of a function's own module
+    "pepper_kin/forked_children.py",  # the locks of what is imported
     "pepper_kin/kernels/signatures.py",  # the names of a class's own module
     "pepper_kin/lazy_names.py",  # a package's own module
     "pepper_kin/naoqi/scripts.py",  # the modules that a script of NAOqi's imports, put back after it

@@ -96,6 +96,16 @@ pk.files.save(trajectory, "reach.yaml", scene=scene)
 print(pk.Twin(pepper, timestep=0.001).execute(trajectory).status.value, f"{trajectory.duration:.9f}")
 """
 
+LOCALE_NAMES = """
+import pepper_kin as pk
+from pepper_kin.atomic_file import write_text
+
+try:
+    write_text("f\\u00fc\\u00df.txt", "x")
+except pk.exceptions.FileFormatError as error:
+    print(error)
+"""
+
 C_LOCALE = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
@@ -112,6 +122,61 @@ def test_the_main_job_is_the_same_wherever_it_runs(tmp_path):
         ([], {"PEPPER_KIN_CACHE": str(odd / "cache of code")}),
     ):
         assert run(*options, "-c", PROGRAM, cwd=odd, **environment) == expected
-    homeless = run("-c", PROGRAM, cwd=odd, drop=("HOME", "XDG_CACHE_HOME", "PEPPER_KIN_CACHE"))
-    assert homeless == expected
+    for home in ({}, {"HOME": "/dev/null"}):  # none named, and one in which nothing can be written
+        drop = ("HOME", "XDG_CACHE_HOME", "PEPPER_KIN_CACHE")
+        assert run("-c", PROGRAM, cwd=odd, drop=drop, **home) == expected
     assert (odd / "reach.yaml").stat().st_size > 1000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 elsewhere")
+def test_names_that_the_locale_cannot_write_are_named(tmp_path):
+    said = run("-c", LOCALE_NAMES, cwd=tmp_path, **C_LOCALE)
+    assert "character 1 is not in ascii, the encoding of this locale's names" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+FORKED = """
+import os, signal, sys, threading
+from functools import cached_property
+
+import numpy as np
+import pepper_kin as pk
+
+pepper = pk.load_pepper()
+scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+task = pk.ik.HandPosition("left", (0.38, 0.22, 0.82))
+
+def path():
+    problem = pk.PlanProblem(pepper, pepper.posture("Stand"), [task], scene, timeout=100.0)
+    return pk.plan_batch([problem] * 2, processes=2).plans[0].path
+
+expected, locks = path(), []
+for name, module in list(sys.modules.items()):
+    if name.startswith("pepper_kin"):
+        locks += [module._lock] if hasattr(module, "_lock") else []
+        for kind in [value for value in vars(module).values() if isinstance(value, type)]:
+            found = [value for value in vars(kind).values() if isinstance(value, cached_property)]
+            locks += [value.lock for value in found if hasattr(value, "lock")]
+held, over = threading.Event(), threading.Event()
+
+def hold():
+    for lock in {id(lock): lock for lock in locks}.values():
+        lock.acquire()
+    held.set()
+    over.wait()
+
+threading.Thread(target=hold, daemon=True).start()
+assert held.wait(60) and len(locks) > 5
+child = os.fork()
+if not child:
+    signal.alarm(60)
+    os._exit(0 if np.array_equal(path(), expected) else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+over.set()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_child_forked_while_a_thread_holds_locks_computes():
+    """Cached properties share a lock among all robots until Python 3.11; a child waited for it for ever."""
+    assert run("-W", "ignore", "-c", FORKED) == "0\n"

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-MOST_LINES = 230
+MOST_LINES = 260
 FILE = re.compile(
     r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml))\b"
 )
