@@ -26,7 +26,7 @@ def motions():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_was_stopped_stays_stopped(method, motions, amount, rng, tried):
-    count, wrong = amount(12, 100, 10_000), []
+    count, wrong = amount(12, 40, 10_000), []
     for _ in range(count):
         schedule = schedule_of(method, rng)
         outcome = run(schedule, motions)
