@@ -175,7 +175,9 @@ class DirectChannel(Channel):
         if (moving or not self._held) and now >= self._tried + AGAIN and len(self._holds) < MOST_HOLDS:
             self._tried = now
             self._since = now if self._since is None else self._since
-            self._holds.append((self.idle and self._lasting is None, self._hold_once(now)))
+            last = self.idle and self._lasting is None
+            anew = now <= self._since + on_robot.BRAKING or (last and not self._holds)
+            self._holds.append((last, self._hold_once(anew)))
         for entry in tuple(self._holds):
             last, hold = entry
             try:
@@ -193,13 +195,13 @@ class DirectChannel(Channel):
             return f"the robot refuses to be held: {self._failed}"
         return "" if self._held and not self._holds else "the robot has not answered to being held"
 
-    def _hold_once(self, now: float) -> Iterator[None]:
-        """Hold the robot, in steps that do not wait; after the time of braking where it was then."""
+    def _hold_once(self, anew: bool) -> Iterator[None]:
+        """Hold the robot, in steps that do not wait, where it is commanded now, or where it was held last."""
         joints = list(self._moved.joints)
         brake = self._link.start("ALMotion", "stopMove") if self._moved.base else None
         if joints:  # one after the other: to end tasks after the new target would end that
             yield from self._answer("killTasksUsingResources", joints)
-            if self._target is None or now <= (self._since or 0.0) + on_robot.BRAKING:
+            if self._target is None or anew:
                 self._target = yield from self._answer("getAngles", joints, False)
             yield from self._answer("setAngles", joints, self._target, on_robot.HOLD)
         while brake is not None and not brake.isFinished():
