@@ -271,7 +271,7 @@ class Supervisor(Generic[Motion]):
                 self._enter(MotionState.MOVING)
                 self._repeat(self.motion.step, deferred)
                 self._enter(MotionState.AT_REST)
-                return MotionEnd(RobotMotionStatus.COMPLETED, "", True)
+                end = MotionEnd(RobotMotionStatus.COMPLETED, "", True)
             except MotionEndedError as error:
                 end, raised = self._stop(error.status, error.message)
             except BaseException as error:
@@ -308,12 +308,14 @@ class Supervisor(Generic[Motion]):
         end = self._clock.now() + self.motion.stop_time
         raised: BaseException | None = None
         missing = "nothing was measured"
+        pause = 0.0
         while True:
             try:
+                self._clock.sleep(pause)  # here, so that an error pauses as well
+                pause = CYCLE
                 missing = self.motion.stop()
                 if not missing or not self.motion.connected or self._clock.now() >= end:
                     break
-                self._clock.sleep(CYCLE)
             except BaseException as error:
                 missing = str(error)
                 if self._status_of(error) is None:

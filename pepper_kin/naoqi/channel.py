@@ -314,7 +314,8 @@ class GuardedChannel(Channel):
             return ""
         if self.state.startswith("not at rest"):
             return f"the watchdog could not bring it to rest ({self.state})"
-        if not self._stop or now >= self._stop[-1][0] + AGAIN:
+        if now >= self._asked + AGAIN:
+            self._asked = now
             self._stop.append(
                 (now, self._link.start(on_robot.NAME, "halt", self._token, "stopped by its client"))
             )

@@ -121,11 +121,13 @@ class _End(asyncio.Protocol):
         self.made, self.lost = False, asyncio.get_running_loop().create_future()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport, and wait with reading."""
         assert isinstance(transport, asyncio.Transport)
         self.made, self.transport = True, transport
         transport.pause_reading()
 
     def data_received(self, data: bytes) -> None:
+        """Pass bytes on, and look for the token in them."""
         self.other.transport.write(data)
         if self._token is not None:
             text = self._tail + data
@@ -136,12 +138,15 @@ class _End(asyncio.Protocol):
                 self._tail = text[1 - len(self._token) :]
 
     def pause_writing(self) -> None:
+        """Let the other end wait."""
         self.other.transport.pause_reading()
 
     def resume_writing(self) -> None:
+        """Let the other end go on."""
         self.other.transport.resume_reading()
 
     def connection_lost(self, error: Exception | None) -> None:
+        """Note the end of the connection."""
         if not self.lost.done():
             self.lost.set_result(None)
 
