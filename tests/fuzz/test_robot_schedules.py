@@ -5,6 +5,7 @@ braking, nothing moves after rest was reported, the robot is inactive in the end
 """
 
 import itertools
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.naoqi import RobotMotionStatus
-from pepper_kin.supervision import MotionState, allowed_transitions
+from pepper_kin.supervision import MotionState, SupervisedMotion, Supervisor, allowed_transitions
 
 sys.path.insert(0, str(Path(__file__).parent))
 from robot_schedules import METHODS, Motions, Schedule, run, schedule_of
@@ -141,3 +142,31 @@ def test_no_velocity_that_is_not_a_number_is_sent(motions):
     assert len(numbers) > 9
     assert np.isfinite(numbers).all()
     assert not outcome.wrong
+
+
+class InterruptedAtItsEnd(SupervisedMotion):
+    """Ctrl-C comes in the step that completes the motion."""
+
+    connected = True
+
+    def check(self):
+        """Nothing speaks against it."""
+
+    def hand_over(self):
+        return True
+
+    def step(self):
+        signal.raise_signal(signal.SIGINT)
+        return True
+
+    def stop(self):
+        return ""
+
+
+def test_ctrl_c_with_the_last_step_is_raised():
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Supervisor(InterruptedAtItsEnd()).run()
+    finally:
+        signal.signal(signal.SIGINT, handler)
