@@ -21,7 +21,7 @@ FIRST_MESSAGE_SECONDS = 5.0
 """A connection whose first message is not complete by then is closed [s]."""
 LARGEST_FIRST_MESSAGE = 65_536
 """What a first message may be long [byte]."""
-MOST_WAITING, MOST_WAITING_OF_ONE = 256, 192
+MOST_WAITING, MOST_WAITING_OF_ONE = 512, 448
 """Connections whose first message is not complete: in all, and of one address."""
 MOST_ADMITTED = 100
 """Connections that are admitted, at a time."""
@@ -138,6 +138,8 @@ class ConnectionGate:
         self._loop, self._listeners = asyncio.get_running_loop(), list(listeners)
         for listener in self._listeners:  # accepted ones inherit it: nothing is left of them in the system
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+            if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux accepts a connection with its first bytes
+                listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, int(FIRST_MESSAGE_SECONDS))
             self._loop.add_reader(listener, self._accept, listener)
 
     def close(self) -> None:
