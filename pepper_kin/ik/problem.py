@@ -11,9 +11,9 @@ import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 
 POSTURE_WEIGHT = 1e-3
 """eps of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometers."""
@@ -38,7 +38,7 @@ class SearchBudget(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(FrozenArrays):
     """min over q of F(q) = (sum_i s_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
 
     The strength s_i is a task's weight, and HARD_WEIGHT times it where the task is hard.  Joints that may not

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import ModelError
-from pepper_kin.model.shapes import read_only, rotation_rpy, transform
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.model.shapes import rotation_rpy, transform
 from pepper_kin.model.urdf_document import Joint, UrdfDocument, number_of, vector_of
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(FrozenArrays):
     """Mass and inertia of one link.
 
     Attributes:
@@ -29,7 +30,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedJoint:
+class PlacedJoint(FrozenArrays):
     """A joint with its place on the parent.
 
     Attributes:

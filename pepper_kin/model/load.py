@@ -14,9 +14,9 @@ import numpy as np
 
 from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import ModelError, ModelWarning
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model.dynamics_model import DynamicsModel
 from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
-from pepper_kin.model.frozen_arrays import read_only
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import Semantics, parse_srdf

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.frozen_arrays import kept_read_only, read_only
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 
 __all__ = [
@@ -23,8 +23,6 @@ __all__ = [
     "Mesh",
     "Shape",
     "Sphere",
-    "kept_read_only",
-    "read_only",
     "rotation_rpy",
     "rotation_to_axis",
     "transform",
@@ -146,7 +144,7 @@ NO_COLOR = (0.8, 0.8, 0.8, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(FrozenArrays):
     """A geometry fixed to a link.
 
     Attributes:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pepper_kin.collision.loads import load_wrench
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real, shown
-from pepper_kin.model.shapes import read_only
 from pepper_kin.model.wheels import BASE_JOINTS
 
 Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ from pepper_kin.core.clock import CLOCK
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.fast.structure import Structure, known_structures, target_of
 from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, scale_of
 from pepper_kin.ik.tasks.task import Array, Task
@@ -23,7 +24,6 @@ from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
-from pepper_kin.model.shapes import read_only
 
 _KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
@@ -22,7 +23,6 @@ from pepper_kin.ik.tasks.task import (
     words_for_vector,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 
 BASE_POSITION = ("BaseX", "BaseY")
 BASE_YAW = ("BaseYaw",)

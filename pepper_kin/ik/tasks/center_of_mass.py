@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
     Array,
@@ -19,7 +20,6 @@ from pepper_kin.ik.tasks.task import (
     words_for_vector,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 
 LABEL = "center of mass"
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.dynamics import WHEEL_CONTACTS
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
 from pepper_kin.ik.tasks.task import (
@@ -23,7 +24,6 @@ from pepper_kin.ik.tasks.task import (
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.shapes import read_only
 
 
 @dataclass(frozen=True, eq=False, init=False)

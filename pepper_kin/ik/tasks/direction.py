@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import Array
-from pepper_kin.model.shapes import read_only
 
 # Below this sine the two directions count as parallel: there the exact formulas would divide by zero.
 PARALLEL = 1e-7

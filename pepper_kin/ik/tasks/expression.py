@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
     Array,
@@ -19,7 +20,6 @@ from pepper_kin.ik.tasks.task import (
 )
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers
-from pepper_kin.model.shapes import read_only
 
 UNBOUNDED = 1e300
 """What stands for a bound that there is not, so that machine code computes with finite numbers."""

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     Array,
@@ -19,7 +20,6 @@ from pepper_kin.ik.tasks.task import (
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.poses import check_rotations
-from pepper_kin.model.shapes import read_only
 
 
 @dataclass(frozen=True, eq=False, init=False)

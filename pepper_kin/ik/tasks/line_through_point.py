@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.direction import turn_between
 from pepper_kin.ik.tasks.look_at import NEAREST
 from pepper_kin.ik.tasks.task import (
@@ -21,7 +22,6 @@ from pepper_kin.ik.tasks.task import (
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.shapes import read_only
 
 
 @dataclass(frozen=True, eq=False, init=False)

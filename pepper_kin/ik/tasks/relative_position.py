@@ -8,6 +8,7 @@ from typing import ClassVar
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.relative_motion import relative_jacobian, relative_pose
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
@@ -18,7 +19,6 @@ from pepper_kin.ik.tasks.task import (
     words_for_vector,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.model.shapes import read_only
 
 
 @dataclass(frozen=True, eq=False, init=False)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_real, shown
-from pepper_kin.model.shapes import read_only
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ ANGLE_TOLERANCE = math.radians(0.5)
 HARD_WEIGHT = 100.0
 
 
-class Task(ABC):
+class Task(FrozenArrays, ABC):
     """Something that a configuration should fulfill: a residual r(q) that should vanish.
 
     Tasks are frozen values.  A solver minimizes sum_i s_i^2 |r_i(q)|^2 over all tasks i (meters and radians
@@ -152,7 +152,7 @@ class Task(ABC):
         """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
 
 
-class TaskGroup(ABC):
+class TaskGroup(FrozenArrays, ABC):
     """Several tasks under one name, such as the position and the orientation of a pose.
 
     The solvers see the parts, and a result reports the error of each.
