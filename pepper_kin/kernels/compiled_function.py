@@ -27,7 +27,7 @@ import hashlib
 import marshal
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -36,9 +36,9 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
-from pepper_kin.kernels.portable import portable_part
+from pepper_kin.kernels.portable import portable_unit
 from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
-from pepper_kin.kernels.sources import file_digest
+from pepper_kin.kernels.sources import file_digest, function_digest
 from pepper_kin.kernels.store import find, is_recording, obtain
 from pepper_kin.kernels.target import Target
 
@@ -196,32 +196,19 @@ class Unit:
 
     def key(self) -> str:
         """Hash of all that the machine code is made from: sources, constants, signatures, the builder."""
-        digest = hashlib.sha256(_builder_digest() + b"bounds checked" * BOUNDS_CHECKED)
-        for line in sorted(set(self._ingredients())):
-            digest.update(line.encode() + b"\n")
-        return digest.hexdigest()
-
-    def _ingredients(self) -> Iterator[str]:
+        lines = {f"entry {f.symbol} {f.signature} {f.by_address}" for f in self.functions}
         visited: set[int] = set()
         waiting: list[CompiledFunction] = list(self.functions)
-        for function in self.functions:
-            yield f"entry {function.symbol} {function.signature} {function.by_address}"
         while waiting:
             function = waiting.pop()
-            if id(function) in visited:
-                continue
-            visited.add(id(function))
-            yield f"source {function.__module__} {_source_digest(function.python)}"
-            yield f"options {function.symbol} {function.lean} {function.inline} {function.vector}"
-            for place, value in _named_values(function.python):
-                if isinstance(value, CompiledFunction):
-                    waiting.append(value)
-                elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGES):
-                    yield f"source {value.__module__} {_source_digest(value)}"
-                else:
-                    described = _described(value)
-                    if described is not None:
-                        yield f"value {place} {described}"
+            if id(function) not in visited:
+                visited.add(id(function))
+                own, called = ingredients(function)
+                lines.update(own)
+                waiting += called
+        return hashlib.sha256(
+            "\n".join([builder_digest(), _back_end_digest(), *sorted(lines)]).encode()
+        ).hexdigest()
 
     def load(self) -> LoadedCode:
         """Return the machine code, loaded or made."""
@@ -239,12 +226,14 @@ class Unit:
 
     def build(self, target: Target) -> bytes:
         """Return new object code, from the package's portable code or, where that is stale, by Numba."""
-        ir = portable_part(self.key())
-        if ir is None:
-            from pepper_kin.kernels.numba_builder import portable_ir
+        parts = portable_unit(self.key(), self.symbols)
+        if parts is None:
+            from pepper_kin.kernels.numba_builder import portable_parts
+            from pepper_kin.kernels.portable import needed
 
-            ir = portable_ir(self.functions)
-        return compile_portable(ir, target, self.symbols)
+            made = portable_parts(self.functions)
+            parts = [made[symbol].bitcode for symbol in needed(self.symbols, made.__getitem__)]
+        return compile_portable(parts, target, self.symbols)
 
     @property
     def symbols(self) -> list[str]:
@@ -267,6 +256,30 @@ def units() -> list[Unit]:
     return [_units[name] for name in sorted(_units) if _units[name].functions]
 
 
+def ingredients(function: CompiledFunction) -> tuple[set[str], list[CompiledFunction]]:
+    """Return what a function's code is made from, as lines of text, and the compiled functions it calls.
+
+    The sources of those are not among the lines.
+    """
+    python = function.python
+    lines = {
+        f"source {python.__module__}.{python.__qualname__} {_source_digest(python)} {python.__defaults__}",
+        f"options {function.symbol} {function.lean} {function.inline} {function.vector}",
+    }
+    called = []
+    for place, value in _named_values(python):
+        if isinstance(value, CompiledFunction):
+            called.append(value)
+            lines.add(f"calls {place} {value.symbol}")
+        elif isinstance(value, FunctionType) and value.__module__.startswith(_PACKAGES):
+            lines.add(f"source {value.__module__}.{value.__qualname__} {_source_digest(value)}")
+        else:
+            described = _described(value)
+            if described is not None:
+                lines.add(f"value {place} {described}")
+    return lines, called
+
+
 def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """The values of the globals that a function's code names, and of attributes of our modules."""
     names: set[str] = set()
@@ -286,6 +299,8 @@ def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
                     yield f"{value.__name__}.{attribute}", getattr(value, attribute)
         else:
             yield f"{function.__module__}.{name}", value
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        yield f"{function.__module__}.{function.__qualname__}.{name}", cell.cell_contents
 
 
 def _described(value: object) -> str | None:
@@ -309,21 +324,27 @@ def _is_record(kind: type) -> bool:
 
 
 def _source_digest(function: FunctionType) -> str:
-    """Hash of the file of a function, or of its code where there is none, as in a notebook."""
+    """Hash of the source of a function, or of its code where there is none, as in a notebook."""
     path = getattr(sys.modules.get(function.__module__), "__file__", None)
     if path and Path(path).is_file():
-        return file_digest(str(path))
+        return function_digest(str(path), function.__qualname__)
     return hashlib.sha256(marshal.dumps(function.__code__)).hexdigest()
 
 
-def _builder_digest() -> bytes:
-    """Hash of the files here that decide what machine code is made."""
+def builder_digest() -> str:
+    """Hash of the files here that decide what portable code is made of a function."""
+    names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "calling"
+    return _digest_of(names) + " bounds checked" * BOUNDS_CHECKED
+
+
+def _back_end_digest() -> str:
+    """Hash of the files here that decide what machine code is made of portable code."""
+    return _digest_of(("compiler", "target"))
+
+
+def _digest_of(names: Sequence[str]) -> str:
     here = Path(__file__).parent
-    names = (
-        "numba_builder", "compiler", "compiled_function", "signatures", "intrinsics", "lanes", "calling",
-        "target",
-    )  # fmt: skip
-    return "".join(file_digest(str(here / f"{name}.py")) for name in names).encode()
+    return " ".join(file_digest(str(here / f"{name}.py")) for name in names)
 
 
 def _callback(function: CompiledFunction) -> Any:

@@ -47,11 +47,11 @@ def compile_ir(ir: str, target: Target) -> bytes:
         return bytes(target_machine(target).emit_object(_parsed(ir)))
 
 
-def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> bytes:
-    """Translate entry points of a portable module, and what they call, to an object file for a processor.
+def compile_portable(parts: Sequence[bytes], target: Target, symbols: Sequence[str]) -> bytes:
+    """Translate entry points of portable code, and what they call, to an object file for a processor.
 
     Args:
-        bitcode: The module, as `numba_builder.portable_ir` makes it.
+        parts: Bitcode of all functions, as `numba_builder.portable_parts` makes it.
         target: The processor.
         symbols: Names of the entry points; those of C functions, which end in `_direct`, come with them.
 
@@ -60,7 +60,9 @@ def compile_portable(bitcode: bytes, target: Target, symbols: Sequence[str]) -> 
     """
     with LOADING:
         machine = target_machine(target, opt=3)
-        module = llvm.parse_bitcode(bitcode)
+        module = llvm.parse_bitcode(parts[0])
+        for part in parts[1:]:
+            module.link_in(llvm.parse_bitcode(part))
         module.triple, module.data_layout = target.triple, str(machine.target_data)
         keep_entries(module, symbols)
         for vectorize in (False, True):  # the first run inlines what the unit alone calls; loops come after
@@ -110,7 +112,7 @@ def _parsed(ir: str) -> llvm.ModuleRef:
 
 def target_machine(target: Target, opt: int = 1) -> llvm.TargetMachine:
     """Return LLVM's code generator for a processor, with this level of optimization."""
-    _initialize()
+    _initialize(target.triple == llvm.get_process_triple())
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu, features=target.features, opt=opt, reloc="pic", codemodel="jitdefault", jit=True
     )
@@ -134,6 +136,10 @@ _C_LIBRARY = frozenset(
 
 
 @cache
-def _initialize() -> None:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+def _initialize(native: bool) -> None:
+    if native:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+    else:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()

@@ -20,6 +20,7 @@ from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_no
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import Signature, check_function, read_program
+from pepper_kin.kernels.sources import file_digest
 from pepper_kin.kernels.store import obtain
 from pepper_kin.kernels.target import Target, host_target
 from pepper_kin.kernels.threads import run_in_pieces
@@ -235,7 +236,7 @@ def _source_digest() -> bytes:
         " target trigonometry writer"
     )
     files = (Path(__file__).with_name(f"{name}.py") for name in names.split())
-    return hashlib.sha256(b"".join(file.read_bytes().replace(b"\r\n", b"\n") for file in files)).digest()
+    return hashlib.sha256("".join(file_digest(str(file)) for file in files).encode()).digest()
 
 
 def _widened(target: Target, vector_bytes: int | None) -> Target:

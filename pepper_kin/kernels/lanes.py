@@ -56,6 +56,9 @@ def _register() -> Any:
         def __init__(self) -> None:
             super().__init__(name="Lanes")
 
+        def __reduce__(self) -> Any:
+            return lanes_type, ()
+
     kind = LanesType()
 
     @register_model(LanesType)

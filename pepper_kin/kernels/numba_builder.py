@@ -1,26 +1,40 @@
 """Portable code of compiled functions: LLVM IR, made by Numba's front end.
 
-All functions with a signature become C entry points of one module that needs nothing but the C library:
-memory that arrays made inside need is taken by `malloc` (`_RUNTIME`, in place of Numba's run time), and an
-exception becomes a status.  The functions are simplified once, all together, not one after the other as
-Numba does; nothing of that depends on the processor.  `compiler.compile_portable` makes machine code of it.
+Each function becomes one part for each list of types with which it is called, and each function with a
+signature a C entry point as well.  The parts need nothing but the C library: memory that arrays made inside
+need is taken by `malloc` (`_RUNTIME`, in place of Numba's run time), and an exception becomes a status.
+Parts are found again by the hash of what the function itself is made from: after an edit Numba compiles the
+edited function only, and whatever sees another type of its result.  `compiler.compile_portable` links parts
+and makes machine code of them.
+
+This file knows Numba's private classes: the compiler's libraries, its interface of caches, and what a
+compiled function looks like to one that calls it.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import importlib
+import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import njit, types
-from numba.core import cgutils, codegen
+from numba import _dynfunc, njit, types
+from numba.core import cgutils, codegen, compiler, funcdesc, typing
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
 
-from pepper_kin.kernels.compiled_function import BOUNDS_CHECKED
-from pepper_kin.kernels.compiler import keep_entries, target_machine
+from pepper_kin.kernels.compiled_function import BOUNDS_CHECKED, builder_digest, ingredients
+from pepper_kin.kernels.compiler import target_machine
+from pepper_kin.kernels.package_file import made_by
+from pepper_kin.kernels.portable import PortablePart, needed, portable_part
 from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
+from pepper_kin.kernels.store import read_part, write_part
 from pepper_kin.kernels.target import portable_target
 
 if TYPE_CHECKING:
@@ -116,15 +130,14 @@ out:
 """
 
 
-class _LinkedLibrary(codegen.JITCodeLibrary):
-    """Functions that are linked and not optimized: that is done once, for the whole unit."""
+class _Library(codegen.JITCodeLibrary):
+    """Functions as the front end left them; they are linked and optimized as part of a unit."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None: ...
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        """Do not link: that makes copies."""
         self._finalized = True
 
 
@@ -152,40 +165,274 @@ def make_dispatcher(function: CompiledFunction) -> Any:
     options["_nrt"] = not function.lean
     if function.vector:
         options["fastmath"] = {"nsz", "contract", "arcp", "nnan", "ninf"}
-    return njit(**options)(function.python)
+    dispatcher = njit(**options)(function.python)
+    dispatcher._cache = _Cache(function)
+    return dispatcher
 
 
 @global_compiler_lock
-def portable_ir(functions: Sequence[CompiledFunction]) -> bytes:
-    """Return the bitcode of functions with signatures; what several of them call is in it once."""
-    from numba.core.registry import cpu_target
+def portable_parts(functions: Sequence[CompiledFunction]) -> dict[str, PortablePart]:
+    """Return the parts of functions with signatures, and of all functions that they call, by symbol."""
+    with _front_end() as context:
+        for function in functions:
+            signature = function.signature
+            assert signature is not None
+            arguments = tuple(numba_type(argument) for argument in signature.arguments)
+            dispatcher = function.dispatcher
+            dispatcher.compile(arguments)
+            result = dispatcher.overloads[arguments]
+            module = _entry_module(function, context, result.fndesc, result.signature.return_type)
+            text = cgutils.normalize_ir_text(str(module))
+            names = {function.symbol, function.symbol + "_direct"}
+            bitcode = _stored(llvm.parse_assembly(text), names, {})
+            needs = _symbols[result.library], _add_runtime()
+            _parts[function.symbol] = PortablePart("", needs, bitcode, b"")
+    symbols = needed([function.symbol for function in functions], _parts.__getitem__)
+    return {symbol: _parts[symbol] for symbol in symbols}
 
+
+@contextlib.contextmanager
+def _front_end() -> Iterator[Any]:
+    """Let Numba make libraries of our kind, and run nothing."""
     context = cpu_target.target_context
     generator = context.codegen()
     usual = generator._library_class
-    generator._library_class = _LinkedLibrary
-    generator.set_env = lambda name, environment: None  # nothing is run here
+    generator._library_class = _Library
+    generator.set_env = lambda name, environment: None
     try:
-        library = generator.create_library("unit")
-        for function in functions:
-            _add_entry(function, context, library)
-        module = _linked(library)
+        yield context
     finally:
         generator._library_class = usual
         del generator.set_env
-    return _simplified(module, [f.symbol for f in functions])
 
 
-def _add_entry(function: CompiledFunction, context: Any, library: Any) -> None:
-    """Compile a function and add its entry point to a library."""
-    signature = function.signature
-    assert signature is not None
-    arguments = tuple(numba_type(argument) for argument in signature.arguments)
-    dispatcher = function.dispatcher
-    dispatcher.compile(arguments)
-    result = dispatcher.overloads[arguments]
-    library.add_linking_library(result.library)
-    library.add_ir_module(_entry_module(function, context, result.fndesc, result.signature.return_type))
+_parts: dict[str, PortablePart] = {}
+"""All parts made or found in this process, by symbol."""
+
+_symbols: dict[Any, str] = {}
+"""The symbol of the function of each of Numba's libraries."""
+
+_functions: dict[Any, tuple[CompiledFunction, tuple[Any, ...]]] = {}
+"""Our function, and the types of its arguments, of each library that has one."""
+
+
+class _Cache:
+    """Numba's interface of a cache, for one function: parts that come with the package or were kept."""
+
+    def __init__(self, function: CompiledFunction) -> None:
+        self._function = function
+
+    def load_overload(self, types_of_arguments: Any, context: Any) -> Any:
+        """Return the result of an earlier compilation, or None."""
+        arguments = tuple(types_of_arguments)
+        symbol = self._symbol(arguments)
+        part = self._found(symbol)
+        if part is None:
+            return None
+        returned, called = pickle.loads(part.types)
+        libraries = []
+        for module, name, kinds, kind in called:
+            callee = reduce(getattr, name.split("."), importlib.import_module(module))
+            callee.dispatcher.compile(kinds)
+            compiled = callee.dispatcher.overloads[kinds]
+            if compiled.signature.return_type != kind:
+                return None
+            libraries.append(compiled.library)
+        if not all(_find_shared(name) for name in part.needs if name.startswith(_SHARED)):
+            return None
+        _parts[symbol] = part
+        library = _Library(context.codegen(), symbol)
+        library._linking_libraries = libraries
+        library._finalized = True
+        self._note(library, symbol, arguments)
+        described = self._described(symbol, arguments, returned)
+        environment = _dynfunc.Environment(globals=self._function.python.__globals__)
+        entry = _dynfunc.make_function(
+            described.lookup_module(), described.qualname, "", 0, environment, (library,)
+        )
+        return compiler.compile_result(
+            typing_context=context.typing_context,
+            target_context=context,
+            signature=typing.signature(returned, *arguments),
+            library=library,
+            fndesc=described,
+            environment=environment,
+            entry_point=entry,
+            type_annotation="",
+            objectmode=False,
+            lifted=(),
+        )
+
+    def save_overload(self, types_of_arguments: Any, result: Any) -> None:
+        """Make a part of what was compiled, and keep it."""
+        arguments, library = tuple(types_of_arguments), result.library
+        symbol = self._symbol(arguments)
+        self._note(library, symbol, arguments)
+        # The same name in each process, for parts that refer to it; callers have not been written yet.
+        library._final_module.get_function(result.fndesc.mangled_name).name = symbol
+        result.fndesc.mangled_name = symbol
+        called, needs, renamed = [], [], {}
+        for child in dict.fromkeys(library._linking_libraries):
+            if child in _functions:
+                callee, kinds = _functions[child]
+                kind = callee.dispatcher.overloads[kinds].signature.return_type
+                called.append((callee.__module__, callee.__qualname__, kinds, kind))
+            else:
+                renamed.update(_share(child))
+            needs.append(_symbols[child])
+        bitcode = _stored(library._final_module.clone(), {symbol}, renamed)
+        known = pickle.dumps((result.signature.return_type, called), protocol=4)
+        part = PortablePart(self._key(symbol), tuple(needs), bitcode, known)
+        _parts[symbol] = part
+        if self._can_be_kept:
+            _keep(symbol, part)
+
+    def _symbol(self, arguments: tuple[Any, ...]) -> str:
+        name = f"{self._function.symbol}.{_digest(repr(arguments))}"
+        return name if self._can_be_kept else f"{name}.{id(self._function)}"
+
+    @property
+    def _can_be_kept(self) -> bool:
+        """Whether other processes find the function by its name."""
+        return "<locals>" not in self._function.__qualname__
+
+    def _key(self, symbol: str) -> str:
+        lines, _ = ingredients(self._function)
+        return _digest("\n".join([builder_digest(), symbol, *sorted(lines)]))
+
+    def _found(self, symbol: str) -> PortablePart | None:
+        key = self._key(symbol)
+        return (portable_part(symbol, key) or _kept(symbol, key)) if self._can_be_kept else None
+
+    def _note(self, library: Any, symbol: str, arguments: tuple[Any, ...]) -> None:
+        _symbols[library], _functions[library] = symbol, (self._function, arguments)
+
+    def _described(self, symbol: str, arguments: tuple[Any, ...], returned: Any) -> Any:
+        """Return what a function that calls this one has to know."""
+        python = self._function.python
+        code = python.__code__
+        return funcdesc.PythonFunctionDescriptor(
+            native=True,
+            modname=python.__module__,
+            qualname=python.__qualname__,
+            unique_name=symbol,
+            doc="",
+            typemap=None,
+            restype=returned,
+            calltypes=None,
+            args=code.co_varnames[: code.co_argcount],
+            kws=(),
+            mangler=lambda *_, **__: symbol,
+            argtypes=arguments,
+            inline=self._function.inline,
+        )
+
+
+_SHARED = "numba."
+"""What symbols of Numba's own functions begin with; the rest is a hash of the code."""
+
+
+def _share(library: Any) -> dict[str, str]:
+    """Make parts of a function of Numba's own, and of those that it calls; return its new name by the old."""
+    if library not in _symbols:
+        renamed: dict[str, str] = {}
+        needs = []
+        for child in dict.fromkeys(library._linking_libraries):
+            if child not in _functions:
+                renamed.update(_share(child))
+            needs.append(_symbols[child])
+        module = library._final_module.clone()
+        defined = [
+            f.name
+            for f in module.functions
+            if not f.is_declaration and not f.name.startswith(("cfunc.", "__excinfo"))
+        ]
+        if len(defined) == 1:
+            module.get_function(defined[0]).name = _SHARED
+            bitcode = _stored(module, {_SHARED}, renamed)
+            symbol = f"{_SHARED}{hashlib.sha256(bitcode + repr(needs).encode()).hexdigest()[:16]}"
+            module = llvm.parse_bitcode(bitcode)
+            module.get_function(_SHARED).name = symbol
+            bitcode = bytes(module.as_bitcode())
+            _new_names[library] = {defined[0]: symbol}
+        else:  # the functions that count references
+            symbol, bitcode = f"{_SHARED}{library.name}", _stored(module, set(defined), renamed)
+            _new_names[library] = {}
+        _symbols[library] = symbol
+        _parts[symbol] = PortablePart("", tuple(needs), bitcode, b"")
+        _keep(symbol, _parts[symbol])
+    return _new_names[library]
+
+
+_new_names: dict[Any, dict[str, str]] = {}
+
+
+def _find_shared(symbol: str) -> bool:
+    """Find the part of one of Numba's own functions, and what it needs; return whether all is there."""
+    if symbol not in _parts:
+        found = portable_part(symbol, "") or _kept(symbol, "")
+        if found is None or not all(map(_find_shared, found.needs)):
+            return False
+        _parts[symbol] = found
+    return True
+
+
+def _add_runtime() -> str:
+    symbol = _SHARED + "runtime"
+    if symbol not in _parts:
+        module = llvm.parse_assembly(_RUNTIME)
+        names = {function.name for function in module.functions if not function.is_declaration}
+        _parts[symbol] = PortablePart("", (), _stored(module, names, {}), b"")
+    return symbol
+
+
+def _keep(symbol: str, part: PortablePart) -> None:
+    """Keep a part in the cache folder."""
+    write_part(_digest(f"portable {symbol} {part.key} {made_by()}"), pickle.dumps(tuple(part), protocol=4))
+
+
+def _kept(symbol: str, key: str) -> PortablePart | None:
+    """Return a part from the cache folder, or None."""
+    content = read_part(_digest(f"portable {symbol} {key} {made_by()}"))
+    return None if content is None else PortablePart(*pickle.loads(content))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _stored(module: Any, symbols: set[str], renamed: Mapping[str, str]) -> bytes:
+    """Return the bitcode of a module that exports some symbols and calls functions by their new names."""
+    for function in list(module.functions):
+        if function.is_declaration and function.name in _EXCEPTIONS:
+            head = re.search(rf"declare (?:noundef )?(\w+) (@{function.name}\([^)]*\))", str(function))
+            assert head is not None, str(function)
+            body = "{\n  call void @abort()\n  unreachable\n}"
+            module.link_in(llvm.parse_assembly(f"declare void @abort()\ndefine {head[1]} {head[2]} {body}"))
+    for function in module.functions:
+        if function.name in renamed:
+            function.name = renamed[function.name]
+        elif not function.is_declaration:
+            function.linkage = "external" if function.name in symbols else "internal"
+    for count, variable in enumerate(module.global_variables):
+        if not variable.is_declaration:
+            variable.linkage, variable.name = "internal", f"value{count}"  # names hold addresses
+    module.name, target = "part", portable_target()
+    module.triple = target.triple
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_global_dead_code_eliminate_pass()
+    passes.add_sroa_pass()
+    passes.add_simplify_cfg_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_simplify_cfg_pass()
+    passes.add_strip_symbols_pass()  # names are a third of the file, and differ from run to run
+    passes.add_strip_dead_prototype_pass()
+    builder = llvm.create_pass_builder(
+        target_machine(target), llvm.create_pipeline_tuning_options(speed_level=1)
+    )
+    passes.run(module, builder)
+    module.verify()
+    return bytes(module.as_bitcode())
 
 
 def _entry_module(function: CompiledFunction, context: Any, fndesc: Any, returned: Any) -> Any:
@@ -300,41 +547,6 @@ class _BlockReader:
             builder.store(builder.zext(value, ir.IntType(64)) if scalar.name == "boolean" else value, place)
 
 
-def _linked(library: Any) -> Any:
-    """Return one module with all that a library and those it links hold."""
-    module = library._final_module
-    for child in dict.fromkeys(library._linking_libraries):
-        module.link_in(child._get_module_for_linking(), preserve=True)
-    module.link_in(llvm.parse_assembly(_RUNTIME))
-    for function in list(module.functions):
-        if function.is_declaration and function.name in _EXCEPTIONS:
-            head = re.search(rf"declare (?:noundef )?(\w+) (@{function.name}\([^)]*\))", str(function))
-            assert head is not None, str(function)
-            body = "{\n  call void @abort()\n  unreachable\n}"
-            body = f"declare void @abort()\ndefine {head[1]} {head[2]} {body}"
-            module.link_in(llvm.parse_assembly(body))
-    return module
-
-
 # What unpacks the arguments of exceptions that Numba foresees (slices of different lengths).  Nothing here
 # does: an exception becomes a status.
 _EXCEPTIONS = frozenset(["PyErr_SetString", "PyUnicode_FromKindAndData", "PyObject_Hash", "PyTuple_Pack"])
-
-
-def _simplified(module: Any, symbols: Sequence[str]) -> bytes:
-    """Return the bitcode of a module without what only Numba needs: references, calls of small functions.
-
-    Loops are not vectorized: that is done for a certain processor.
-    """
-    keep_entries(module, symbols)
-    module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-    tuning.loop_vectorization = tuning.slp_vectorization = False
-    builder = llvm.create_pass_builder(target_machine(portable_target()), tuning)
-    manager = builder.getModulePassManager()
-    manager.add_refprune_pass()
-    manager.add_global_dead_code_eliminate_pass()
-    manager.add_strip_symbols_pass()  # names are a third of the file, and differ from run to run
-    manager.add_strip_dead_prototype_pass()
-    manager.run(module, builder)
-    return bytes(module.as_bitcode())

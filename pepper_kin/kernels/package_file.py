@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,30 +22,52 @@ def read_file(path: Path, what: str, version: int) -> tuple[dict[str, Any], byte
         what: Its content, for the message.
         version: The expected format; the head holds that of the file.
     """
+    begins = file_begins(path, what, version)
+    return None if begins is None else (begins[0], read_at(path, begins[1]))
+
+
+def file_begins(path: Path, what: str, version: int) -> tuple[dict[str, Any], int] | None:
+    """Return the head of a file, and where its body begins; None as `read_file` does."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            digest, line = file.read(_DIGEST_SIZE), file.readline()
     except OSError as error:
         tell(f"{what} that comes with the package cannot be read ({error.strerror})")
         return None
-    end = data.find(b"\n", _DIGEST_SIZE) + 1
-    line = data[_DIGEST_SIZE:end]
-    if hashlib.sha256(line).digest() != data[:_DIGEST_SIZE]:
+    if hashlib.sha256(line).digest() != digest:
         tell(f"{what} that comes with the package is damaged")
         return None
     head = json.loads(line)
     if head["format"] != version:
         tell(f"{what} that comes with the package has format {head['format']}, not {version}")
         return None
-    return head, data[end:]
+    return head, _DIGEST_SIZE + len(line)
+
+
+def read_at(path: Path, begin: int, size: int = -1) -> bytes:
+    """Return bytes of a file from a place on, all if no size is given; fewer where it ends or is gone."""
+    try:
+        with path.open("rb") as file:
+            file.seek(begin)
+            return file.read(size)
+    except OSError:
+        return b""
+
+
+def read_head_of(path: Path) -> tuple[dict[str, Any], int]:
+    """Return the head of a file, whether or not it can be used, and where the body begins; empty without."""
+    try:
+        with path.open("rb") as file:
+            file.seek(_DIGEST_SIZE)
+            line = file.readline()
+        return dict(json.loads(line)), _DIGEST_SIZE + len(line)
+    except (OSError, ValueError):
+        return {}, 0
 
 
 def read_head(path: Path) -> dict[str, Any]:
     """Return the head of a file, whether or not it can be used; empty where there is none."""
-    try:
-        data = path.read_bytes()
-        return dict(json.loads(data[_DIGEST_SIZE : data.find(b"\n", _DIGEST_SIZE)]))
-    except (OSError, ValueError):
-        return {}
+    return read_head_of(path)[0]
 
 
 def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
@@ -60,6 +83,14 @@ def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(path, whole)
     return len(whole)
+
+
+@cache
+def made_by() -> str:
+    """Versions of what makes code here; looked up without importing Numba."""
+    from importlib.metadata import version
+
+    return f"llvmlite {version('llvmlite')} numba {version('numba')}"
 
 
 def tell(reason: str) -> None:

@@ -1,47 +1,29 @@
-"""The machine code that comes with the package: one file for a baseline processor.
+"""The machine code that comes with the package: one file for each baseline processor.
 
-The file is made by `python -m pepper_kin.jobs.shipping` (see `docs/kernels.md`) from the sources beside it; a
-part whose sources have changed since has another key and is not found.  Parts are much alike: what several
-modules call is in each of them.  They are therefore compressed as two streams, one of compiled functions and
-one of kernels, in the order in which they are first needed; reading a part decompresses what comes before it.
+The files are made by `python -m pepper_kin.jobs.shipping` (see `docs/kernels.md`) from the sources beside
+them; a part whose sources have changed since has another key and is not found.  Parts lie in a file one
+after the other, uncompressed: a start reads those that it needs, and a change of one function changes the
+bytes of the parts that hold it only.  (The wheel is compressed as a whole.)
 """
 
 from __future__ import annotations
 
 import hashlib
-import lzma
-import threading
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from pepper_kin.kernels.package_file import read_file, read_head, tell, write_file
-from pepper_kin.kernels.target import Target, baseline_features, host_target, make_target
+from pepper_kin.kernels.package_file import file_begins, made_by, read_at, read_head_of, tell, write_file
+from pepper_kin.kernels.target import BASELINES, Target, host_target
 
-FORMAT = 3
-BASELINE = "x86-64-v3"
-_FILTERS = [
-    {
-        "id": lzma.FILTER_LZMA2,
-        "preset": 9 | lzma.PRESET_EXTREME,
-        "dict_size": 1 << 22,  # all of a stream; a reader sets that much aside
-        "lc": 4,
-        "lp": 0,
-        "pb": 0,
-    }
-]
+FORMAT = 4
 _WHAT = "the machine code"
 
 
-def shipped_path() -> Path:
-    """The package's file."""
-    return Path(__file__).with_name("data") / f"{BASELINE}.code"
-
-
-def baseline_target() -> Target:
-    """The processor that the package's file is for: x86-64-v3 (AVX2 and FMA, since 2013)."""
-    return make_target("x86_64-unknown-linux-gnu", BASELINE, baseline_features())
+def shipped_path(name: str) -> Path:
+    """The package's file for a baseline processor, one of `BASELINES`."""
+    return Path(__file__).with_name("data") / f"{name}.code"
 
 
 def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
@@ -51,132 +33,136 @@ def shipped_part(name: str, key: str) -> tuple[bytes, Target] | None:
         name: Of the part, for the message.
         key: Hash of all that it was made from.
     """
-    loaded = _index()
-    if loaded is None:
+    index = _index()
+    if index is None:
         return None
-    entries = loaded.entries
-    entry = entries.get(key)
+    entry = index.entries.get(key)
     if entry is None:
-        if name.startswith("pepper_kin.") and name in {known for known, *_ in entries.values()}:
+        if name.startswith("pepper_kin.") and name in index.names:
             tell(f"{_WHAT} that comes with the package was made from other sources of {name}")
         return None
-    _, stream, begin, size = entry
-    content = _stream(stream).read(begin, size)
+    content = entry.read(index.path)
     if content is None:
         tell(f"{_WHAT} of {name} that comes with the package is damaged")
         return None
-    return content, baseline_target()
+    return content, index.target
 
 
-def shipped_keys() -> dict[str, str]:
-    """Key -> name of what the package's file holds, in the order in which it is needed, for any processor."""
-    return {key: str(entry[0]) for key, entry in read_head(shipped_path()).get("entries", {}).items()}
+def shipped_before(key: str, baseline: str) -> bytes | None:
+    """The part of a key for a baseline processor where it was made as it would be now, else None."""
+    path = shipped_path(baseline)
+    head, begin = read_head_of(path)
+    if head.get("format") != FORMAT or head.get("made_by") != made_by():
+        return None
+    entry = _entries(head, begin).get(key)
+    return None if entry is None else entry.read(path)
 
 
-def write_shipped(parts: Mapping[str, tuple[str, bytes]], path: Path | None = None) -> int:
-    """Write the package's file.
+def shipped_keys(baseline: str = next(iter(BASELINES))) -> dict[str, str]:
+    """Key -> name of what a file holds, in the order in which it is needed, for any processor."""
+    head, begin = read_head_of(shipped_path(baseline))
+    return {} if head.get("format") != FORMAT else {k: e.name for k, e in _entries(head, begin).items()}
+
+
+def write_shipped(parts: Mapping[str, tuple[str, bytes]], baseline: str, path: Path | None = None) -> int:
+    """Write a file.
 
     Args:
         parts: Key -> name and content, in the order in which they are first needed.
+        baseline: The processor that they are for, one of `BASELINES`.
         path: Where to; the package's own place if left out.
 
     Returns:
         Size of the file [bytes].
     """
-    contents: dict[str, bytes] = {}
-    entries: dict[str, tuple[str, str, int, int]] = {}
-    for key, (name, content) in parts.items():
-        stream = "functions" if name.startswith("pepper_kin.") else "kernels"
-        before = contents.get(stream, b"")
-        entries[key] = name, stream, len(before), len(content)
-        contents[stream] = before + content
-    streams: dict[str, tuple[int, int, str]] = {}
-    body = b""
-    for stream, content in contents.items():
-        packed = lzma.compress(content, lzma.FORMAT_RAW, filters=_FILTERS)
-        streams[stream] = len(body), len(packed), hashlib.sha256(packed).hexdigest()[:32]
-        body += packed
-    target = baseline_target()
+    target = BASELINES[baseline]()
     head = {
         "format": FORMAT,
+        "made_by": made_by(),
         "triple": target.triple,
         "features": target.features,
-        "streams": streams,
-        "entries": entries,
+        "entries": {key: (name, len(content), _checksum(content)) for key, (name, content) in parts.items()},
     }
-    return write_file(path or shipped_path(), head, body)
+    return write_file(
+        path or shipped_path(baseline), head, b"".join(content for _, content in parts.values())
+    )
+
+
+def has_shipped(key: str) -> bool:
+    """Whether the package's file for this processor has a part."""
+    index = _index()
+    return index is not None and key in index.entries
 
 
 def is_usable() -> bool:
-    """Whether the package's file can be used on this processor."""
+    """Whether one of the package's files can be used on this processor."""
     return _index() is not None
 
 
+class _Entry(NamedTuple):
+    """A part in a file."""
+
+    name: str
+    begin: int
+    size: int
+    checksum: str
+
+    def read(self, path: Path) -> bytes | None:
+        """Return its content, or None where it is damaged."""
+        content = read_at(path, self.begin, self.size)
+        return content if _checksum(content) == self.checksum else None
+
+
 class _Index(NamedTuple):
-    """Contents of the file.
+    """What a file holds."""
 
-    Attributes:
-        streams: Name -> begin and size in the body, and checksum.
-        entries: Key -> name of the part, name of its stream, begin and size in that.
-        body: All streams, compressed.
-    """
-
-    streams: dict[str, Any]
-    entries: dict[str, Any]
-    body: bytes
-
-
-class _Stream:
-    """A compressed stream, decompressed as far as it has been read."""
-
-    def __init__(self, packed: bytes, checksum: str) -> None:
-        self._packed = packed
-        self._is_whole = hashlib.sha256(packed).hexdigest()[:32] == checksum
-        self._decompressor = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=_FILTERS)
-        self._content = bytearray()
-        self._lock = threading.Lock()
-
-    def read(self, begin: int, size: int) -> bytes | None:
-        """Return bytes of the content, or None where the stream is damaged."""
-        if not self._is_whole:
-            return None
-        with self._lock:
-            while (missing := begin + size - len(self._content)) > 0:
-                self._content += self._decompressor.decompress(self._packed, missing)
-                self._packed = b""  # the decompressor has what it has not used yet
-            return bytes(self._content[begin : begin + size])
-
-
-@cache
-def _stream(name: str) -> _Stream:
-    """Return a stream of the file."""
-    index = _index()
-    assert index is not None
-    begin, size, checksum = index.streams[name]
-    return _Stream(index.body[begin : begin + size], checksum)
+    path: Path
+    target: Target
+    entries: dict[str, _Entry]
+    names: frozenset[str]
 
 
 @cache
 def _index() -> _Index | None:
-    """Return the contents of the file, or None where it cannot be used."""
-    read = read_file(shipped_path(), _WHAT, FORMAT)
-    if read is None:
-        return None
-    head, body = read
+    """Return what the file for this processor holds, or None where there is none that can be used."""
     host = host_target()
     present = {name for name in host.features.split(",") if name.startswith("+")}
-    missing = [name[1:] for name in head["features"].split(",") if name not in present]
-    if head["triple"] != host.triple or missing:
-        what = f"has no {', '.join(missing)}" if missing else f"is {host.triple}"
-        tell(f"no machine code comes with the package for this processor, which {what}")
+    lacks = f"is {host.triple}"
+    for baseline, target_of in BASELINES.items():
+        target = target_of()
+        if target.triple == host.triple:
+            missing = [name[1:] for name in target.features.split(",") if name not in present]
+            if not missing:
+                return _index_of(shipped_path(baseline), target)
+            lacks = f"has no {', '.join(missing)}"
+    tell(f"no machine code comes with the package for this processor, which {lacks}")
+    return None
+
+
+def _index_of(path: Path, target: Target) -> _Index | None:
+    read = file_begins(path, _WHAT, FORMAT)
+    if read is None:
         return None
-    return _Index(head["streams"], head["entries"], body)
+    entries = _entries(*read)
+    return _Index(path, target, entries, frozenset(entry.name for entry in entries.values()))
+
+
+def _entries(head: Mapping[str, dict[str, tuple[str, int, str]]], begin: int) -> dict[str, _Entry]:
+    entries = {}
+    for key, (name, size, checksum) in head["entries"].items():
+        entries[key] = _Entry(name, begin, size, checksum)
+        begin += size
+    return entries
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 __all__ = [
-    "BASELINE",
-    "baseline_target",
+    "has_shipped",
     "is_usable",
+    "shipped_before",
     "shipped_keys",
     "shipped_part",
     "shipped_path",

@@ -3,7 +3,7 @@
 A part is found by a key: the hash of all that its code is made from.  What was made from something else has
 another key, so stale code is never read; it is just not found.  Three places are searched in turn:
 
-1. The package's file, `data/x86-64-v3.code`, made for a baseline processor (`shipping`).
+1. The package's files, `data/x86-64-v3.code` and `data/aarch64.code`, for baseline processors (`shipping`).
 2. The cache folder, for code made for this very processor.
 3. Its maker, which for compiled functions begins with the package's portable code (`portable`); the result
    is then kept in the cache folder.
@@ -32,10 +32,11 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from pepper_kin.kernels.package_file import made_by
 from pepper_kin.kernels.private_folder import folder_without_home, made, private, read_own
 from pepper_kin.kernels.progress import making
-from pepper_kin.kernels.shipping import baseline_target, shipped_part
-from pepper_kin.kernels.target import Target, host_target
+from pepper_kin.kernels.shipping import has_shipped, shipped_before, shipped_part
+from pepper_kin.kernels.target import BASELINES, Target, host_target
 
 try:
     import fcntl
@@ -90,18 +91,16 @@ def obtain(
         target: The processor; None for this one, or the baseline that the package's file is for.
         keep: Whether to read and write files at all.
     """
-    recording = _recording if target is None and keep else None
-    wanted = target or (host_target() if recording is None else baseline_target())
+    if target is None and keep and _recording is not None:
+        return _recording.obtain(name, key, make)
+    wanted = target or host_target()
     if not keep:
         return Part(make(wanted), wanted, True)
-    if target is None and recording is None:
+    if target is None:
         found = find(name, key)
         if found is not None:
             return found
-    part = _kept_or_made(name, _for_target(key, wanted), wanted, make)
-    if recording is not None:
-        recording.setdefault(key, (name, part.content))
-    return part
+    return _kept_or_made(name, _for_target(key, wanted), wanted, make)
 
 
 def find(name: str, key: str) -> Part | None:
@@ -161,18 +160,46 @@ def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Targe
     return Part(content, wanted, True)
 
 
+class Recording:
+    """What is requested meanwhile, made for each baseline processor; this one runs what is for the first.
+
+    Attributes:
+        parts: Baseline -> key -> name and content.
+    """
+
+    def __init__(self, rebuild: bool) -> None:
+        self.parts: dict[str, dict[str, tuple[str, bytes]]] = {baseline: {} for baseline in BASELINES}
+        self._rebuild = rebuild
+
+    def obtain(self, name: str, key: str, make: Callable[[Target], bytes]) -> Part:
+        """Return a part for the first baseline; what the package's files have is not made again."""
+        for baseline, parts in self.parts.items():
+            if key not in parts:
+                content = None if self._rebuild else shipped_before(key, baseline)
+                if content is None:
+                    target = BASELINES[baseline]()
+                    content = _kept_or_made(name, _for_target(key, target), target, make).content
+                parts[key] = name, content
+        baseline = next(iter(BASELINES))
+        return Part(self.parts[baseline][key][1], BASELINES[baseline](), False)
+
+
 @contextlib.contextmanager
-def recorded() -> Iterator[dict[str, tuple[str, bytes]]]:
-    """Make everything for the baseline processor, and collect what is requested: key -> name and content."""
+def recorded(rebuild: bool = False) -> Iterator[Recording]:
+    """Make everything for the baseline processors, and collect what is requested.
+
+    Args:
+        rebuild: Whether to make what the package's files have already.
+    """
     global _recording
-    _recording = {}
+    _recording = Recording(rebuild)
     try:
         yield _recording
     finally:
         _recording = None
 
 
-_recording: dict[str, tuple[str, bytes]] | None = None
+_recording: Recording | None = None
 
 
 class _Watch(NamedTuple):
@@ -220,6 +247,11 @@ def prefer_native() -> None:
     """Let later processes use code for this very processor in place of the package's."""
     (made(cache_folder()) / NATIVE).touch()
     prefers_native.cache_clear()
+
+
+def is_known(key: str) -> bool:
+    """Whether a part need not be made here."""
+    return is_kept(key) or (not prefers_native() and has_shipped(key))
 
 
 def is_kept(key: str) -> bool:
@@ -328,17 +360,4 @@ def clear_cache() -> int:
 
 
 def _for_target(key: str, target: Target) -> str:
-    return hashlib.sha256(f"{key} {target!r} {_versions()}".encode()).hexdigest()
-
-
-def _versions() -> str:
-    """Versions of what makes machine code here; looked up without importing Numba."""
-    from importlib.metadata import version
-
-    global _known
-    if _known is None:
-        _known = f"llvmlite {version('llvmlite')} numba {version('numba')}"
-    return _known
-
-
-_known: str | None = None
+    return hashlib.sha256(f"{key} {target!r} {made_by()}".encode()).hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -47,11 +48,6 @@ _LEVEL_3 = f"{_LEVEL_2},+avx,+avx2,+bmi,+bmi2,+f16c,+fma,+lzcnt,+movbe,+xsave"
 _LEVEL_4 = f"{_LEVEL_3},+avx512f,+avx512bw,+avx512cd,+avx512dq,+avx512vl"
 
 
-def baseline_features() -> str:
-    """LLVM's list of the extensions that x86-64-v3 has."""
-    return _LEVEL_3
-
-
 def portable_target() -> Target:
     """The processor for which portable code is simplified: the least of its kind."""
     return make_target(llvm.get_process_triple(), "generic", "")
@@ -86,3 +82,10 @@ def make_target(triple: str, cpu: str, features: str) -> Target:
     vector_bytes = 64 if "avx512f" in present else 32 if "avx" in present else 16
     has_fma = bool(present & {"fma", "avx512f"}) or triple.startswith(("aarch64", "arm64"))
     return Target(triple, cpu, features, vector_bytes, has_fma)
+
+
+BASELINES: dict[str, Callable[[], Target]] = {
+    "x86-64-v3": lambda: make_target("x86_64-unknown-linux-gnu", "x86-64-v3", _LEVEL_3),
+    "aarch64": lambda: make_target("aarch64-unknown-linux-gnu", "generic", "+fp-armv8,+neon"),
+}
+"""Processors that machine code is shipped for: x86-64-v3 (AVX2 and FMA, since 2013), and ARMv8."""

@@ -18,10 +18,10 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from pepper_kin.kernels.compiled_function import Unit, unit_of
+from pepper_kin.kernels.compiled_function import Unit, unit_of, units
 from pepper_kin.kernels.progress import expect, making
 from pepper_kin.kernels.shipping import is_usable, shipped_keys
-from pepper_kin.kernels.store import can_write, is_kept, is_recording, make_ahead
+from pepper_kin.kernels.store import can_write, is_kept, is_known, is_recording, make_ahead
 
 _WORKER = "PEPPER_KIN_WARM_UP"
 """Environment variable of the processes that make machine code ahead."""
@@ -79,18 +79,22 @@ def make_all(modules: Sequence[str], report: Callable[[int], None] | None = None
 
 
 def wait_for(unit: Unit) -> None:
-    """Have other processes make all code, where none comes with the package, and wait for that of a unit.
+    """Have other processes make the code that is missing, and wait for that of a unit where all is.
 
-    Where that fails, the unit is still missing when this returns.
+    Where none comes with the package they make all of it.  Where sources have changed they make the other
+    units of imported modules that have, while this process makes its own.  Where they fail, the unit is still
+    missing when this returns.
     """
     if (
         is_recording()
         or os.environ.get(_WORKER)
         or (os.cpu_count() or 1) < 2
-        or is_usable()
         or not can_write()
         or not unit.module.startswith("pepper_kin.")
     ):
+        return
+    if is_usable():
+        _help_with_changes(unit.module)
         return
     workers, key = _helpers(), unit.key()
     if not workers:
@@ -98,6 +102,25 @@ def wait_for(unit: Unit) -> None:
     with making(unit.module):
         while not is_kept(key) and any(worker.poll() is None for worker in workers):
             time.sleep(_POLL)
+
+
+def _help_with_changes(mine: str) -> None:
+    """Start processes, once, for the other units whose sources have changed."""
+    global _helped
+    if _helped:
+        return
+    _helped = True
+    changed = [
+        unit.module
+        for unit in units()
+        if unit.module != mine and unit.module.startswith("pepper_kin.") and not is_known(unit.key())
+    ]
+    if changed:
+        workers = _start_workers(changed, silent=True, spared=1)
+        atexit.register(_end, workers)
+
+
+_helped = False
 
 
 @cache
@@ -116,9 +139,9 @@ def _end(workers: Sequence[subprocess.Popen]) -> None:
             worker.terminate()
 
 
-def _start_workers(modules: Sequence[str], *, silent: bool) -> list[subprocess.Popen]:
-    """Start one process for each core; they share the work among themselves."""
-    count = min(os.cpu_count() or 1, len(modules))
+def _start_workers(modules: Sequence[str], *, silent: bool, spared: int = 0) -> list[subprocess.Popen]:
+    """Start one process for each core, but those that are spared; they share the work among themselves."""
+    count = min((os.cpu_count() or 1) - spared, len(modules))
     return [
         subprocess.Popen(
             [sys.executable, "-m", "pepper_kin.kernels.warm_up", *modules],

@@ -14,19 +14,23 @@ from pepper_kin.jobs import shipping as job
 from pepper_kin.kernels import package_file, portable
 from pepper_kin.kernels.compiled_function import unit_of
 from pepper_kin.kernels.compiler import compile_portable
+from pepper_kin.kernels.portable import PortablePart
 from pepper_kin.kernels.progress import making
 from pepper_kin.kernels.target import make_target
 from pepper_kin.kernels.warm_up import compiled_modules
 
 KEY = "a" * 64
-MODULE = b"define double @half(double %x) { %y = fmul double %x, 0.5 ret double %y }"
+HALF = PortablePart("c" * 32, ("twice",), b"some bitcode", b"some types")
+TWICE = PortablePart("d" * 32, (), b"other bitcode", b"")
+MODULE = [b"some bitcode", b"other bitcode"]
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A file of our own in place of the package's."""
     path = tmp_path / "portable.ir"
-    portable.write_portable({KEY: "pepper_kin.core.one"}, MODULE, path)
+    code = portable.PortableCode({KEY: "pepper_kin.core.one"}, {"half": HALF, "twice": TWICE})
+    portable.write_portable(code, path)
     monkeypatch.setattr(portable, "portable_path", lambda: path)
     forget()
     yield path
@@ -40,16 +44,17 @@ def forget():
 
 def ask(caplog, key=KEY):
     with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
-        part = portable.portable_part(key)
+        part = portable.portable_unit(key, ["half"])
         if part is None:
             with making(key):  # reasons are logged where something is made
                 pass
         return part
 
 
-def package_module():
-    importlib.import_module("pepper_kin.kernels.calling")
-    return portable.portable_part(unit_of("pepper_kin.kernels.calling").key())
+def package_unit(name):
+    importlib.import_module(name)
+    unit = unit_of(name)
+    return portable.portable_unit(unit.key(), unit.symbols)
 
 
 def test_the_file_has_every_unit_and_is_small():
@@ -57,8 +62,10 @@ def test_the_file_has_every_unit_and_is_small():
     assert portable.portable_path().stat().st_size <= job.LARGEST
 
 
-def test_a_module_comes_back_as_it_was(place, caplog):
+def test_parts_come_back_as_they_were(place, caplog):
     assert ask(caplog) == MODULE
+    assert portable.portable_part("half", HALF.key) == HALF
+    assert portable.portable_part("half", TWICE.key) is None
     assert ask(caplog, "b" * 64) is None
     assert not caplog.records
 
@@ -95,7 +102,8 @@ def test_which_processors_are_served(place, caplog, monkeypatch, triple, served)
 
 
 def test_nothing_of_a_processor_is_in_it():
-    text = str(llvm.parse_bitcode(package_module()))
+    bitcode = {part for name in compiled_modules() for part in package_unit(name)}
+    text = "\n".join(str(llvm.parse_bitcode(part)) for part in bitcode)
     called = set(re.findall(r"@(llvm\.[\w.]+)", text))
     assert called
     assert not [name for name in called if re.match(r"llvm\.(x86|aarch64|arm)\.", name)]
@@ -106,13 +114,10 @@ def test_nothing_of_a_processor_is_in_it():
 
 
 def test_machine_code_for_arm64_can_be_made_of_it():
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
     target = make_target("aarch64-unknown-linux-gnu", "generic", "+neon")
-    bitcode = package_module()
     for name in ("pepper_kin.kernels.calling", "pepper_kin.planners.smooth", "pepper_kin.core.braking"):
         importlib.import_module(name)
-        code = compile_portable(bitcode, target, unit_of(name).symbols)
+        code = compile_portable(package_unit(name), target, unit_of(name).symbols)
         assert code[:4] == b"\x7fELF"
         assert int.from_bytes(code[18:20], "little") == 183  # EM_AARCH64
 

@@ -13,7 +13,7 @@ import pytest
 from pepper_kin.jobs import shipping as job
 from pepper_kin.kernels import package_file, shipping
 from pepper_kin.kernels.progress import making
-from pepper_kin.kernels.target import make_target
+from pepper_kin.kernels.target import BASELINES, make_target
 
 KEY, OTHER = "a" * 64, "b" * 64
 THIRD = "d" * 64
@@ -28,8 +28,8 @@ PARTS = {
 def place(tmp_path, monkeypatch):
     """A file of our own in place of the package's."""
     path = tmp_path / "code"
-    shipping.write_shipped(PARTS, path)
-    monkeypatch.setattr(shipping, "shipped_path", lambda: path)
+    shipping.write_shipped(PARTS, "x86-64-v3", path)
+    monkeypatch.setattr(shipping, "shipped_path", lambda name: path)
     forget()
     yield path
     forget()
@@ -37,7 +37,6 @@ def place(tmp_path, monkeypatch):
 
 def forget():
     shipping._index.cache_clear()
-    shipping._stream.cache_clear()
     package_file._reasons.clear()
 
 
@@ -52,7 +51,8 @@ def ask(caplog, name="pepper_kin.core.one", key=KEY):
 
 def test_the_file_fits_the_sources():
     assert job.stale_names() == []
-    assert shipping.shipped_path().stat().st_size <= job.LARGEST
+    for baseline in BASELINES:
+        assert shipping.shipped_path(baseline).stat().st_size <= job.LARGEST
 
 
 CHECK = """
@@ -105,8 +105,8 @@ def test_threads_that_read_parts_at_once_get_whole_ones(tmp_path, monkeypatch):
         f"{k:064x}": ("pepper_kin.core.one", np.random.default_rng(k).bytes(3000 + k)) for k in range(64)
     }
     path = tmp_path / "code"
-    shipping.write_shipped(contents, path)
-    monkeypatch.setattr(shipping, "shipped_path", lambda: path)
+    shipping.write_shipped(contents, "x86-64-v3", path)
+    monkeypatch.setattr(shipping, "shipped_path", lambda name: path)
     forget()
     keys = [*contents, *reversed(contents)] * 3
     with ThreadPoolExecutor(8) as pool:
@@ -122,14 +122,14 @@ def test_code_of_other_sources_is_not_found_and_reported_once(place, caplog):
     assert "made from other sources of pepper_kin.core.one" in record.getMessage()
 
 
-@pytest.mark.parametrize("where", [40, -10, -90], ids=["index", "last part", "first part"])
+@pytest.mark.parametrize("where", [40, -10, -1690], ids=["index", "last part", "first part"])
 def test_a_flipped_bit_is_found(place, caplog, where):
     data = bytearray(place.read_bytes())
     data[where] ^= 4
     place.write_bytes(bytes(data))
-    found = [ask(caplog), ask(caplog, "pepper_kin.core.two", OTHER)]
+    found = [ask(caplog, PARTS[key][0], key) for key in PARTS]
     assert found.count(None) >= 1
-    assert all(part is None or part[0] in (PARTS[KEY][1], PARTS[OTHER][1]) for part in found)
+    assert all(part is None or part[0] == PARTS[key][1] for key, part in zip(PARTS, found, strict=True))
     (record,) = caplog.records
     assert "damaged" in record.getMessage()
 
@@ -137,7 +137,7 @@ def test_a_flipped_bit_is_found(place, caplog, where):
 def test_another_format_is_refused(place, caplog, monkeypatch):
     monkeypatch.setattr(shipping, "FORMAT", shipping.FORMAT + 1)
     assert ask(caplog) is None
-    assert "has format 3, not 4" in caplog.text
+    assert "has format 4, not 5" in caplog.text
 
 
 def test_a_missing_file_is_reported(place, caplog):
@@ -153,7 +153,8 @@ def test_a_missing_file_is_reported(place, caplog):
             make_target("x86_64-unknown-linux-gnu", "x86-64-v2", "+sse4.2,+popcnt,+cx16,+sahf"),
             "has no avx, avx2",
         ),
-        (make_target("aarch64-unknown-linux-gnu", "generic", "+neon"), "which"),
+        (make_target("aarch64-unknown-linux-gnu", "generic", "+neon"), "has no fp-armv8"),
+        (make_target("arm64-apple-darwin23.0.0", "generic", "+fp-armv8,+neon"), "is arm64-apple-darwin"),
     ],
 )
 def test_another_processor_gets_none(place, caplog, monkeypatch, target, reason):
@@ -165,7 +166,83 @@ def test_another_processor_gets_none(place, caplog, monkeypatch, target, reason)
 def test_the_index_names_every_compiled_module():
     from pepper_kin.kernels.warm_up import compiled_modules
 
-    assert set(compiled_modules()) <= set(shipping.shipped_keys().values())
+    for baseline in BASELINES:
+        assert set(compiled_modules()) <= set(shipping.shipped_keys(baseline).values())
+
+
+def test_all_processors_have_the_same_parts():
+    assert len({tuple(shipping.shipped_keys(baseline)) for baseline in BASELINES}) == 1
+
+
+def test_code_for_arm64_is_an_object_of_arm64(monkeypatch):
+    target = make_target("aarch64-unknown-linux-gnu", "cortex-a76", "+fp-armv8,+neon,+crc")
+    monkeypatch.setattr(shipping, "host_target", lambda: target)
+    forget()
+    for key, name in shipping.shipped_keys("aarch64").items():
+        content, made_for = shipping.shipped_part(name, key)
+        assert made_for.triple == target.triple
+        start = content.index(b"\x7fELF")  # kernels have their signature before the object
+        assert int.from_bytes(content[start + 18 : start + 20], "little") == 183  # EM_AARCH64
+    forget()
+
+
+def test_a_change_of_one_part_changes_no_byte_of_the_others(tmp_path):
+    changed = PARTS | {OTHER: ("a kernel", b"another part of another size " * 70)}
+    files = []
+    for parts in (PARTS, changed):
+        shipping.write_shipped(parts, "x86-64-v3", tmp_path / "code")
+        files.append((tmp_path / "code").read_bytes())
+    for data in files:
+        assert PARTS[KEY][1] in data
+        assert PARTS[THIRD][1] in data
+
+
+EDITED = """
+import importlib, sys
+from pepper_kin.kernels import sources
+from pepper_kin.kernels.store import is_known
+from pepper_kin.kernels.compiled_function import unit_of
+from pepper_kin.kernels.warm_up import compiled_modules
+old, new, place = sys.argv[1:]
+edit, edits = (old.encode(), new.encode()), []
+true_read = sources.Path.read_bytes
+def read(path):
+    data = true_read(path)
+    if str(path).endswith(place):
+        edits.append(data.count(edit[0]))
+        data = data.replace(*edit)
+    return data
+sources.Path.read_bytes = read
+names = compiled_modules()
+changed = [name for name in names if importlib.import_module(name) and not is_known(unit_of(name).key())]
+print(max(edits), *changed)
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("import math\n", "import math  # a comment\n", set()),
+        ('    """Return', '    """Return, in other words,', set()),
+        (
+            "def symmetric_eigen(",
+            "def symmetric_eigen(more=1, *, ",
+            {"pepper_kin.core.braking"},
+        ),
+    ],
+    ids=["a comment", "docstrings", "one function"],
+)
+def test_an_edit_makes_the_units_anew_that_hold_the_function(tmp_path, old, new, expected):
+    done = subprocess.run(
+        [sys.executable, "-c", EDITED, old, new, "core/linear_algebra.py"],
+        env={**os.environ, "PEPPER_KIN_CACHE": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    count, *changed = done.stdout.split()
+    assert int(count) >= 1
+    assert set(changed) == expected
 
 
 README_LIKE = """

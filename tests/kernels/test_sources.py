@@ -17,12 +17,12 @@ def package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def digest(*modules):
-        sources.file_digest.cache_clear()
+        sources.digests.cache_clear()
         source_digest.cache_clear()
         return source_digest(*modules)
 
     yield folder, digest
-    sources.file_digest.cache_clear()
+    sources.digests.cache_clear()
     source_digest.cache_clear()
     for name in [name for name in sys.modules if name.startswith("a_room")]:
         del sys.modules[name]
@@ -32,7 +32,7 @@ def test_digest_changes_with_any_file_and_with_nothing_else(package):
     folder, digest = package
     first = digest("a_room")
     (folder / "notes.txt").write_text("no source")
-    (folder / "part.py").write_bytes(b"x = 1\r\n")
+    (folder / "part.py").write_bytes(b'"""What it is."""\r\nx = 1  # and why\r\n')
     assert digest("a_room") == first
     (folder / "part.py").write_text("x = 2\n")
     assert digest("a_room") != first
@@ -62,3 +62,61 @@ def test_a_module_that_is_not_there(package):
         source_digest("a_room.nothing")
     with pytest.raises(UnknownNameError, match="no_such"):
         source_digest("no_such.part")
+
+
+SOURCE = b"""
+LIMIT = 2
+
+def outer(x):
+    def inner(y):
+        return y + LIMIT
+    return inner(x)
+
+class Box:
+    size: int = 3
+
+    def half(self):
+        return self.size / 2
+"""
+
+
+def test_a_function_counts_by_itself():
+    first = sources.digests_of(SOURCE)
+    assert set(first.functions) == {"outer", "outer.<locals>.inner", "Box.half"}
+    other = sources.digests_of(SOURCE.replace(b"self.size / 2", b"self.size / 4"))
+    assert other.whole != first.whole
+    assert {name for name in first.functions if other.functions[name] != first.functions[name]} == {
+        "Box.half"
+    }
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda s: s.replace(b"def outer(x):\n", b'def outer(x):\n    """Add the limit."""\n    # once\n'),
+        lambda s: s.replace(b"size: int = 3\n", b'size: int = 3\n    """In meters."""\n'),
+        lambda s: s.replace(b"return inner(x)", b"return inner(\n        x\n    )"),
+        lambda s: b'"""A module."""\n\n\n' + s,
+    ],
+    ids=["docstring and comment", "docstring of an attribute", "layout", "docstring of the module"],
+)
+def test_words_and_layout_do_not_count(edit):
+    assert sources.digests_of(edit(SOURCE)) == sources.digests_of(SOURCE)
+
+
+def test_digests_of_files_as_they_were_shipped_are_those_of_the_files():
+    """What is looked up is what would be computed here, where Python writes trees as it did there."""
+    from pathlib import Path
+
+    known = sources._known()
+    assert known
+    folder = Path(sources.__file__).parents[1]
+    found = 0
+    for path in folder.rglob("*.py"):
+        data = path.read_bytes().replace(b"\r\n", b"\n")
+        entry = known.get(sources.hashlib.sha256(data).hexdigest()[:32])
+        if entry is not None:
+            found += 1
+            if sys.version_info[:2] == (3, 11):
+                assert sources.digests_of(data) == (entry[0], entry[1])
+    assert found > 100
