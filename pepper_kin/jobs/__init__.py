@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.export_files import save_export
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, save_library_gesture
     from pepper_kin.jobs.motion_file import load_motion, scene_beside
-    from pepper_kin.jobs.paper_check import PaperCheck, check_paper
-    from pepper_kin.jobs.paper_files import save_paper_check
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
     from pepper_kin.jobs.result_files import save_gesture, save_outcome
     from pepper_kin.jobs.warming import WarmUp, warm_up
+    from pepper_kin.paper.check import PaperCheck, check_paper
+    from pepper_kin.paper.files import save_paper_check
 
 _MODULES = {
     "BenchResult": "bench",
@@ -38,12 +38,12 @@ _MODULES = {
     "DynamicsCheck": "dynamics_check",
     "DynamicsCheckRow": "dynamics_check",
     "MadeGesture": "gesture_job",
-    "PaperCheck": "paper_check",
+    "PaperCheck": "pepper_kin.paper.check",
     "PhysicsCheck": "physics_check",
     "ReachOutcome": "reaching",
     "WarmUp": "warming",
     "check_dynamics": "dynamics_checking",
-    "check_paper": "paper_check",
+    "check_paper": "pepper_kin.paper.check",
     "check_physics": "physics_check",
     "demo_scene": "demo",
     "make_gesture": "gesture_job",
@@ -56,7 +56,7 @@ _MODULES = {
     "save_gesture": "result_files",
     "save_library_gesture": "gesture_job",
     "save_outcome": "result_files",
-    "save_paper_check": "paper_files",
+    "save_paper_check": "pepper_kin.paper.files",
     "scene_beside": "motion_file",
 }
 
