@@ -5,7 +5,7 @@
     load_motion, scene_beside, save_export
     check_dynamics, DynamicsCheck, DynamicsCheckRow
     check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
-    run_bench, BenchResult, BenchRow, warm_up, WarmUp
+    warm_up, WarmUp
 
 Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
 No module has the name of a job: importing it would hide the job.
@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from pepper_kin.jobs.bench import BenchResult, BenchRow, run_bench
     from pepper_kin.jobs.demo import demo_scene, run_demo
     from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
     from pepper_kin.jobs.dynamics_checking import check_dynamics
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
     from pepper_kin.paper.files import save_paper_check
 
 _MODULES = {
-    "BenchResult": "bench",
-    "BenchRow": "bench",
     "DynamicsCheck": "dynamics_check",
     "DynamicsCheckRow": "dynamics_check",
     "MadeGesture": "gesture_job",
@@ -49,7 +46,6 @@ _MODULES = {
     "make_gesture": "gesture_job",
     "reach": "reaching",
     "load_motion": "motion_file",
-    "run_bench": "bench",
     "run_demo": "demo",
     "warm_up": "warming",
     "save_export": "export_files",
@@ -61,8 +57,6 @@ _MODULES = {
 }
 
 __all__ = [
-    "BenchResult",
-    "BenchRow",
     "DynamicsCheck",
     "DynamicsCheckRow",
     "MadeGesture",
@@ -77,7 +71,6 @@ __all__ = [
     "load_motion",
     "make_gesture",
     "reach",
-    "run_bench",
     "run_demo",
     "save_export",
     "save_gesture",
