@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pepper_kin as pk
 from pepper_kin.jobs import check_dynamics, check_paper, check_physics
-from pepper_kin.jobs.paper_files import paper_figure
+from pepper_kin.paper.files import paper_figure
 
 FOLDER = Path(__file__).parent
 

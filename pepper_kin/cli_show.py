@@ -1,4 +1,4 @@
-"""The commands `pepper-kin plot`, `render` and `bench`: argument parsing and printing, nothing else."""
+"""The commands `pepper-kin plot` and `render`: argument parsing and printing, nothing else."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from pepper_kin.cli_terminal import (
     Json,
     NoScene,
     SceneFile,
-    Seed,
     one_of,
-    print_json,
     print_written,
     progress,
     scene_of,
@@ -124,28 +122,6 @@ def render(
             at_time=at_time, on_frame=report,
         )  # fmt: skip
     print_written([path], as_json)
-
-
-@app.command()
-def bench(
-    repeats: Annotated[int, typer.Option(help="Turns of each measurement.")] = 5,
-    seed: Seed = 0,
-    as_json: Json = False,
-) -> None:
-    """Measure IK, batches and the twin on this machine, each beside the usual way.
-
-    Example: pepper-kin bench --repeats 9
-    """
-    from pepper_kin.jobs import run_bench
-
-    if not as_json:
-        print("  measuring; what is compiled is compiled first, once on a machine ...", file=sys.stderr)
-    with progress("measuring") as report:
-        found = run_bench(repeats=repeats, seed=seed, progress=report)
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        print(found.report())
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -85,7 +85,7 @@ FUNCTIONS = {
     "pepper_kin.motion.plan_result": pk.motion.plan,
     "pepper_kin.motion.validation": pk.motion.validate,
     "pepper_kin.planners.optimization.descend": planners.optimization.descend,
-    "pepper_kin.planners.optimization.effort": planners.optimization.minimum_effort,
+    "pepper_kin.planners.optimization.general": planners.optimization.minimum_effort,
     "pepper_kin.planners.result": planners.rrt_connect,
     "pepper_kin.servo.state": pk.servo.Servo,
     "pepper_kin.supervision": Robot.follow,

@@ -5,7 +5,7 @@
     load_motion, scene_beside, save_export
     check_dynamics, DynamicsCheck, DynamicsCheckRow
     check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
-    run_bench, BenchResult, BenchRow, warm_up, WarmUp
+    warm_up, WarmUp
 
 Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
 No module has the name of a job: importing it would hide the job.
@@ -18,51 +18,45 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from pepper_kin.jobs.bench import BenchResult, BenchRow, run_bench
     from pepper_kin.jobs.demo import demo_scene, run_demo
     from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
     from pepper_kin.jobs.dynamics_checking import check_dynamics
     from pepper_kin.jobs.export_files import save_export
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, save_library_gesture
     from pepper_kin.jobs.motion_file import load_motion, scene_beside
-    from pepper_kin.jobs.paper_check import PaperCheck, check_paper
-    from pepper_kin.jobs.paper_files import save_paper_check
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
     from pepper_kin.jobs.result_files import save_gesture, save_outcome
     from pepper_kin.jobs.warming import WarmUp, warm_up
+    from pepper_kin.paper.check import PaperCheck, check_paper
+    from pepper_kin.paper.files import save_paper_check
 
 _MODULES = {
-    "BenchResult": "bench",
-    "BenchRow": "bench",
     "DynamicsCheck": "dynamics_check",
     "DynamicsCheckRow": "dynamics_check",
     "MadeGesture": "gesture_job",
-    "PaperCheck": "paper_check",
+    "PaperCheck": "pepper_kin.paper.check",
     "PhysicsCheck": "physics_check",
     "ReachOutcome": "reaching",
     "WarmUp": "warming",
     "check_dynamics": "dynamics_checking",
-    "check_paper": "paper_check",
+    "check_paper": "pepper_kin.paper.check",
     "check_physics": "physics_check",
     "demo_scene": "demo",
     "make_gesture": "gesture_job",
     "reach": "reaching",
     "load_motion": "motion_file",
-    "run_bench": "bench",
     "run_demo": "demo",
     "warm_up": "warming",
     "save_export": "export_files",
     "save_gesture": "result_files",
     "save_library_gesture": "gesture_job",
     "save_outcome": "result_files",
-    "save_paper_check": "paper_files",
+    "save_paper_check": "pepper_kin.paper.files",
     "scene_beside": "motion_file",
 }
 
 __all__ = [
-    "BenchResult",
-    "BenchRow",
     "DynamicsCheck",
     "DynamicsCheckRow",
     "MadeGesture",
@@ -77,7 +71,6 @@ __all__ = [
     "load_motion",
     "make_gesture",
     "reach",
-    "run_bench",
     "run_demo",
     "save_export",
     "save_gesture",

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from pepper_kin.model.load import load_pepper, load_robot, pepper_urdf
     from pepper_kin.model.mesh_names import mesh_files
     from pepper_kin.model.model_audit import Audit, audit
-    from pepper_kin.model.paper_limits import LimitRow, LimitsTable, limits_table
     from pepper_kin.model.pepper_model import PepperModel
     from pepper_kin.model.poses import (
         pose,
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from pepper_kin.model.semantics import Semantics
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
     from pepper_kin.model.wheels import Wheels
+    from pepper_kin.paper.table4 import LimitRow, LimitsTable, limits_table
 
 __all__ = [
     "FORMATS",
@@ -87,7 +87,7 @@ __getattr__, __dir__ = lazily(
         **dict.fromkeys(("load_pepper", "load_robot", "pepper_urdf"), "load"),
         "mesh_files": "mesh_names",
         **dict.fromkeys(("Audit", "audit"), "model_audit"),
-        **dict.fromkeys(("LimitRow", "LimitsTable", "limits_table"), "paper_limits"),
+        **dict.fromkeys(("LimitRow", "LimitsTable", "limits_table"), "pepper_kin.paper.table4"),
         "PepperModel": "pepper_model",
         **dict.fromkeys(
             (

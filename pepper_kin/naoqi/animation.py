@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from pepper_kin.motion import gesture, gesture_names
-from pepper_kin.naoqi.animation_names import GESTURE_OF, gesture_for
 from pepper_kin.naoqi.effectors import standing_pepper
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_tasks import TrajectoryTask
 from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.tables import table
 
 PREFIX = "animations/Stand/Gestures/"
 
@@ -69,9 +69,24 @@ class ALAnimationPlayer(Module):
 
     def _tags(self) -> dict[str, str]:
         return {
-            **{tag.rstrip("_"): name for tag, name in GESTURE_OF.items()},
+            **{tag.rstrip("_"): name for tag, name in table("gestures").items()},
             **self.__dict__.get("_own_tags", {}),
         }
+
+
+def gesture_for(name: str) -> str:
+    """Return the gesture that stands for an animation ("animations/Stand/Gestures/Hey_1").
+
+    "explain" for others.
+    """
+    last = name.rstrip("/").split("/")[-1].lower() + "_"
+    for part, meant in table("gestures").items():
+        if last.startswith(part):
+            return meant
+    for part, meant in table("gestures").items():
+        if len(part) > 3 and part in last:
+            return meant
+    return "explain"
 
 
 def animation(name: str) -> TrajectoryTask:

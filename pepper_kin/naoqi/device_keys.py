@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from itertools import repeat
 from operator import getitem
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from pepper_kin.model import rpy_from_rotation
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, WHEELS
+from pepper_kin.naoqi.tables import table
 from pepper_kin.twin.sensors import Reading, SensorSuite
 
 TOP = "Device/SubDeviceList/"
@@ -21,30 +23,6 @@ SENSOR_PERIOD = 0.02
 
 FARTHEST = {"laser": 3.0, "sonar": 5.0}
 """What a beam without an echo reads [m]."""
-
-TOUCHES = {
-    "Platform/FrontLeft/Bumper": "bumper_front_left",
-    "Platform/FrontRight/Bumper": "bumper_front_right",
-    "Platform/Back/Bumper": "bumper_back",
-    "Head/Touch/Front": "head_touch_front",
-    "Head/Touch/Middle": "head_touch_middle",
-    "Head/Touch/Rear": "head_touch_rear",
-    "LHand/Touch/Back": "left_hand_touch",
-    "RHand/Touch/Back": "right_hand_touch",
-}
-"""Key -> sensor of the twin."""
-
-EVENTS = {
-    "bumper_front_left": "LeftBumperPressed",
-    "bumper_front_right": "RightBumperPressed",
-    "bumper_back": "BackBumperPressed",
-    "head_touch_front": "FrontTactilTouched",
-    "head_touch_middle": "MiddleTactilTouched",
-    "head_touch_rear": "RearTactilTouched",
-    "left_hand_touch": "HandLeftBackTouched",
-    "right_hand_touch": "HandRightBackTouched",
-}
-"""Sensor of the twin -> event that is raised with 1.0 or 0.0 when it changes."""
 
 BEAM_YAWS = np.deg2rad(np.linspace(30.0, -30.0, 15))
 """Direction of the 15 beams of a laser in its frame, from left to right [rad]."""
@@ -119,27 +97,15 @@ class DeviceKeys:
         for index, name in enumerate(WHEELS):
             keys[f"{TOP}{name}/Speed/Sensor/Value"] = partial(self._wheel_speed, index)
             keys[f"{TOP}{name}/Speed/Actuator/Value"] = keys[f"{TOP}{name}/Speed/Sensor/Value"]
-        for key, sensor in TOUCHES.items():
+        for key, sensor in table("devices")["touches"].items():
             keys[f"{TOP}{key}/Sensor/Value"] = partial(self._touch, sensor)
         for side in ("Front", "Back"):
             keys[f"{TOP}Platform/{side}/Sonar/Sensor/Value"] = partial(self._sonar, side)
         self._add_lasers()
         self._add_inertial()
-        for key, value in (
-            ("Charge/Sensor/Value", 1.0),
-            ("Current/Sensor/Value", 0.0),
-            ("Temperature/Sensor/Value", 30.0),
-        ):
-            keys[f"{TOP}Battery/{key}"] = partial(float, value)
-        keys["ALMotion/RobotIsFalling"] = lambda: False
+        for key, value in table("devices")["values"].items():
+            keys[key] = repeat(value).__next__
         keys["robotIsWakeUp"] = lambda: body.awake
-        keys["BatteryChargeChanged"] = lambda: 100
-        keys["ALBattery/ConnectedToChargingStation"] = lambda: False
-        keys["RobotConfig/Body/Type"] = lambda: "Juliette"
-        keys["RobotConfig/Head/BaseVersion"] = lambda: "V1.8"
-        keys["RobotConfig/Body/BaseVersion"] = lambda: "V1.8"
-        keys["RobotConfig/Head/FullHeadId"] = lambda: "pepper_kin"
-        keys["Device/DeviceList/ChestBoard/BodyNickName"] = lambda: "pepper"
 
     def _add_lasers(self) -> None:
         keys = self._makers

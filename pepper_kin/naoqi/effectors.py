@@ -13,6 +13,7 @@ from pepper_kin.model import PepperModel, load_pepper, rpy_from_rotation
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.errors import NaoqiError, quoted
 from pepper_kin.naoqi.joint_names import CHAINS, HANDS
+from pepper_kin.naoqi.tables import table
 
 Array = NDArray[np.float64]
 
@@ -20,56 +21,6 @@ TORSO, WORLD, ROBOT = 0, 1, 2
 """Frames of NAOqi: FRAME_TORSO, FRAME_WORLD, FRAME_ROBOT."""
 
 POSITION_BITS, ROTATION_BITS = 0b000111, 0b111000
-
-FRAMES: dict[str, str] = {
-    "Head": "Head",
-    "LArm": "LArm_effector",
-    "RArm": "RArm_effector",
-    "Torso": "torso_naoqi",
-    "Leg": "Tibia",
-    "HeadYaw": "Neck",
-    "HeadPitch": "Head",
-    "LShoulderPitch": "LShoulder",
-    "LShoulderRoll": "LBicep",
-    "LElbowYaw": "LElbow",
-    "LElbowRoll": "LForeArm",
-    "LWristYaw": "l_wrist",
-    "LHand": "l_hand",
-    "RShoulderPitch": "RShoulder",
-    "RShoulderRoll": "RBicep",
-    "RElbowYaw": "RElbow",
-    "RElbowRoll": "RForeArm",
-    "RWristYaw": "r_wrist",
-    "RHand": "r_hand",
-    "KneePitch": "Pelvis",
-    "HipPitch": "Hip",
-    "HipRoll": "torso",
-    "WheelFL": "WheelFL_link",
-    "WheelFR": "WheelFR_link",
-    "WheelB": "WheelB_link",
-    "CameraTop": "CameraTop_frame",
-    "CameraBottom": "CameraBottom_frame",
-    "CameraDepth": "CameraDepth_frame",
-    "Gyrometer": "ImuTorsoGyrometer_frame",
-    "Accelerometer": "ImuTorsoAccelerometer_frame",
-    "GyrometerBase": "ImuBaseGyrometer_frame",
-    "AccelerometerBase": "ImuBaseAccelerometer_frame",
-    "HeadTouchFront": "HeadTouchFront_frame",
-    "HeadTouchMiddle": "HeadTouchMiddle_frame",
-    "HeadTouchRear": "HeadTouchRear_frame",
-    "LHandTouchBack": "LHandTouchBack_frame",
-    "RHandTouchBack": "RHandTouchBack_frame",
-    "SonarFront": "SonarFront_frame",
-    "SonarBack": "SonarBack_frame",
-    "BumperFL": "BumperFL_frame",
-    "BumperFR": "BumperFR_frame",
-    "BumperB": "BumperB_frame",
-    "LaserSensor/Front": "SurroundingFrontLaser_frame",
-    "LaserSensor/Left": "SurroundingLeftLaser_frame",
-    "LaserSensor/Right": "SurroundingRightLaser_frame",
-    "ChestBoard/Button": "ChestButton_frame",
-}
-"""Name of an effector, joint or sensor -> frame of the model."""
 
 WHEEL_CENTER = 0.264
 """From the knee's axis down to the wheels' axles [m] (api_naoqi: TibiaLength)."""
@@ -111,9 +62,10 @@ def frame_of(name: object, module: str, method: str) -> str:
     Raises:
         NaoqiError: for an unknown name.
     """
-    if not isinstance(name, str) or name not in FRAMES:
-        raise NaoqiError(module, method, f"{quoted(name)} is no effector; known: {', '.join(FRAMES)}")
-    return FRAMES[name]
+    frames: dict[str, str] = table("motion")["frames"]
+    if not isinstance(name, str) or name not in frames:
+        raise NaoqiError(module, method, f"{quoted(name)} is no effector; known: {', '.join(frames)}")
+    return frames[name]
 
 
 def space_pose(body: Body, space: int, use_sensors: bool, module: str, method: str) -> Array:
@@ -155,7 +107,7 @@ def tasks_for(effector: str, pose: Array, mask: int) -> list[ik.Task]:
     with them,
     and one bit alone asks for the whole orientation.
     """
-    frame = FRAMES[effector]
+    frame = table("motion")["frames"][effector]
     point, rotation = pose[:3, 3], pose[:3, :3]
     tasks: list[ik.Task] = []
     if mask & POSITION_BITS == POSITION_BITS:

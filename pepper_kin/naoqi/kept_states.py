@@ -8,6 +8,7 @@ from typing import Any
 from pepper_kin.naoqi.errors import NotSimulatedError
 from pepper_kin.naoqi.memory import Signal
 from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.tables import table
 
 
 class StateModule(Module):
@@ -62,49 +63,16 @@ class StateModule(Module):
         return read
 
 
-def _state_module(name: str, doc: str, accepted: tuple[str, ...] = (), **defaults: Any) -> type[StateModule]:
-    return type(
-        name, (StateModule,), {"name": name, "__doc__": doc, "accepted": accepted, "defaults": defaults}
-    )
+def _state_module(name: str) -> type[StateModule]:
+    modules = table("modules")
+    entry = modules["kept"][name]
+    accepted = (*entry.get("accepts", ()), *(modules["extractor"] if entry.get("extractor") else ()))
+    defaults = entry.get("keeps", {})
+    content = {"name": name, "__doc__": entry["doc"], "accepted": accepted, "defaults": defaults}
+    return type(name, (StateModule,), content)
 
 
-SUBSCRIBE = ("subscribe", "unsubscribe", "updatePeriod", "updatePrecision", "pause")
-
-TABLET = (
-    "showImage",
-    "showImageNoCache",
-    "hideImage",
-    "preLoadImage",
-    "showWebview",
-    "loadUrl",
-    "loadApplication",
-    "hideWebview",
-    "reloadPage",
-    "playVideo",
-    "stopVideo",
-    "pauseVideo",
-    "resumeVideo",
-    "showInputDialog",
-    "showInputTextDialog",
-    "showAlertView",
-    "hideDialog",
-    "turnScreenOn",
-    "wakeUp",
-    "goToSleep",
-    "enableWifi",
-    "executeJS",
-    "cleanWebview",
-    "resetTablet",
-    "hide",
-    "pauseGif",
-    "resumeGif",
-    "configureWifi",
-    "hideAll",
-    "resetToDefaultValue",
-)
-
-
-class ALTabletService(_state_module("ALTabletService", "", TABLET, Brightness=1.0, WifiStatus="IDLE")):  # type: ignore[misc]
+class ALTabletService(_state_module("ALTabletService")):  # type: ignore[misc]
     """The tablet: what it would show is logged."""
 
     def __init__(self, broker: Any) -> None:
@@ -117,267 +85,12 @@ class ALTabletService(_state_module("ALTabletService", "", TABLET, Brightness=1.
         return "198.18.0.1"
 
 
-STATES = tuple(
-    _state_module(name, doc, accepted, **defaults)
-    for name, doc, accepted, defaults in (
-        (
-            "ALAutonomousMoves",
-            "Small movements by itself, which the twin does not make.",
-            ("startSmallDisplacements", "stopSmallDisplacements"),
-            {"ExpressiveListeningEnabled": False, "BackgroundStrategy": "none"},
-        ),
-        (
-            "ALBackgroundMovement",
-            "Movements while waiting, which the twin does not make.",
-            (),
-            {"Enabled": False},
-        ),
-        (
-            "ALListeningMovement",
-            "Movements while listening, which the twin does not make.",
-            (),
-            {"Enabled": False},
-        ),
-        (
-            "ALSpeakingMovement",
-            "Movements while speaking.",
-            ("addTagsToWords", "resetTagsToWords"),
-            {"Enabled": True, "Mode": "contextual"},
-        ),
-        ("ALAutonomousBlinking", "Blinking of the eyes, which the twin does not do.", (), {"Enabled": False}),
-        (
-            "ALBodyTemperature",
-            "Temperatures of the motors, which stay as they are.",
-            (),
-            {"TemperatureDiagnosis": None, "EnableNotifications": False},
-        ),
-        ("ALSonar", "Sonars: their distances stand in ALMemory.", SUBSCRIBE, {}),
-        ("ALLaser", "Lasers: their points stand in ALMemory.", (*SUBSCRIBE, "laserON", "laserOFF"), {}),
-        ("ALSensors", "Sensors: their values stand in ALMemory.", (*SUBSCRIBE, "run", "pauseExtractors"), {}),
-        (
-            "ALFaceDetection",
-            "Faces: none are detected.",
-            (*SUBSCRIBE, "enableTracking", "enableRecognition"),
-            {"TrackingEnabled": False, "RecognitionEnabled": False},
-        ),
-        (
-            "ALPeoplePerception",
-            "People: none are detected.",
-            (*SUBSCRIBE, "resetPopulation"),
-            {"MaximumDetectionRange": 3.0, "FastModeEnabled": False},
-        ),
-        (
-            "ALEngagementZones",
-            "Zones around the robot, in which nobody is.",
-            SUBSCRIBE,
-            {"FirstLimitDistance": 1.5, "SecondLimitDistance": 2.5, "LimitAngle": 90.0},
-        ),
-        ("ALMovementDetection", "Movements: none are detected.", SUBSCRIBE, {}),
-        ("ALLandMarkDetection", "Landmarks: none are detected.", SUBSCRIBE, {}),
-        ("ALRedBallDetection", "Red balls: none are detected.", SUBSCRIBE, {}),
-        ("ALColorBlobDetection", "Blobs: none are detected.", SUBSCRIBE, {}),
-        ("ALBarcodeReader", "Barcodes: none are detected.", SUBSCRIBE, {}),
-        ("ALGazeAnalysis", "Gazes: none are detected.", SUBSCRIBE, {}),
-        (
-            "ALFaceCharacteristics",
-            "Faces: none are detected.",
-            (*SUBSCRIBE, "analyzeFaceCharacteristics"),
-            {},
-        ),
-        ("ALSittingPeopleDetection", "People: none are detected.", SUBSCRIBE, {}),
-        ("ALWavingDetection", "Waving: nobody waves.", SUBSCRIBE, {}),
-        ("ALSoundDetection", "Sounds: none are heard.", SUBSCRIBE, {}),
-        ("ALSoundLocalization", "Sounds: none are heard.", SUBSCRIBE, {}),
-        (
-            "ALAudioDevice",
-            "Loudspeakers and microphones, which are silent.",
-            (
-                *SUBSCRIBE,
-                "muteAudioOut",
-                "openAudioInputs",
-                "closeAudioInputs",
-                "enableEnergyComputation",
-                "disableEnergyComputation",
-                "startMicrophonesRecording",
-                "stopMicrophonesRecording",
-                "flushAudioOutputs",
-            ),
-            {"OutputVolume": 50, "ClientPreferences": None, "AudioOutMuted": False},
-        ),
-        (
-            "ALAudioPlayer",
-            "Sounds, which are not heard.",
-            (
-                "playFile",
-                "playFileFromPosition",
-                "playFileInLoop",
-                "play",
-                "playInLoop",
-                "loadFile",
-                "unloadFile",
-                "unloadAllFiles",
-                "pause",
-                "stopAll",
-                "playSoundSetFile",
-                "loadSoundSet",
-                "playSine",
-                "playWebStream",
-                "goTo",
-            ),
-            {"MasterVolume": 1.0, "Volume": 1.0},
-        ),
-        (
-            "ALAudioRecorder",
-            "Recordings of sound, which hold nothing.",
-            ("startMicrophonesRecording", "stopMicrophonesRecording", "recover"),
-            {},
-        ),
-        ("ALConnectionManager", "Networks: the twin is where it is.", ("scan",), {}),
-        (
-            "ALResourceManager",
-            "Resources: all are free.",
-            (
-                "acquireResource",
-                "releaseResource",
-                "waitForResource",
-                "areResourcesFree",
-                "checkResourceFree",
-                "createResource",
-                "deleteResource",
-                "acquireResourcesTree",
-                "waitForOptionalResourcesTree",
-            ),
-            {},
-        ),
-        ("ALDiagnosis", "Faults: none.", (), {"ActiveDiagnosis": None, "EnableNotification": True}),
-        ("ALLogger", "Messages of the log.", ("debug", "error", "fatal", "info", "warn", "logInFile"), {}),
-        ("ALNotificationManager", "Notifications: none.", ("remove", "add"), {}),
-        ("ALChestButton", "The button on the chest, which nobody presses.", SUBSCRIBE, {}),
-        ("ALVisualCompass", "The visual compass.", SUBSCRIBE, {}),
-        (
-            "ALWorldRepresentation",
-            "Objects in the world.",
-            ("addAttributeToCategory", "clearObject", "removeObject"),
-            {},
-        ),
-    )
-)
-
-NOT_SIMULATED = {
-    "ALDialog": "the twin understands no speech",
-    "ALSpeechRecognition": "the twin understands no speech",
-    "ALVoiceEmotionAnalysis": "the twin hears nothing",
-    "ALMood": "the twin sees no people",
-    "ALUserSession": "the twin sees no people",
-    "ALVisionRecognition": "the twin recognizes no pictures",
-    "ALPhotoCapture": "pictures come from ALVideoDevice",
-    "ALVideoRecorder": "pictures come from ALVideoDevice",
-    "ALCloseObjectDetection": "obstacles come from the scene",
-    "ALDarknessDetection": "the twin has no lamps",
-    "ALBacklightingDetection": "the twin has no lamps",
-    "ALSegmentation3D": "depth pictures come from ALVideoDevice",
-    "ALLocalizationMap": "the twin keeps no map",
-    "ALRecharge": "the twin has no charging station",
-    "ALStore": "nothing can be installed",
-    "PackageManager": "nothing can be installed",
-}
-"""Module -> why all of its methods are refused by name."""
-
-
-OFTEN_CALLED = {
-    "ALDialog": (
-        "loadTopic",
-        "loadTopicContent",
-        "unloadTopic",
-        "activateTopic",
-        "deactivateTopic",
-        "subscribe",
-        "unsubscribe",
-        "setLanguage",
-        "getLanguage",
-        "runDialog",
-        "stopDialog",
-        "gotoTopic",
-        "gotoTag",
-        "setConcept",
-        "addToConcept",
-        "setFocus",
-        "getAllLoadedTopics",
-        "getLoadedTopics",
-        "getActivatedTopics",
-        "setAnimatedSpeechConfiguration",
-        "compileAll",
-        "forceInput",
-        "forceOutput",
-        "say",
-        "clearConcepts",
-        "setDelay",
-        "addBlockingEvent",
-        "deactivateTag",
-        "activateTag",
-        "openSession",
-        "closeSession",
-        "resetAll",
-    ),
-    "ALSpeechRecognition": (
-        "setVocabulary",
-        "setLanguage",
-        "getLanguage",
-        "setAudioExpression",
-        "setVisualExpression",
-        "subscribe",
-        "unsubscribe",
-        "pause",
-        "setParameter",
-        "getParameter",
-        "addContext",
-        "removeAllContext",
-        "compile",
-        "getAvailableLanguages",
-        "setWordListAsVocabulary",
-        "setSensitivity",
-    ),
-    "ALPhotoCapture": (
-        "takePicture",
-        "takePictures",
-        "setResolution",
-        "setPictureFormat",
-        "setCameraID",
-        "setColorSpace",
-        "setCaptureInterval",
-        "setHalfPressEnabled",
-    ),
-    "ALVideoRecorder": (
-        "startRecording",
-        "stopRecording",
-        "setResolution",
-        "setFrameRate",
-        "setVideoFormat",
-        "setCameraID",
-        "setColorSpace",
-        "isRecording",
-    ),
-    "ALMood": (
-        "subscribe",
-        "unsubscribe",
-        "currentPersonState",
-        "ambianceState",
-        "getEmotionalReaction",
-        "persons",
-    ),
-    "ALUserSession": ("getOpenUserSessions", "getFocusedUser", "doUsersExist", "getUserList"),
-    "ALVisionRecognition": ("subscribe", "unsubscribe", "load", "detectFromFile", "getSize"),
-    "ALRecharge": ("goToStation", "leaveStation", "lookForStation", "dockOnStation", "moveInFrontOfStation"),
-}
-"""Module -> methods that clients of libqi find, which cannot ask for others."""
-
-
 class RefusedModule(Module):
     """A module that the robot has and the twin does not simulate: its methods answer so."""
 
     def getMethodList(self) -> list[str]:
         """Return the names of the methods that clients find."""
-        return sorted({*super().getMethodList(), *OFTEN_CALLED.get(self.name, ())})
+        return sorted({*super().getMethodList(), *table("modules")["refused"][self.name].get("methods", ())})
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         """Return a function that says that a method is not simulated."""
@@ -385,13 +98,17 @@ class RefusedModule(Module):
             raise AttributeError(name)
 
         def refuse(*_: object) -> None:
-            raise NotSimulatedError(self.name, name, NOT_SIMULATED[self.name])
+            raise NotSimulatedError(self.name, name, table("modules")["refused"][self.name]["why"])
 
         return refuse
 
 
-def _refused(name: str) -> type[RefusedModule]:
-    return type(name, (RefusedModule,), {"name": name, "__doc__": f"Not simulated: {NOT_SIMULATED[name]}."})
+def _refused(name: str, why: str) -> type[RefusedModule]:
+    return type(name, (RefusedModule,), {"name": name, "__doc__": f"Not simulated: {why}."})
 
 
-MODULES: tuple[type[Module], ...] = (ALTabletService, *STATES, *(_refused(name) for name in NOT_SIMULATED))
+MODULES: tuple[type[Module], ...] = (
+    ALTabletService,
+    *(_state_module(name) for name in table("modules")["kept"] if name != ALTabletService.name),
+    *(_refused(name, entry["why"]) for name, entry in table("modules")["refused"].items()),
+)

@@ -6,8 +6,9 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from pepper_kin.naoqi.device_keys import EVENTS, DeviceKeys
+from pepper_kin.naoqi.device_keys import DeviceKeys
 from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.tables import table
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.broker import Broker
@@ -95,7 +96,7 @@ class ALMemory(Module):
     def press(self, sensor: str, pressed: bool) -> None:
         """Press or release a bumper or a touch sensor of the twin, and raise its events."""
         (self.devices.pressed.add if pressed else self.devices.pressed.discard)(sensor)
-        self.raiseEvent(EVENTS[sensor], float(pressed))
+        self.raiseEvent(table("devices")["events"][sensor], float(pressed))
         self.raiseEvent("TouchChanged", [[sensor, bool(pressed), []]])
 
     # Data.
@@ -246,7 +247,7 @@ class ALMemory(Module):
 
     def getEventList(self) -> list[str]:
         """Return the events that were declared or raised."""
-        return sorted({*self._events, *EVENTS.values()})
+        return sorted({*self._events, *table("devices")["events"].values()})
 
     def getMicroEventList(self) -> list[str]:
         """Return the micro events that were raised or subscribed to."""
@@ -283,7 +284,7 @@ class ALMemory(Module):
 
     def look_for_touches(self) -> None:
         """Raise the events of bumpers and touch sensors that changed; called by the broker now and then."""
-        for sensor, event in EVENTS.items():
+        for sensor, event in table("devices")["events"].items():
             touched = self.devices.touched(sensor)
             if touched != self._touched.get(sensor, False):
                 self._touched[sensor] = touched

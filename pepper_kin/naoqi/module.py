@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError, quoted
+from pepper_kin.naoqi.tables import rows
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
@@ -47,25 +46,12 @@ class Signature:
 @functools.cache
 def robot_signatures() -> tuple[Signature, ...]:
     """Return the public methods of a robot's ALMotion, ALRobotPosture, ALMemory and ALAnimatedSpeech."""
-    text = files("pepper_kin.naoqi").joinpath("data/signatures.csv").read_text("utf-8")
     found = []
-    for row in csv.DictReader(text.splitlines()):
-        pairs = [pair.split(": ") for pair in row["parameters"].split(", ") if pair]
-        parameters = _joined(pairs)
+    for row in rows("signatures"):
+        pairs = (pair.partition(": ") for pair in row["parameters"].split("; ") if pair)
+        parameters = tuple((name, kind) for name, _, kind in pairs)
         found.append(Signature(row["module"], row["name"], parameters, row["returns"]))
     return tuple(found)
-
-
-def _joined(pairs: list[list[str]]) -> tuple[tuple[str, str], ...]:
-    """Put types with a comma ("Map<str, str>") together again."""
-    parameters: list[tuple[str, str]] = []
-    for pair in pairs:
-        if len(pair) == 1:
-            name, kind = parameters.pop()
-            parameters.append((name, f"{kind}, {pair[0]}"))
-        else:
-            parameters.append((pair[0], pair[1]))
-    return tuple(parameters)
 
 
 HELPERS = ("fail", "number", "numbers", "share")

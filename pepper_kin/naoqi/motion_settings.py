@@ -13,57 +13,7 @@ from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BODY, CHAINS, WHEELS, names_of
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.simulated_time import CYCLE
-
-ROBOT_CONFIG: list[list[Any]] = [
-    [
-        "Model Type",
-        "Head Version",
-        "Body Version",
-        "Laser",
-        "Legs",
-        "Arms",
-        "Extended Arms",
-        "Number of Legs",
-        "Number of Arms",
-        "Number of Hands",
-    ],
-    ["JULIETTE", "VERSION_18", "VERSION_18", False, True, True, True, 1, 2, 2],
-]
-"""Names and values as `getRobotConfig` returns them."""
-
-SENSORS = (
-    "GyrometerX",
-    "GyrometerY",
-    "GyrometerZ",
-    "AccelerometerX",
-    "AccelerometerY",
-    "AccelerometerZ",
-    "GyrometerBaseX",
-    "GyrometerBaseY",
-    "GyrometerBaseZ",
-    "AccelerometerBaseX",
-    "AccelerometerBaseY",
-    "AccelerometerBaseZ",
-    "AngleX",
-    "AngleY",
-    "AngleZ",
-    "LHandTouchBack",
-    "RHandTouchBack",
-    "HeadTouchFront",
-    "HeadTouchMiddle",
-    "HeadTouchRear",
-    "BumperFrontLeft",
-    "BumperFrontRight",
-    "BumperBack",
-    "SonarFront",
-    "SonarBack",
-    "LaserFront",
-    "LaserLeft",
-    "LaserRight",
-    "CameraTop",
-    "CameraBottom",
-    "CameraDepth",
-)
+from pepper_kin.naoqi.tables import table
 
 BREATHING_CHAINS = ("Body", "Legs", "Arms", "LArm", "RArm", "Head")
 
@@ -112,7 +62,7 @@ class ConfigurationMethods(Module):
 
     def getSensorNames(self) -> list[str]:
         """Return the names of the sensors."""
-        return list(SENSORS)
+        return list(table("motion")["sensors"])
 
     def getLimits(self, name: str) -> list[list[float]]:
         """Return [min, max, velocity, torque] of joints [rad, rad/s, N m]."""
@@ -133,7 +83,7 @@ class ConfigurationMethods(Module):
 
     def getRobotConfig(self) -> list[list[Any]]:
         """Return names and values of the configuration of the robot."""
-        return [[*row] for row in ROBOT_CONFIG]
+        return [[*row] for row in table("motion")["robot_config"]]
 
     def getSummary(self) -> str:
         """Return a table of stiffness, command and sensor of every joint."""
@@ -174,12 +124,11 @@ class ConfigurationMethods(Module):
         model = self.body.pepper.inner_model
         joints = ["HipRoll"] if name == "Torso" else names_of(name, self.name, method, wheels=False)
         from pepper_kin import kinematics
-        from pepper_kin.naoqi.effectors import FRAMES
 
         q, parts = self.body.configuration(use_sensors), []
         for joint in joints:
             inertia = model.inertias[model.getJointId(joint)]
-            pose = np.asarray(kinematics.frame_pose(self.body.pepper, q, FRAMES[joint]))
+            pose = np.asarray(kinematics.frame_pose(self.body.pepper, q, table("motion")["frames"][joint]))
             parts.append((float(inertia.mass), pose[:3, :3] @ np.asarray(inertia.lever) + pose[:3, 3]))
         return parts
 

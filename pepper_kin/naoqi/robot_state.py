@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import InvalidValueError, shortened
 from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
-from pepper_kin.naoqi.device_keys import TOP, TOUCHES
+from pepper_kin.naoqi.device_keys import TOP
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.link import Link
 from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.naoqi.tables import table
 from pepper_kin.supervision import Clock, UnusableStateError
 from pepper_kin.twin import Run, actuator_parameters
 
@@ -101,7 +102,7 @@ class StateReader:
         self._places = np.array([pepper.joint_index(name) for name in self._joints], dtype=int)
         self._base = [pepper.joint_index(name) for name in BASE if name in pepper.joint_names]
         self._keys = [f"{TOP}{name}/{end}" for end in QUANTITIES.values() for name in self._joints]
-        self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in TOUCHES)]
+        self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in table("devices")["touches"])]
 
     def begin(self) -> Reading:
         """Ask for a state."""
@@ -144,7 +145,7 @@ class StateReader:
         rest = values[count * len(QUANTITIES) :]
         pressed = {
             name: bool(value)
-            for name, value in zip(TOUCHES.values(), rest[1:], strict=True)
+            for name, value in zip(table("devices")["touches"].values(), rest[1:], strict=True)
             if value is not None
         }
         return RobotState(

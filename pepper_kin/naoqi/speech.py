@@ -6,8 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from pepper_kin.naoqi.animation import animation
-from pepper_kin.naoqi.animation_names import gesture_for
+from pepper_kin.naoqi.animation import animation, gesture_for
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pepper_kin.naoqi.errors import NotSimulatedError, quoted
 from pepper_kin.naoqi.module import VERSION, Module
+from pepper_kin.naoqi.tables import table
 
 LIFE = ("solitary", "interactive", "safeguard", "disabled")
 
@@ -244,9 +245,7 @@ class ALTouch(Module):
 
     def getSensorList(self) -> list[str]:
         """Return the sensors."""
-        from pepper_kin.naoqi.device_keys import TOUCHES
-
-        return list(TOUCHES.values())
+        return list(table("devices")["touches"].values())
 
     def getStatus(self) -> list[list[Any]]:
         """Return [name, whether pressed] of each sensor."""

@@ -14,22 +14,7 @@ import numpy as np
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.memory import Signal, Subscriber
 from pepper_kin.naoqi.module import Module, robot_signatures
-
-TYPES = {
-    "any": "m",
-    "str": "s",
-    "bool": "b",
-    "int32": "i",
-    "uint32": "I",
-    "float32": "f",
-    "void": "v",
-    "obj": "o",
-    "Vec<str>": "[s]",
-    "Vec<float32>": "[f]",
-    "Map<str, str>": "{ss}",
-    "unknown": "m",
-}
-"""Type of the robot's list -> signature of libqi."""
+from pepper_kin.naoqi.tables import table
 
 ARRIVING = ("moveTo", "walkTo")
 """Methods that say whether they arrived, which the list calls void and the documents do not."""
@@ -46,30 +31,13 @@ MOST_ARGUMENTS = 6
 READING = ("get", "is", "has", "are", "ping", "version", "wait")
 """Beginnings of the names of methods that change nothing."""
 
-ALSO_READING = frozenset(
-    (
-        "moveIsActive",
-        "robotIsWakeUp",
-        "subscriber",
-        "releaseImage",
-        "subscribeCamera",
-        "subscribeCameras",
-        "unsubscribe",
-        "status",
-        "protocol",
-        "unlock",
-    )
-)
-"""Methods that change nothing on the robot, besides those whose names begin with `READING`."""
-
-
 NAMELESS = 0.2
 """Time that is left to libqi to let go of objects without a name, of which it keeps some [s]."""
 
 
 def only_reads(method: str) -> bool:
     """Return whether a method, by its name, changes nothing on the robot."""
-    return method in ALSO_READING or any(
+    return method in table("wire")["reading"] or any(
         method == word or (method.startswith(word) and method[len(word)].isupper()) for word in READING
     )
 
@@ -247,9 +215,9 @@ def wire_methods(module: Module) -> Iterator[tuple[str, tuple[str, ...], str]]:
     listed = [s for s in robot_signatures() if s.module == module.name]
     known_arities: set[tuple[str, int]] = set()
     for s in listed:
-        types = tuple(TYPES[kind] for _, kind in s.parameters)
+        types = tuple(table("wire")["types"][kind] for _, kind in s.parameters)
         known_arities.add((s.name, len(types)))
-        yield s.name, types, "b" if s.name in ARRIVING else TYPES[s.returns]
+        yield s.name, types, "b" if s.name in ARRIVING else table("wire")["types"][s.returns]
     known = {s.name for s in listed}
     for name in module.getMethodList():
         if name in known:

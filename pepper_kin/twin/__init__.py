@@ -11,15 +11,15 @@
 Its packages: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).
 """
 
+from typing import TYPE_CHECKING
+
 from pepper_kin.lazy_names import lazily
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.batch_run import BatchRun
 from pepper_kin.twin.batch_twin import TwinBatch
-from pepper_kin.twin.gestures import GestureReport, replay
 from pepper_kin.twin.hooks import SensorsHook, WorldHook
 from pepper_kin.twin.integrator import Integrator
-from pepper_kin.twin.paper_gestures import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Timing, run_real_time
 from pepper_kin.twin.recorder import Recorder
@@ -27,6 +27,10 @@ from pepper_kin.twin.recording import Recording, load_recording
 from pepper_kin.twin.run import Run, RunStatus, load_run
 from pepper_kin.twin.state import DivergedError, TwinState
 from pepper_kin.twin.twin import Twin
+
+if TYPE_CHECKING:
+    from pepper_kin.paper.replay import GestureReport, replay
+    from pepper_kin.paper.table5 import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
 
 __all__ = [
     "GESTURES",
@@ -56,4 +60,13 @@ __all__ = [
     "run_real_time",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {package: package for package in ("base", "sensors", "world")})
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        **{package: package for package in ("base", "sensors", "world")},
+        **dict.fromkeys(("GestureReport", "replay"), "pepper_kin.paper.replay"),
+        **dict.fromkeys(
+            ("GESTURES", "PaperGesture", "paper_gesture", "paper_inconsistencies"), "pepper_kin.paper.table5"
+        ),
+    },
+)

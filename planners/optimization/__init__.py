@@ -9,8 +9,7 @@ from .assembly import Bounds, Objective
 from .banded import add_row
 from .compiled_term import FAILED, KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, CompiledTerm
 from .descend import LocalResult, OptimizationStatus, descend
-from .effort import EffortMotion, EffortStatus, minimum_effort
-from .general import FATROP, check_no_timeout, descend_by
+from .general import FATROP, EffortMotion, EffortStatus, check_no_timeout, descend_by, minimum_effort
 from .rows import BarrierBound, Rows, Term, Weights
 from .spline import RestSpline
 

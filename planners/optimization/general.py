@@ -1,23 +1,28 @@
-"""The problem that `descend` solves, by a general solver: a reference."""
+"""Motions by general solvers: the problem that `descend` solves, and least effort for any dynamics."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.status import ResultStatus
 
-from ..vectors import FloatArray, finite_points, positive_number, read_only
-from .assembly import Objective
+from ..vectors import FloatArray, finite_points, finite_vector, positive_number, read_only
+from .assembly import Bounds, Objective
 from .descend import LocalResult, OptimizationStatus
-from .linearized import Linearized
-from .rows import BarrierBound, Term
-from .stages import Stages
+from .rows import BarrierBound, Rows, Term
+
+if TYPE_CHECKING:
+    import casadi
 
 FATROP = "fatrop"
 SOLVERS = ("ipopt", FATROP)
+_TOLERANCE, _EFFORT_TOLERANCE = 1e-6, 1e-8
 _BROKEN = 1e-4  # shares of the limits by which a motion may exceed them and still count as one
 _ROUNDS, _REACH, _LEAST = 25, 0.4, 1e-3
 _ENOUGH = 3e-4  # share of the cost that a round must save
@@ -35,13 +40,9 @@ def descend_by(
 ) -> LocalResult:
     """Lower the cost of a motion by a solver of CasADi's.
 
-    A cubic spline is, interval by interval, p + s d + s^2 e / 2 + s^3 j / 6, 0 <= s <= 1, with the states
-
-        p' = p + d + e / 2 + j / 6,   d' = d + e + j / 2,   e' = e + j,   T' = T
-
-    from stage to stage; v = d / h, a = e / h^2, h = T / M.  With d = e = 0 at both ends these are the
-    motions of `RestSpline`, whose control points are p - e / 6, and of whose rates they are (d + e / 2) / h
-    and e / h^2: bounds are the same as in `descend`.  Terms are asked for all samples at once and give
+    The spline is written stage by stage (`Stages`).  With d = e = 0 at both ends these are the motions of
+    `RestSpline`, whose control points are p - e / 6, and of whose rates they are (d + e / 2) / h and e / h^2:
+    bounds are the same as in `descend`.  Terms are asked for all samples at once and give
     first derivatives, exactly; of the Hessian their curvature is left out.  Terms with an attribute
     `kinked` that is true are replaced by tangents, round after round, within a reach that shrinks where
     these mislead.
@@ -65,8 +66,7 @@ def descend_by(
     """
     begin = time.perf_counter()
     spline = objective.spline
-    if solver not in SOLVERS:
-        raise InvalidValueError("solver", repr(solver), f"one of {', '.join(map(repr, SOLVERS))}")
+    _check_solver(solver)
     if solver == FATROP:
         check_no_timeout(timeout if timeout < float("inf") else None)
     if spline.degree != 3:
@@ -76,7 +76,10 @@ def descend_by(
     first_cost = objective.cost(spline.control_points(x), t)
     walk = _Walk(objective, x, t, free_duration)
     report = walk.run(solver, max_iterations, begin + timeout)
-    status = _status(report)
+    status = {
+        "solved": OptimizationStatus.CONVERGED, "time": OptimizationStatus.OUT_OF_TIME,
+        "iterations": OptimizationStatus.OUT_OF_ITERATIONS,
+    }.get(_outcome(report), OptimizationStatus.STALLED)  # fmt: skip
     if not walk.violation() <= _BROKEN:
         status, walk.x, walk.t = OptimizationStatus.START_INFEASIBLE, x, float(duration)
     cost, spent = objective.cost(spline.control_points(walk.x), walk.t), time.perf_counter() - begin
@@ -94,6 +97,23 @@ def check_no_timeout(timeout: float | None) -> None:
         raise InvalidValueError("timeout", timeout, allowed)
 
 
+def _check_solver(solver: str) -> None:
+    if solver not in SOLVERS:
+        raise InvalidValueError("solver", repr(solver), f"one of {', '.join(map(repr, SOLVERS))}")
+
+
+def _outcome(report: dict[str, Any]) -> str:
+    """Return how a solver ended: solved, or out of time or of iterations, infeasible or failed."""
+    word, unified = (str(report.get(name, "")) for name in ("return_status", "unified_return_status"))
+    if report.get("success"):
+        return "solved"
+    if "Time" in word:
+        return "time"
+    if "nfeasib" in word or "INFEASIBLE" in unified:
+        return "infeasible"
+    return "iterations" if "Iteration" in word or "LIMITED" in unified else "failed"
+
+
 class _Walk:
     """A motion, control points x and duration t, that goes from one solved problem to the next."""
 
@@ -104,15 +124,23 @@ class _Walk:
 
     def run(self, solver: str, max_iterations: int, end: float) -> dict[str, Any]:
         """Solve, with tangents in the place of terms that have kinks, until the cost falls no more."""
+        from .stages import solve_spline
+
         objective, reach = self._objective, _REACH if self._kinked else float("inf")
         report: dict[str, Any] = {}
         for _ in range(_ROUNDS if self._kinked else 1):
             left, steps = end - time.perf_counter(), max_iterations - self.steps
             if left <= 0.0 or steps <= 0:
                 return {"return_status": "Time" if left <= 0.0 else "Iteration"}
-            terms = [self._tangent(term) if term in self._kinked else term for term in objective.constraints]
-            stages = Stages(objective, terms, self.x, self.t, self._free)
-            x, t, report = stages.solve(solver, steps, left, reach)
+            control = objective.spline.control_points(self.x)
+            terms = [
+                _Tangent(term, objective.samples(term, control)) if term in self._kinked else term
+                for term in objective.constraints
+            ]
+            options = {"tol": _TOLERANCE, "max_iter": steps}
+            if solver == "ipopt":
+                options |= {"mu_init": 1e-2, "max_wall_time": min(left, 1e6)}
+            x, t, report = solve_spline(objective, terms, self.x, self.t, self._free, solver, options, reach)
             self.steps += max(int(report.get("iter_count", 0)), 1)
             if not np.isfinite(x).all() or not t > 0:
                 return report
@@ -137,10 +165,6 @@ class _Walk:
     def _cost(self) -> float:
         return self._objective.cost(self._objective.spline.control_points(self.x), self.t)
 
-    def _tangent(self, term: Term) -> Linearized:
-        control = self._objective.spline.control_points(self.x)
-        return Linearized(term, self._objective.samples(term, control))
-
     def _length(self, x: FloatArray, t: float) -> float:
         """Return the first of 1, 1/2, ... of a step after which terms with kinks are kept, too."""
         length, objective = 1.0, self._objective
@@ -157,12 +181,129 @@ class _Walk:
         return length if self._kinked else 1.0
 
 
-def _status(report: dict[str, Any]) -> OptimizationStatus:
-    word = str(report.get("return_status", ""))
-    if report.get("success"):
-        return OptimizationStatus.CONVERGED
-    if "Time" in word:
-        return OptimizationStatus.OUT_OF_TIME
-    if "Iteration" in word or "LIMITED" in str(report.get("unified_return_status", "")):
-        return OptimizationStatus.OUT_OF_ITERATIONS
-    return OptimizationStatus.STALLED
+class _Tangent:
+    """value(q0) + d value/dq (q - q0) at each sample, in the place of a term of positions only.
+
+    Distances to the nearest of many things have kinks where another becomes the nearest, and no slope inside
+    of one; general solvers stumble over both.  The tangents touch at q0, shape (K, n).
+    """
+
+    def __init__(self, term: Term, q: FloatArray) -> None:
+        self.per_interval, self.barrier_bound = term.per_interval, term.barrier_bound
+        self._q, self._rows = q, term.rows(q, np.zeros_like(q), np.zeros_like(q))
+
+    def values(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """Return the values, shape (K, R), at positions, shape (K, n)."""
+        change = np.einsum("krn,kn->kr", self._rows.by_position, q - self._q)
+        return np.asarray(self._rows.value + change)
+
+    def rows(self, q: FloatArray, v: FloatArray, a: FloatArray) -> Rows:
+        """Return the values and their derivatives."""
+        return Rows(self.values(q, v, a), self._rows.by_position)
+
+
+class EffortStatus(ResultStatus):
+    """How the solver ended; `advice` says what to try."""
+
+    SOLVED = "solved", "The motion meets the optimality conditions: no small change lowers its effort."
+    INFEASIBLE = "infeasible", "No motion was found within the limits; allow more time or wider limits."
+    OUT_OF_ITERATIONS = "out_of_iterations", "Raise max_iterations, or start from a better guess."
+    FAILED = "failed", "Try the other solver, more intervals, or a longer duration."
+
+
+@dataclass(frozen=True, eq=False)
+class EffortMotion:
+    """The outcome of `minimum_effort`.
+
+    Attributes:
+        status: How the solver ended.
+        time: Times of the nodes, shape (N + 1,).
+        position: At the nodes, shape (N + 1, n); between them cubic, with linear acceleration.
+        velocity: Shape (N + 1, n).
+        acceleration: Shape (N + 1, n).
+        effort: Integral of the squared shares of the torques.
+        iterations: Of the solver.
+        violation: Greatest violation of a constraint.
+        wall_time: Time to solve, without what building takes [s].
+        message: The solver's own word.
+    """
+
+    status: EffortStatus
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    effort: float
+    iterations: int
+    violation: float
+    wall_time: float
+    message: str
+
+
+def minimum_effort(
+    torque: casadi.Function,
+    start: tuple[ArrayLike, ArrayLike],
+    goal: tuple[ArrayLike, ArrayLike],
+    duration: float,
+    bounds: Bounds,
+    torque_limits: ArrayLike,
+    *,
+    scale: ArrayLike | None = None,
+    intervals: int = 20,
+    solver: str = "ipopt",
+    max_iterations: int = 200,
+) -> EffortMotion:
+    """Find the motion between two states of given duration that takes the least effort.
+
+    It minimizes the integral of |torque / scale|^2 dt.  Accelerations are linear in each interval, so that
+    positions are cubic and stages exact, with jerk as control (`Stages`).  The integral is taken by Gauss's
+    rule with two points in each interval, where torques are also bounded.  First and second derivatives are
+    CasADi's.
+
+    Args:
+        torque: CasADi function of q, v and a, columns of n, with the torques as its one output.
+        start: First position and velocity, shape (n,) each.
+        goal: Last position and velocity.
+        duration: Duration [s].
+        bounds: Limits of positions, velocities and accelerations, inf for none.
+        torque_limits: Greatest absolute torques, inf for none, shape (n,).
+        scale: Torque of each coordinate that counts as 1; by default the limits.
+        intervals: Number of intervals N, at least 2.
+        solver: "ipopt", or "fatrop", which makes use of the stages.
+        max_iterations: Of the solver.
+
+    Returns:
+        The motion; where the status is not SOLVED it is where the solver stopped, and breaks limits or laws.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, an unknown solver, or a scale that is not finite.
+    """
+    _check_solver(solver)
+    for name, value, least in (("intervals", intervals, 2), ("max_iterations", max_iterations, 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InvalidValueError(name, value, f"a whole number of at least {least}")
+    n = finite_vector("start position", start[0]).size
+    names = (("start position", "start velocity"), ("goal position", "goal velocity"))
+    ends = [
+        np.concatenate([finite_vector(name, part, n) for name, part in zip(words, end, strict=True)])
+        for words, end in zip(names, (start, goal), strict=True)
+    ]
+    duration, limits = positive_number("duration", duration), np.asarray(torque_limits, dtype=float)
+    unit = limits if scale is None else np.asarray(scale, dtype=float)
+    if unit.shape != (n,) or not (np.isfinite(unit).all() and (unit > 0).all()):
+        raise InvalidValueError("scale", unit, f"{n} finite torques above 0")
+    from .stages import solve_effort
+
+    options = {"tol": _EFFORT_TOLERANCE, "max_iter": max_iterations}
+    found = solve_effort(
+        torque, (ends[0], ends[1]), duration, bounds, (limits, unit), intervals, solver, options
+    )
+    report, times = found.report, np.linspace(0.0, duration, intervals + 1)
+    q, v, a = (read_only(part.copy()) for part in np.split(found.rows, 3, axis=1))
+    status = {
+        "solved": EffortStatus.SOLVED, "infeasible": EffortStatus.INFEASIBLE,
+        "iterations": EffortStatus.OUT_OF_ITERATIONS,
+    }.get(_outcome(report), EffortStatus.FAILED)  # fmt: skip
+    word = str(report.get("return_status", report.get("unified_return_status", "")))
+    steps, spent = int(report.get("iter_count", -1)), found.wall_time
+    return EffortMotion(status, read_only(times), q, v, a, found.cost, steps, found.violation, spent, word)

@@ -44,7 +44,7 @@ COMMANDS = leaves(typer.main.get_command(app))
 
 def test_the_commands_of_the_design_are_there():
     names = {name for name, _ in COMMANDS}
-    assert {"demo", "reach", "gesture", "export", "plot", "render", "bench", "check dynamics"} <= names
+    assert {"demo", "reach", "gesture", "export", "plot", "render", "check dynamics"} <= names
 
 
 @pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])

@@ -1,4 +1,4 @@
-"""The commands `render` and `bench`."""
+"""The command `render`."""
 
 import json
 
@@ -95,20 +95,3 @@ def test_misuse_is_one_line_and_no_file(run, folder, arguments, message):
     assert len(said) == 1
     assert message in said[0]
     assert sorted(folder.iterdir()) == before
-
-
-@pytest.mark.slow
-def test_bench_compares_like_with_like(run, tmp_path):
-    done = run("bench", "--repeats", "1", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    rows = {row["name"]: row for row in json.loads(done.stdout)["rows"]}
-    assert len(rows) == 5
-    for row in rows.values():
-        assert row["ratio"] == pytest.approx(row["peer_seconds"] / row["seconds"])
-        assert row["seconds"] > 0
-    assert float(rows["inverse dynamics"]["quality"].split()[-1]) < 1e-9
-    assert float(rows["step of the twin"]["quality"].split()[-1]) < 1e-9
-    assert rows["IK of a hand, one call"]["quality"].startswith("solved 20 and ")
-    done = run("bench", "--repeats", "0", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "repeats: got 0, expected at least 1" in done.stderr

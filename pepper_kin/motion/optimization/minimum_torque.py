@@ -281,19 +281,10 @@ def _by_casadi(
         EffortStatus.INFEASIBLE: MinimumTorqueStatus.INFEASIBLE,
     }.get(found.status, MinimumTorqueStatus.NOT_CONVERGED)
     if found.violation > 1e-5:
-        return (
-            (MinimumTorqueStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status),
-            None,
-            (found.iterations),
-        )
+        ended = MinimumTorqueStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status
+        return ended, None, found.iterations
     resting = ~free_joints(pepper, limits)  # to rounding: a limit of zero takes it exactly
-    if resting.any():
-        position, velocity, acceleration = (
-            part.copy() for part in (found.position, found.velocity, found.acceleration)
-        )
-        position[:, resting], velocity[:, resting], acceleration[:, resting] = first[resting], 0.0, 0.0
-        found = replace(found, position=position, velocity=velocity, acceleration=acceleration)
-    samples = Samples(
-        pepper.joint_names, found.time, found.position, found.velocity, found.acceleration, pepper.joint_units
-    )
+    q, v, a = found.position.copy(), found.velocity.copy(), found.acceleration.copy()
+    q[:, resting], v[:, resting], a[:, resting] = first[resting], 0.0, 0.0
+    samples = Samples(pepper.joint_names, found.time, q, v, a, pepper.joint_units)
     return status, samples.to_trajectory(), found.iterations

@@ -72,7 +72,7 @@ def paper_gesture(name: str) -> PaperGesture:
 
 @cache
 def _table() -> dict[str, PaperGesture]:
-    text = (files("pepper_kin.twin") / "data" / "paper_table5.csv").read_text(encoding="utf-8")
+    text = (files("pepper_kin.paper") / "data" / "table5.csv").read_text(encoding="utf-8")
     rows = list(csv.DictReader(text.splitlines()))
     table = {}
     for name in GESTURES:

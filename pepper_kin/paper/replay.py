@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
+from pepper_kin.paper.table5 import FRAMES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.twin.paper_gestures import FRAMES, PaperGesture, paper_gesture, paper_inconsistencies
-from pepper_kin.twin.run import Run
-from pepper_kin.twin.twin import Twin
+from pepper_kin.twin import Run, Twin
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.twin.tilt import GRAVITY, measure_by_tilt, tilt_angles
+from pepper_kin.paper.tilt import GRAVITY, measure_by_tilt, tilt_angles
 
 
 def turn(axis: str, angle: float) -> np.ndarray:

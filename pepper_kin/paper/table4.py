@@ -10,8 +10,7 @@ import csv
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 
-from pepper_kin.model.load import load_pepper
-from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.text_table import text_table
 
 ROUNDING = 0.005
@@ -128,7 +127,7 @@ def limits_table(pepper: PepperModel | None = None) -> LimitsTable:
         UnknownNameError: where the robot lacks a joint of the table.
     """
     pepper = load_pepper(hands="mimic") if pepper is None else pepper
-    text = (files("pepper_kin.urdf") / "data" / "paper_table4.csv").read_text(encoding="utf-8")
+    text = (files("pepper_kin.paper") / "data" / "table4.csv").read_text(encoding="utf-8")
     rows = []
     for line in csv.DictReader(text.splitlines()):
         index = pepper.joint_index(line["joint"])

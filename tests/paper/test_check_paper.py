@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from pepper_kin.cli import app
 from pepper_kin.jobs import PaperCheck, check_paper, save_paper_check
-from pepper_kin.jobs.paper_check import ITERATIONS, TRACKING_LIMIT
+from pepper_kin.paper.check import ITERATIONS, TRACKING_LIMIT
 
 
 class Run(NamedTuple):

@@ -7,8 +7,8 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.paper.replay import passing_times
 from pepper_kin.twin import GESTURES, Twin, paper_gesture, paper_inconsistencies, replay
-from pepper_kin.twin.gestures import passing_times
 
 
 @pytest.fixture(scope="module", params=GESTURES)

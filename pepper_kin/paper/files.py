@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_kin.atomic_file import make_folder, write_bytes
 from pepper_kin.exceptions import MissingDependencyError
-from pepper_kin.jobs.paper_check import ITERATIONS, MovementCheck, PaperCheck
+from pepper_kin.paper.check import ITERATIONS, MovementCheck, PaperCheck
 
 
 def save_paper_check(check: PaperCheck, folder: str | Path) -> dict[str, Path]:

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import LimitsTable, PepperModel, limits_table, load_pepper
+from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.text_table import text_table
-from pepper_kin.twin import GESTURES, GestureReport, Run, Twin, replay
-from pepper_kin.twin.tilt import BLIND, TiltMeasurement, measure_by_tilt
+from pepper_kin.paper.replay import GestureReport, replay
+from pepper_kin.paper.table4 import LimitsTable, limits_table
+from pepper_kin.paper.table5 import GESTURES
+from pepper_kin.paper.tilt import BLIND, TiltMeasurement, measure_by_tilt
+from pepper_kin.twin import Run, Twin
 
 Array = NDArray[np.float64]
 
