@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from pepper_kin import cli_check, cli_naoqi, cli_ros, cli_show
+from pepper_kin import cli_check, cli_show
 from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli_terminal import (
     FAILED,
@@ -35,6 +36,7 @@ from pepper_kin.cli_terminal import (
     stages,
 )
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
+from pepper_kin.plugins import plugins
 
 if TYPE_CHECKING:
     from pepper_kin.jobs import ReachOutcome
@@ -46,14 +48,36 @@ Your own target:  pepper-kin reach --hand left --at 0.38 0.22 0.82
 Learn more:       pepper-kin COMMAND --help, and docs/start.md
 """
 
+
+class _Commands(TyperGroup):
+    """The commands below, and those that are registered, which are imported where they are needed."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all."""
+        self._add_registered()
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, or None."""
+        if cmd_name not in self.commands:
+            self._add_registered()
+        return super().get_command(ctx, cmd_name)
+
+    def _add_registered(self) -> None:
+        for name, entry in plugins("commands").items():
+            if name not in self.commands:
+                self.commands[name] = typer.main.get_command(entry.load())
+                self.commands[name].name = name
+
+
 app = typer.Typer(
     name="pepper-kin",
+    cls=_Commands,
     help="Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper.",
     pretty_exceptions_enable=False,
 )
 
 app.add_typer(cli_check.app, name="check")
-app.add_typer(cli_naoqi.app, name="naoqi")
 app.add_typer(cli_show.app)
 
 Point = tuple[float, float, float]
@@ -296,9 +320,6 @@ def _refuse_options(gesture: str, **options: object) -> None:
             raise InvalidValueError(
                 f"--{option}", value, f"to be omitted: {gesture!r} is replayed as published"
             )
-
-
-app.command()(cli_ros.ros)  # here, since the order of commands is that of the help
 
 
 def _scene(boxes: list[str]) -> Any:

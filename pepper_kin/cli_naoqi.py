@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pepper_kin.atomic_file import check_file
-from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written, save_log
+from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written
 from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
-    from pepper_kin.naoqi import Broker, Mirror
+    from pepper_kin.naoqi import Broker, Mirror, RunLog
 
-app = typer.Typer(help="NAOqi's modules over the twin: for clients of qi, and for scripts.")
+app = typer.Typer(
+    add_completion=False, help="NAOqi's modules over the twin: for clients of qi, and for scripts."
+)
 
 MODES = ("twin", "robot")
 
@@ -247,6 +249,15 @@ def _broker(
                 save_log(log, record)
             if close is not None:
                 close()
+
+
+def save_log(log: RunLog, path: Path) -> None:
+    """Write a log as a run, and say so; one that is too short for a run is no failure of what was logged."""
+    if len(log) < 2:
+        print(f"Not written: {path}: fewer than two cycles of 20 ms were logged", file=sys.stderr)
+        return
+    log.run().save(path)
+    print(f"Written: {path}", file=sys.stderr)
 
 
 def _shown(broker: Broker) -> Callable[[], Any]:

@@ -9,14 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pepper_kin.cli_terminal import Json, check_record, one_of, print_json, save_log
+from pepper_kin.cli_naoqi import save_log
+from pepper_kin.cli_terminal import Json, check_record, one_of, print_json
 
 if TYPE_CHECKING:
     from pepper_kin.ros import RobotNode, Transport
 
+app = typer.Typer(add_completion=False)
+
 TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds")
 
 
+@app.command()
 def ros(
     transport: Annotated[
         str,

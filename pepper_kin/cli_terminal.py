@@ -17,7 +17,6 @@ from pepper_kin.exceptions import InvalidValueError
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-    from pepper_kin.naoqi import RunLog
 
 FAILED = 1
 MISUSED = 2
@@ -112,15 +111,6 @@ def check_record(path: Path | None, *suffixes: str) -> None:
     if path.suffix.lower() not in suffixes:
         raise InvalidValueError("--record", repr(str(path)), f"a file that ends in {' or '.join(suffixes)}")
     check_file(path)
-
-
-def save_log(log: RunLog, path: Path) -> None:
-    """Write a log as a run, and say so; one that is too short for a run is no failure of what was logged."""
-    if len(log) < 2:
-        print(f"Not written: {path}: fewer than two cycles of 20 ms were logged", file=sys.stderr)
-        return
-    log.run().save(path)
-    print(f"Written: {path}", file=sys.stderr)
 
 
 def print_written(paths: list[Path], as_json: bool) -> None:

@@ -1,7 +1,9 @@
 """The direction of imports: each package imports only those above it."""
 
 import ast
+import os
 import re
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -9,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pepper_kin import _PACKAGES
+from pepper_kin import _PACKAGES, __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -28,6 +30,7 @@ ORDER = (
     "thread_priority",
     "qi_library",
     "proxsuite_library",
+    "plugins",
     "ros_messages",
     "model",
     "symbolic",
@@ -69,6 +72,7 @@ ONLY = {
     "exceptions": set(),
     "status": set(),
     "lazy_names": set(),
+    "plugins": set(),
     "forked_children": set(),
     "atomic_file": {"exceptions"},
     "file_reading": {"exceptions", "atomic_file"},
@@ -142,6 +146,98 @@ def test_imports_point_one_way(path):
     assert imported <= above, f"{package} imports {sorted(imported - above)}"
     for other in imported:
         assert (package, other) not in APART, f"{package} and {other} are kept apart"
+
+
+INTERFACES = (
+    "ros_messages",
+    "qi_library",
+    "naoqi",
+    "ros",
+    "body_page",
+    "qibullet",
+    "cli_naoqi",
+    "cli_ros",
+)
+"""What connects the toolkit with other programs, by entry points: the toolkit works without it."""
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in ALL_FILES if package_of(p) not in INTERFACES], ids=lambda p: str(p.relative_to(ROOT))
+)
+def test_the_toolkit_imports_no_interface(path):
+    """At the top, in functions, for type checking, or by a name in a text."""
+    assert not packages_imported(path) & set(INTERFACES)
+    texts = [node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
+    module = re.compile(rf"pepper_kin\.({'|'.join(INTERFACES)})(\.\w+)*")
+    assert not [text for text in texts if isinstance(text, str) and module.fullmatch(text)]
+
+
+TOOLKIT_PROGRAM = """
+import importlib, pkgutil
+import numpy as np
+import pepper_kin as pk
+
+for module in pkgutil.walk_packages(pk.__path__, "pepper_kin."):
+    importlib.import_module(module.name)
+pepper = pk.load_pepper()
+scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
+tasks = [pk.ik.HandPosition("left", (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]
+assert pk.ik.solve(pepper, tasks, scene=scene).success
+plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=300.0)
+trajectory = pk.retime(pepper, plan)
+assert trajectory.check(pepper, scene=scene).success
+run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
+assert np.abs(run.position[-1] - trajectory.end).max() < 0.01
+for name in ("motion.json", "motion.csv", "motion.yaml", "motion.py"):
+    pk.files.save(trajectory, name, scene=scene)
+    again = pk.files.load(name, pepper)
+    assert abs(again.duration - trajectory.duration) < 0.01
+for refused in (
+    lambda: pk.files.save(trajectory, "motion.mcap"),
+    lambda: pk.files.load("motion.mcap"),
+    lambda: pk.files.read_joint_states("motion.mcap", pepper),
+):
+    try:
+        refused()
+    except pk.exceptions.UnknownNameError as error:
+        print(error)
+"""
+
+
+def test_the_toolkit_works_where_the_interfaces_are_deleted(tmp_path):
+    """In a copy of the package, with metadata that register nothing, and without the one installed."""
+    for folder in ("pepper_kin", "planners", "urdf"):
+        to = tmp_path / ("pepper_kin" if folder == "pepper_kin" else f"pepper_kin/{folder}")
+        shutil.copytree(ROOT / folder, to, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in INTERFACES:
+        found = tmp_path / "pepper_kin" / name
+        shutil.rmtree(found) if found.is_dir() else found.with_suffix(".py").unlink()
+    metadata = tmp_path / f"pepper_kin-{__version__}.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: pepper_kin\nVersion: {__version__}\n")
+    others = [path for path in sys.path if path and not Path(path).is_relative_to(ROOT)]
+    (tmp_path / "work").mkdir()
+
+    def run(code):
+        """Run a program without the module `site`, which finds what is installed from this folder."""
+        done = subprocess.run(
+            [sys.executable, "-S", "-c", code],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path / "work",
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *others])},
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert str(tmp_path) in run("import pepper_kin; print(pepper_kin.__file__)")
+    refused = run(TOOLKIT_PROGRAM).splitlines()
+    assert len(refused) == 3
+    assert all("'.mcap'; available: .csv" in line for line in refused)
+    shown = run("import sys; from pepper_kin.cli import main; sys.argv = ['pepper-kin', '--help']; main()")
+    assert "reach" in shown
+    assert not re.search(r"naoqi|\bros\b", shown, re.IGNORECASE)
 
 
 APPLICATIONS = ("viewer", "body_page", "cli", "cli_naoqi", "cli_ros", "cli_show", "__init__")

@@ -3,7 +3,9 @@
 import os
 import subprocess
 import sys
-from importlib.metadata import requires, version
+import tomllib
+from importlib.metadata import distribution, requires, version
+from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
@@ -82,6 +84,14 @@ def test_what_machine_code_depends_on_has_an_upper_bound(name):
     (found,) = requirement(name, extra="")
     assert "999.0" not in found.specifier
     assert version(name) in found.specifier
+
+
+def test_the_environment_has_the_entry_points_of_pyproject():
+    """Those of an editable installation are as old as the installation: `pip install -e .` renews them."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
+    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
+    expected = {(group, name, value) for group, rows in groups.items() for name, value in rows.items()}
+    assert {(e.group, e.name, e.value) for e in distribution("pepper_kin").entry_points} == expected
 
 
 PROGRAM = """

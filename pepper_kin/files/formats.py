@@ -11,12 +11,12 @@ from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.csv_file import read_csv, write_csv
 from pepper_kin.files.json_file import read_json, write_json
-from pepper_kin.files.mcap_file import read_mcap, write_mcap
 from pepper_kin.files.naoqi_file import STEP as NAOQI_STEP
 from pepper_kin.files.naoqi_file import check_turning, read_naoqi, write_naoqi
 from pepper_kin.files.npz_file import read_npz, write_npz
 from pepper_kin.files.ros_file import STEP, read_ros, write_ros
 from pepper_kin.model import PepperModel
+from pepper_kin.plugins import plugins
 from pepper_kin.trajectory.trajectory import Trajectory
 
 
@@ -35,9 +35,8 @@ FORMATS: dict[str, _Format] = {
     "json": _Format((".json",), write_json, read_json, None),
     "ros": _Format((".yaml", ".yml"), write_ros, read_ros, played=True),
     "naoqi": _Format((".py",), write_naoqi, read_naoqi, NAOQI_STEP, played=True, bezier=True),
-    "mcap": _Format((".mcap",), write_mcap, read_mcap),
 }
-"""Format -> suffixes, writer, reader and what is written."""
+"""Format -> suffixes, writer, reader and what is written; interfaces register others, such as "mcap"."""
 
 
 def save(
@@ -118,12 +117,16 @@ def load(path: PathName, pepper: PepperModel | None = None, *, format: str | Non
 
 
 def _chosen(path: PathName, format: str | None) -> _Format:
-    if format is not None:
-        if format not in FORMATS:
-            raise UnknownNameError("format", format, FORMATS)
-        return FORMATS[format]
     suffix = Path(path).suffix.lower()
-    for known in FORMATS.values():
-        if suffix in known.suffixes:
+    for name, known in FORMATS.items():
+        if name == format or (format is None and suffix in known.suffixes):
             return known
-    raise UnknownNameError("suffix", suffix, (s for f in FORMATS.values() for s in f.suffixes))
+    registered = plugins("formats")
+    chosen = suffix[1:] if format is None else format
+    if chosen in registered:
+        module = registered[chosen].load()
+        return _Format((f".{chosen}",), module.write_trajectory, module.read_trajectory)
+    if format is not None:
+        raise UnknownNameError("format", format, (*FORMATS, *registered))
+    suffixes = (s for f in FORMATS.values() for s in f.suffixes)
+    raise UnknownNameError("suffix", suffix, (*suffixes, *(f".{name}" for name in registered)))

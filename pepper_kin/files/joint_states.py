@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
-from pepper_kin.files.mcap_file import StateMessage, read_states
 from pepper_kin.files.motion_points import NANOSECONDS
 from pepper_kin.files.table_file import numbers_of, read_lines
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
+from pepper_kin.plugins import plugins
 from pepper_kin.trajectory.interpolation import INTERPOLATIONS, OVERSHOOT, from_positions
 from pepper_kin.trajectory.quantities import UNITS
 
@@ -27,8 +27,23 @@ Array = NDArray[np.float64]
 IGNORED = ("LHand", "RHand", "WheelFL", "WheelFR", "WheelB")
 """Joints that Pepper reports and that most of our models do not move."""
 
-_SUFFIXES = (".csv", ".mcap")
 _POSITION = "position"
+
+
+class StateMessage(NamedTuple):
+    """A `sensor_msgs/msg/JointState` as plain values.
+
+    Attributes:
+        topic: Where it was published.
+        stamp: Time of its header [ns]; the recording's where that is zero.
+        names: Joints.
+        position: [rad or m], one for each of them.
+    """
+
+    topic: str
+    stamp: int
+    names: tuple[str, ...]
+    position: list[float]
 
 
 def read_joint_states(
@@ -74,9 +89,12 @@ def read_joint_states(
         OvershootWarning: as `Trajectory.from_positions`.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise UnknownNameError("suffix", suffix, _SUFFIXES)
-    time, columns = _from_csv(path) if suffix == ".csv" else _from_mcap(path, topic)
+    if suffix == ".csv":
+        time, columns = _from_csv(path)
+    elif suffix[1:] in plugins("formats"):
+        time, columns = _of_topic(path, plugins("formats")[suffix[1:]].load().read_states(path), topic)
+    else:
+        raise UnknownNameError("suffix", suffix, (".csv", *(f".{name}" for name in plugins("formats"))))
     known = [name for name in columns if name in pepper.joint_names]
     unknown = [name for name in columns if name not in pepper.joint_names and name not in ignore]
     if unknown:
@@ -121,9 +139,10 @@ def _from_csv(path: PathName) -> tuple[Array, dict[str, Array]]:
     return table[names[0]], {joint: table[name] for joint, name in joints.items()}
 
 
-def _from_mcap(path: PathName, topic: str | None) -> tuple[Array, dict[str, Array]]:
+def _of_topic(
+    path: PathName, states: list[StateMessage], topic: str | None
+) -> tuple[Array, dict[str, Array]]:
     """Return times since the first message [s], shape (T,), and positions by joint, shape (T,) each."""
-    states = read_states(path)
     topics = sorted({state.topic for state in states})
     if topic is not None and topic not in topics:
         raise UnknownNameError("topic with joint states", topic, topics)

@@ -30,7 +30,7 @@ from pepper_kin.kernels.target import BASELINES
 from pepper_kin.kernels.warm_up import compiled_modules
 from pepper_kin.model import load_pepper
 from pepper_kin.motion import plan
-from pepper_kin.naoqi import Broker
+from pepper_kin.plugins import plugins
 from pepper_kin.trajectory import retime
 from pepper_kin.twin import Twin
 
@@ -53,7 +53,7 @@ BATCHES = (
 
 def everyday_calls() -> None:
     """Make the calls whose kernels come with the package, in the order in which a newcomer makes them."""
-    for calls in _EVERYDAY:
+    for calls in _everyday():
         calls()
 
 
@@ -117,17 +117,11 @@ def _calls_of_other_robots() -> None:
         ik.solve(other, [ik.HandPosition("left", _POINT), ik.LookAt(_POINT)])
 
 
-def _naoqi_calls() -> None:
-    with Broker(real_time=False) as broker:
-        broker.body.time.sleep(0.1)
-        for arm in ("LArm", "RArm"):
-            here = broker.motion.getPosition(arm, 2, False)
-            broker.motion.setPositions(arm, 2, here, 0.2, 7)
-            broker.motion.setPositions(arm, 2, here, 0.2, 63)
-        broker.module("ALTracker").lookAt([1.0, 0.0, 1.0], 2, 0.5, False)
+def _everyday() -> tuple[Callable[[], None], ...]:
+    own = (_motion_calls, _ik_calls, _payload_calls, _batch_calls, _calls_of_other_robots)
+    return (*own, *(entry.load() for entry in plugins("everyday_calls").values()))
 
 
-_EVERYDAY = (_motion_calls, _ik_calls, _payload_calls, _batch_calls, _calls_of_other_robots, _naoqi_calls)
 _POINT = (0.38, 0.22, 0.82)
 
 
@@ -187,7 +181,7 @@ def stale_kernels() -> tuple[list[str], list[str]]:
     made = shipped_keys()
     missing: dict[str, None] = {}
     with watched(made) as asked:
-        for calls in _EVERYDAY:
+        for calls in _everyday():
             try:
                 calls()
             except MissingPartError as error:

@@ -11,15 +11,8 @@ import numpy as np
 from pepper_kin import atomic_file
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.files.mcap_file import STATES_TOPIC, state_message
-from pepper_kin.files.motion_points import NANOSECONDS
-from pepper_kin.ros_messages import message_type
-from pepper_kin.ros_messages.bags import BagWriter
+from pepper_kin.plugins import plugins
 from pepper_kin.twin.recording import Recording
-
-SUFFIXES = (".npz", ".csv", ".mcap")
-_LARGEST = 4096  # numbers in a sample; pictures have more and are left out of MCAP files
-_ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
 
 
 def save_recording(recording: Recording, path: PathName) -> Path:
@@ -46,9 +39,11 @@ def save_recording(recording: Recording, path: PathName) -> Path:
         return recording.run().save(path)
     if suffix == ".npz":
         return _write_npz(recording, path)
-    if suffix == ".mcap":
-        return _write_mcap(recording, path)
-    raise FileFormatError(path, f"suffix {suffix!r}: expected one of {', '.join(SUFFIXES)}")
+    if suffix[1:] in plugins("formats"):
+        written: Path = plugins("formats")[suffix[1:]].load().write_recording(path, recording.run())
+        return written
+    known = (".npz", ".csv", *(f".{name}" for name in plugins("formats")))
+    raise FileFormatError(path, f"suffix {suffix!r}: expected one of {', '.join(known)}")
 
 
 def _write_npz(recording: Recording, path: PathName) -> Path:
@@ -70,23 +65,3 @@ def _write_npz(recording: Recording, path: PathName) -> Path:
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)
     return atomic_file.write_bytes(path, content.getvalue())
-
-
-def _write_mcap(recording: Recording, path: PathName) -> Path:
-    run = recording.run()
-    names, array = list(run.joint_names), message_type(_ARRAY_TYPE)
-    acting = (run.external_wrench != 0.0).any(axis=1)
-    topics = [("/external_wrench", run.time[acting], run.external_wrench[acting])]
-    for name, series in run.readings.items():
-        if series.value[0].size <= _LARGEST:
-            topics.append((f"/sensors/{name}", series.time, series.value))
-            topics.append((f"/truth/{name}", series.time, series.truth))
-    with BagWriter(path) as bag:
-        for i, stamp in enumerate(np.round(run.time * NANOSECONDS).astype(np.int64).tolist()):
-            values = (run.position[i], run.velocity[i], run.torque[i])
-            bag.write(STATES_TOPIC, state_message(stamp, names, *values), stamp)
-        for topic, times, rows in topics:
-            for i, time in enumerate(times.tolist()):
-                data = np.asarray(rows[i], dtype=float)
-                bag.write(topic, array(data=data), round(time * NANOSECONDS))
-    return Path(path)

@@ -14,7 +14,8 @@ from pepper_kin.cli import app
 
 def commands(group, words=()):
     """Yield the words and the command of every command."""
-    for name, command in group.commands.items():
+    for name in group.list_commands(None):
+        command = group.commands[name]
         if hasattr(command, "commands"):
             yield from commands(command, (*words, name))
         else:

@@ -14,6 +14,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
 from pepper_kin.files import load, naoqi_arguments
 from pepper_kin.files.formats import FORMATS
+from pepper_kin.plugins import plugins
 from pepper_kin.trajectory import Trajectory
 
 save = functools.partial(pk.files.save, unchecked=True)  # the motions here are of no robot
@@ -70,7 +71,7 @@ def test_a_format_may_be_named(tmp_path):
     saved = short()
     path = save(saved, tmp_path / "motion.txt", format="json")
     assert load(path, format="json") == saved
-    assert set(FORMATS) == {"csv", "npz", "json", "ros", "naoqi", "mcap"}
+    assert {*FORMATS, *plugins("formats")} == {"csv", "npz", "json", "ros", "naoqi", "mcap"}
 
 
 def test_unknown_formats_are_refused(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError, OvershootWarning, UnknownNameError
 from pepper_kin.files import read_joint_states
-from pepper_kin.files.mcap_file import STATE_TYPE
+from pepper_kin.ros.mcap_file import STATE_TYPE
 from pepper_kin.ros_messages import message_type
 from pepper_kin.ros_messages.schemas import schema_text
 

@@ -1,16 +1,17 @@
-"""Trajectories as MCAP recordings with ROS 2 messages, which Foxglove and ROS 2 open."""
+"""Trajectories, joint states and runs of the twin as MCAP files with ROS 2 messages, which Foxglove opens."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.files.joint_states import StateMessage
 from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.files.sampled_motion import (
     check_joint_names,
@@ -23,6 +24,9 @@ from pepper_kin.ros_messages import message_type
 from pepper_kin.ros_messages.bags import Bag, BagMessage, BagWriter
 from pepper_kin.trajectory.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from pepper_kin.twin import Run
+
 Array = NDArray[np.float64]
 
 STATES_TOPIC = "/joint_states"
@@ -30,14 +34,17 @@ TRAJECTORY_TOPIC = "/joint_trajectory"
 STATE_TYPE = "sensor_msgs/msg/JointState"
 _TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 _POINT_TYPE = "trajectory_msgs/msg/JointTrajectoryPoint"
+_ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
+_LARGEST = 4096  # numbers in a sample of a sensor; pictures have more and are left out
 
 
-def write_mcap(path: PathName, points: MotionPoints) -> Path:
+def write_trajectory(path: PathName, points: MotionPoints) -> Path:
     """Write a motion as an MCAP recording.
 
     Topic `/joint_states` (`sensor_msgs/msg/JointState`) has one message a sample, for plots and for playing
     it; topic `/joint_trajectory` (`trajectory_msgs/msg/JointTrajectory`) has the whole motion in one message,
-    with accelerations where they are known, which is what `read_mcap` reads.  Time begins at 0.
+    with accelerations where they are known, which is what
+    `read_trajectory` reads.  Time begins at 0.
 
     Args:
         path: The file; its folder must exist.
@@ -61,12 +68,12 @@ def write_mcap(path: PathName, points: MotionPoints) -> Path:
     with BagWriter(path) as bag:
         bag.write(TRAJECTORY_TOPIC, whole, 0)
         for i, stamp in enumerate(points.stamps.tolist()):
-            state = state_message(stamp, names, points.position[i], points.velocity[i])
+            state = _state_message(stamp, names, points.position[i], points.velocity[i])
             bag.write(STATES_TOPIC, state, stamp)
     return Path(path)
 
 
-def read_mcap(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
+def read_trajectory(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read the first `trajectory_msgs/msg/JointTrajectory` of an MCAP recording.
 
     Args:
@@ -93,22 +100,6 @@ def read_mcap(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     return points_of_file(path, names, units_for(names, pepper), time, position, velocity, acceleration)
 
 
-class StateMessage(NamedTuple):
-    """A `sensor_msgs/msg/JointState` as plain values.
-
-    Attributes:
-        topic: Where it was published.
-        stamp: Time of its header [ns]; the recording's where that is zero.
-        names: Joints.
-        position: [rad or m], one for each of them.
-    """
-
-    topic: str
-    stamp: int
-    names: tuple[str, ...]
-    position: list[float]
-
-
 def read_states(path: PathName) -> list[StateMessage]:
     """Return all `sensor_msgs/msg/JointState` of an MCAP recording that hold positions, in its order.
 
@@ -124,6 +115,35 @@ def read_states(path: PathName) -> list[StateMessage]:
     if not found:
         raise FileFormatError(path, f"holds no positions in messages of {STATE_TYPE}, only: {_held(bag)}")
     return found
+
+
+def write_recording(path: PathName, run: Run) -> Path:
+    """Write a run of the twin.
+
+    Topics are `/joint_states` (`sensor_msgs/msg/JointState`) at every step, `/external_wrench`
+    (`std_msgs/msg/Float64MultiArray`) where forces act from outside, and for each sensor `/sensors/NAME` and
+    `/truth/NAME` (the same type), pictures excepted.
+
+    Raises:
+        MissingDependencyError: where the package `mcap` is not installed.
+        FileFormatError: where the file cannot be written.
+    """
+    names, array = list(run.joint_names), message_type(_ARRAY_TYPE)
+    acting = (run.external_wrench != 0.0).any(axis=1)
+    topics = [("/external_wrench", run.time[acting], run.external_wrench[acting])]
+    for name, series in run.readings.items():
+        if series.value[0].size <= _LARGEST:
+            topics.append((f"/sensors/{name}", series.time, series.value))
+            topics.append((f"/truth/{name}", series.time, series.truth))
+    with BagWriter(path) as bag:
+        for i, stamp in enumerate(np.round(run.time * NANOSECONDS).astype(np.int64).tolist()):
+            values = (run.position[i], run.velocity[i], run.torque[i])
+            bag.write(STATES_TOPIC, _state_message(stamp, names, *values), stamp)
+        for topic, times, rows in topics:
+            for i, time in enumerate(times.tolist()):
+                data = np.asarray(rows[i], dtype=float)
+                bag.write(topic, array(data=data), round(time * NANOSECONDS))
+    return Path(path)
 
 
 def _first(path: PathName) -> Any:
@@ -169,7 +189,7 @@ def _table(path: PathName, name: str, rows: list[Array], n: int) -> Array | None
     return np.array(rows, dtype=float)
 
 
-def state_message(
+def _state_message(
     stamp: int, names: list[str], position: Array, velocity: Array, effort: Array | None = None
 ) -> Any:
     """Return a sensor_msgs/msg/JointState without a frame.

@@ -1,0 +1,28 @@
+"""Entry points by which interfaces add commands, file formats and calls, found without importing them.
+
+Each group has names, and what `load()` returns for one:
+
+pepper_kin.commands         commands of `pepper-kin`: Typer applications
+pepper_kin.formats          suffixes without their dots: modules with `write_trajectory(path, points)`,
+                            `read_trajectory(path, pepper)`, `read_states(path)` and
+                            `write_recording(path, run)`
+pepper_kin.everyday_calls   any names: functions whose calls need kernels that come with the package
+
+An editable installation learns of new entry points when it is installed again.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+
+@cache
+def plugins(kind: str) -> dict[str, EntryPoint]:
+    """Return what is registered in the group `pepper_kin.<kind>`, by name."""
+    from importlib.metadata import entry_points  # whose import takes longer than that of many packages
+
+    return {entry.name: entry for entry in entry_points(group=f"pepper_kin.{kind}")}
