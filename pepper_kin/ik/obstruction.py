@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -132,9 +131,8 @@ def _with_only(problem: Problem, places: Sequence[int]) -> Problem:
     tasks = list(problem.tasks)
     for k, task in enumerate(tasks):
         if k not in places:
-            tasks[k] = copy.copy(task)
-            object.__setattr__(tasks[k], "weight", MUTED_WEIGHT / task.strength * task.weight)
-            object.__setattr__(tasks[k], "tolerance", MUTED_TOLERANCE)
+            weight = MUTED_WEIGHT / task.strength * task.weight
+            tasks[k] = task.altered(weight=weight, tolerance=MUTED_TOLERANCE)
     return replace(problem, tasks=tuple(tasks))
 
 

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.joint_posture import JointPosture
+from pepper_kin.ik.tasks.structure import Array
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
-    Array,
     as_targets,
     checked_hard,
     checked_tolerance,
