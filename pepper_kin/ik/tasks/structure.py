@@ -1,4 +1,4 @@
-"""What machine code of tasks is compiled for, and what their expressions are written in."""
+"""Structure of tasks, which machine code is compiled for, and motion, which expressions are written in."""
 
 from __future__ import annotations
 
