@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 from typing import TypeAlias
 
@@ -66,6 +65,4 @@ def _named(pepper: PepperModel, task: Task) -> Task:
     """Return the task; a posture of all joints names them, for the robot with a moving base has more."""
     if not isinstance(task, JointPosture) or task.joints is not None:
         return task
-    named = copy.copy(task)
-    object.__setattr__(named, "joints", pepper.joint_names)
-    return named
+    return task.altered(joints=pepper.joint_names)

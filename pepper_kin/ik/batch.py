@@ -17,14 +17,14 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.fast.search import Rows
-from pepper_kin.ik.fast.structure import known_structures
+from pepper_kin.ik.fast.search import BatchSearch
 from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.structure import known_structures
 from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -228,7 +228,7 @@ def _solve_fast(
 ) -> Arrays:
     """Solve all rows in machine code, from starts [rad or m], shape (N, n); `movable` has shape (n,)."""
     tasks = balanced(tasks)
-    rows = Rows(world.pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin)
+    rows = BatchSearch(world.pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin)
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pepper_kin.dynamics.load import Loads
-from pepper_kin.ik.collisions import Collisions, holding_torque
+from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.problem import Problem, make_problem
+from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.tasks.task import Array, Task
 from pepper_kin.model import PepperModel
@@ -84,29 +84,10 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate
         clearance=collisions.clearance(q),
         in_collision=None if not collisions.considered else not collisions.free(q),
         torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
-        proof="" if met else _proof(problem),
+        proof="" if met else why_beyond_reach(problem),
     )
-
-
-def _proof(problem: Problem) -> str:
-    """Return which task no posture can meet, as `obstruction.why_beyond_reach`."""
-    from pepper_kin.ik.obstruction import (
-        why_beyond_reach,
-    )  # loads the solvers, of which one imports this file
-
-    return why_beyond_reach(problem)
 
 
 def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
     """Return the names of the joints where the mask, shape (n,), is true."""
     return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))
-
-
-def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
-    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit.
-
-    What is carried counts.
-    """
-    effort = pepper.effort_limits
-    limited = np.isfinite(effort) & (effort > 0)
-    return np.where(limited, np.abs(holding_torque(pepper, q, loads)) / np.where(limited, effort, 1.0), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
-from pepper_kin.ik.fast.search import FastSolver, Rows, search_compiled
+from pepper_kin.ik.fast.search import BatchSearch, FastSolver, search_compiled
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.tasks.task import Array
 
@@ -60,7 +60,9 @@ def _ends(problem: Problem, collisions: Collisions, budget: SearchBudget) -> Arr
     starts[:, index] = np.random.default_rng(budget.seed).uniform(low, high, (STARTS, index.size))
     budget = budget._replace(restarts=0, max_iterations=min(STEPS, budget.max_iterations), thorough=False)
     if ready.python is None:
-        rows = Rows(pepper, tasks, starts, movable, budget, scene=collisions.scene, margin=collisions.margin)
+        rows = BatchSearch(
+            pepper, tasks, starts, movable, budget, scene=collisions.scene, margin=collisions.margin
+        )
         rows.solve(0, STARTS)
         ends, _, errors, *_ = rows.answers()
     else:

@@ -45,6 +45,16 @@ def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
     return torque + load_torque(pepper, loads, q, rest, rest)
 
 
+def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
+    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit.
+
+    What is carried counts.
+    """
+    effort = pepper.effort_limits
+    limited = np.isfinite(effort) & (effort > 0)
+    return np.where(limited, np.abs(holding_torque(pepper, q, loads)) / np.where(limited, effort, 1.0), 0.0)
+
+
 class Collisions:
     """Answers for one robot in one scene, or in none (then nothing ever collides).
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -88,11 +87,7 @@ def equally_weighted(tasks: Sequence[Task]) -> tuple[Task, ...]:
 
 def _with_weight(task: Task, weight: float) -> Task:
     """Return a task with another weight."""
-    if task.weight == weight:
-        return task
-    other = copy.copy(task)
-    object.__setattr__(other, "weight", weight)
-    return other
+    return task if task.weight == weight else task.altered(weight=weight)
 
 
 def is_ordered(tasks: Sequence[Task]) -> bool:

@@ -12,7 +12,8 @@ import numpy as np
 from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
-from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.ik.tasks.structure import Array, generic_configurations
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 
 POSTURE_WEIGHT = 1e-3
@@ -159,14 +160,6 @@ def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
         for task in tasks:
             used |= np.abs(task.dependence(pepper, q)).max(axis=0) > 1e-9
     return used
-
-
-def generic_configurations(pepper: PepperModel) -> list[Array]:
-    """Return two configurations at which no expression of q vanishes that does not always vanish."""
-    span = np.minimum(pepper.upper_limits, np.pi) - np.maximum(pepper.lower_limits, -np.pi)
-    low = np.maximum(pepper.lower_limits, -np.pi)
-    shares = 1 - 0.2 * np.sin(np.arange(pepper.n))
-    return [low + fraction * span * shares for fraction in (0.3819, 0.7236)]
 
 
 def motion_scale(pepper: PepperModel, q: Array) -> Array:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.certificate import torque_ratios
-from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start

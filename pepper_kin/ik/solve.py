@@ -23,7 +23,6 @@ from pepper_kin.ik.obstruction import (
     what_contradicts,
     what_is_in_the_way,
     what_would_help,
-    why_beyond_reach,
 )
 from pepper_kin.ik.priorities import (
     SolverContext,
@@ -33,6 +32,7 @@ from pepper_kin.ik.priorities import (
     solve_with_priorities,
 )
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
 from pepper_kin.ik.tasks.carrying import with_loads

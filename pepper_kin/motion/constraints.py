@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,18 +14,12 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.structure import Array, Structure, known_structures, target_of
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 if TYPE_CHECKING:
     import casadi
-
-    from pepper_kin.ik.fast.structure import Structure
-
-Array = NDArray[np.float64]
-
-LARGEST = ("JointPosture", "CenterOfMassOverWheels", "Expression")
-"""Tasks whose error is the largest component of the residual: each component is a separate constraint."""
 
 SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
 """Packages on which the kernels depend."""
@@ -52,10 +45,7 @@ def as_constraints(
 
 def with_equalities(task: Task) -> Task:
     """Return a task that IK meets before all soft ones."""
-    hard = copy.copy(task)
-    object.__setattr__(hard, "hard", True)
-    hard.__dict__.pop("_fast_structure", None)
-    return hard
+    return task.altered(hard=True)
 
 
 def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
@@ -97,16 +87,18 @@ def manifold_of(
     tolerances: list[float] = []
     names: list[str] = []
     for task, size in zip(tasks, sizes, strict=True):
-        first, apart = len(tolerances), type(task).__name__ in LARGEST or kind_of(task) in LARGEST
+        # Where the largest component is the error, each component is a separate constraint.
+        first, apart = len(tolerances), task.largest
         count = size if apart else 1
         groups += [first + (k if apart else 0) for k in range(size)]
         tolerances += [task.tolerance] * count
         names += [task.name] * count
     function: planners.CompiledManifold | InPython
-    if all(kind_of(task) for task in tasks):
-        function = _machine_code(pepper, tasks, frozen, free)
-    else:
+    structures = soft_structures(tasks)
+    if structures is None:
         function = InPython(pepper, tasks, frozen, free)
+    else:
+        function = _machine_code(_kernel(pepper, structures), tasks, frozen, free)
     return planners.ConstraintManifold(
         function, int(free.size), sum(sizes), np.array(tolerances), np.array(groups), tuple(names)
     )
@@ -126,12 +118,10 @@ def residuals_of(
     Returns:
         A callable to arrays of shape (m, r) and (m, r, k).
     """
-    python = InPython(pepper, tuple(tasks), frozen, free)
-    if not all(kind_of(task) for task in tasks):
+    python, structures = InPython(pepper, tuple(tasks), frozen, free), soft_structures(tasks)
+    if structures is None:
         return python
-    from pepper_kin.ik.fast.structure import target_of
-
-    kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
+    kernel = _kernel(pepper, structures)
     targets = np.concatenate([target_of(task) for task in tasks])
 
     def evaluate(states: Array) -> tuple[Array, Array]:
@@ -172,47 +162,28 @@ class InPython:
         return np.array(values), np.array(slopes)[:, :, self._free]
 
 
-def kind_of(task: Task) -> str:
-    """Return the kind of a task that can be compiled; empty for others.
-
-    A class derived from one of the library's may have another residual than the compiled one.
-    """
-    if not all(slot.__module__.startswith("pepper_kin.") for slot in (type(task).residual, type(task).size)):
-        return ""
-    from pepper_kin.ik.fast.structure import structure_of  # loads a solver in machine code: only here
-
-    try:
-        return structure_of(task).kind
-    except InvalidValueError:
-        return ""
-
-
-def structure_of_kind(task: Task) -> Structure:
-    """Return the structure of a task of a known kind, hard or not."""
-    from pepper_kin.ik.fast.structure import structure_of
-
-    return structure_of(task)._replace(hard=False)
+def soft_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
+    """Return the structures of tasks as of soft ones; None where one of them has no machine code."""
+    known = known_structures(tasks)
+    return None if known is None else tuple(structure._replace(hard=False) for structure in known)
 
 
 def _machine_code(
-    pepper: PepperModel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
+    kernel: Kernel, tasks: tuple[Task, ...], frozen: Array, free: NDArray[np.int64]
 ) -> planners.CompiledManifold:
     """Return tasks of known kinds as a manifold in machine code.
 
     Args:
-        pepper: The robot.
+        kernel: Of their structures.
         tasks: The tasks.
         frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
         free: Indices of the joints that move, shape (k,).
     """
-    from pepper_kin.ik.fast.structure import target_of
-
-    kernel = _kernel(pepper, tuple(structure_of_kind(task) for task in tasks))
     kernel_input = np.concatenate([frozen, *[target_of(task) for task in tasks]])
     (written,), work = kernel.signature.output_sizes, kernel.work_size
     address = kernel.address_of("single", inputs=kernel_input.size, outputs=written, work=work)
     return planners.CompiledManifold(
-        address, kernel_input, free, free, pepper.n, work, keep_alive=kernel, size=written
+        address, kernel_input, free, free, frozen.size, work, keep_alive=kernel, size=written
     )
 
 
@@ -229,30 +200,11 @@ def _expression(pepper: PepperModel, structures: tuple[Structure, ...]) -> casad
     """Return the function (q, targets) -> all residuals, then their Jacobian by q, row by row."""
     import casadi
 
+    from pepper_kin.ik.fast.expression import residuals
+
     q = casadi.SX.sym("q", pepper.n)
     targets = casadi.SX.sym("targets", sum(task.target_size for task in structures))
     pairs = residuals(pepper, structures, q, targets)
     rows = casadi.vec(casadi.densify(casadi.vertcat(*(jacobian for _, jacobian in pairs))).T)
     output = casadi.densify(casadi.vertcat(*(residual for residual, _ in pairs), rows))
     return casadi.Function("constraints", [q, targets], [casadi.cse(output)])
-
-
-def residuals(
-    pepper: PepperModel, structures: tuple[Structure, ...], q: Any, targets: Any
-) -> list[tuple[Any, Any]]:
-    """Return the residual of each task and its Jacobian by q as expressions.
-
-    Args:
-        pepper: The robot.
-        structures: Of the tasks.
-        q: Symbols, shape (n,).
-        targets: Numbers of all targets, one after the other.
-    """
-    from pepper_kin.ik.fast.expression import _motion
-    from pepper_kin.ik.fast.task_residuals import task_residual
-
-    motion, found, place = _motion(pepper, structures, q), [], 0
-    for task in structures:
-        found.append(task_residual(pepper, task, motion, targets[place : place + task.target_size]))
-        place += task.target_size
-    return found

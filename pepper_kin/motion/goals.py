@@ -18,6 +18,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, TaskGroup, solve
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.structure import known_structures
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.motion.checks import Checks
@@ -295,14 +296,8 @@ def fault_of_start(
 
 
 def _are_known_to_fast(tasks: Sequence[Any]) -> bool:
-    from pepper_kin.ik.fast import structures_of
-
     parts = [part for task in tasks for part in (task.parts if isinstance(task, TaskGroup) else [task])]
-    try:
-        structures_of(parts)
-    except InvalidValueError:
-        return False
-    return True
+    return known_structures(parts) is not None
 
 
 def are_tasks(goal: object) -> bool:

@@ -13,20 +13,16 @@ from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
+from pepper_kin.ik.tasks.structure import Array, Structure, target_of
 from pepper_kin.ik.tasks.task import checked_weight
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.motion.constraints import SOURCES, InPython, as_constraints, kind_of, structure_of_kind
-from pepper_kin.motion.constraints import residuals as residual_expressions
+from pepper_kin.motion.constraints import SOURCES, InPython, as_constraints, soft_structures
 from pepper_kin.trajectory.path import CubicPath
 
 if TYPE_CHECKING:
     import casadi
-
-    from pepper_kin.ik.fast.structure import Structure
-
-Array = NDArray[np.float64]
 
 SAMPLES = 24
 """Of a piece of a curve, over which a cost is summed."""
@@ -227,13 +223,11 @@ class PathCosts:
 
     @property
     def _compiled(self) -> bool:
-        return all(kind_of(task) for task in self.tasks)
+        return soft_structures(self.tasks) is not None
 
     @property
     def _numbers(self) -> Array:
         """Targets of the tasks, then the weight of each cost."""
-        from pepper_kin.ik.fast.structure import target_of
-
         weights = [*(c.weight for c in self.costs), *((t.weight / t.tolerance) ** 2 for t in self.tasks)]
         return np.concatenate([*(target_of(task) for task in self.tasks), weights])
 
@@ -242,7 +236,7 @@ class PathCosts:
         """The kernel of `_expression`, made once and kept."""
         known, pepper = _kept.of(self.pepper), self.pepper
         sources = tuple(cost.source for cost in self.costs)
-        structures = tuple(structure_of_kind(task) for task in self.tasks)
+        structures = soft_structures(self.tasks) or ()
         if (sources, structures) not in known:
             by = source_digest(*SOURCES)
             key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
@@ -286,13 +280,15 @@ def _expression(
     """Return the function (q, targets and weights) -> sum of prices, its gradient by q, single prices."""
     import casadi
 
+    from pepper_kin.ik.fast.expression import residuals
+
     q = casadi.SX.sym("q", pepper.n)
     size = sum(task.target_size for task in structures)
     kernel_input = casadi.SX.sym("inputs", size + len(sources) + len(structures))
     weights = kernel_input[size:]
     values = [casadi.fmax(casadi.Function.deserialize(source)(q), 0.0) for source in sources]
     slopes = [casadi.jacobian(value, q) for value in values]
-    for residual, jacobian in residual_expressions(pepper, structures, q, kernel_input[:size]):
+    for residual, jacobian in residuals(pepper, structures, q, kernel_input[:size]):
         values.append(casadi.sumsqr(residual))
         slopes.append(2 * (residual.T @ jacobian))
     prices = [weights[k] * value for k, value in enumerate(values)]

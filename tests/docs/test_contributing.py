@@ -53,7 +53,7 @@ def written(file: str, text: str, folder: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_task_is_added_as_the_recipe_says(tmp_path, monkeypatch):
     recipe = Recipe("A task for IK")
-    task_file, entry, use, structure, residual = recipe.blocks
+    task_file, entry, use, methods = recipe.blocks
     new = written(recipe.named(0)[0], task_file, tmp_path, monkeypatch)
     for file in [name for name in recipe.named(1) if name.endswith("__init__.py")]:
         place = sys.modules[module_of(file).removesuffix(".__init__")]
@@ -74,21 +74,15 @@ def test_a_task_is_added_as_the_recipe_says(tmp_path, monkeypatch):
     reached = pk.kinematics.frame_pose(called_back["pepper"], called_back["result"].q, "LArm_effector")[:3, 3]
     assert abs(np.linalg.norm(reached - (0.4, 0.2, 0.9)) - 0.1) <= 1e-3
 
-    for file, block, table in ((recipe.named(3)[0], structure, "_READERS"),
-                               (recipe.named(4)[0], residual, "_RESIDUALS")):  # fmt: skip
-        module = importlib.import_module(module_of(file))
-        monkeypatch.setitem(vars(module), "FrameDistance", new.FrameDistance)
-        monkeypatch.setitem(vars(module), table, dict(vars(module)[table]))
-        if "KINDS" in block:
-            monkeypatch.setattr(module, "KINDS", module.KINDS)
-        exec(block, vars(module))
-        for function in vars(module).values():
-            if hasattr(function, "cache_clear"):
-                function.cache_clear()
+    (tmp_path / "compiled").mkdir()
+    methods = textwrap.indent(methods, "    ")
+    new = written(recipe.named(0)[0], f"{task_file}\n{methods}", tmp_path / "compiled", monkeypatch)
+    for place in (pk.ik, pk.ik.tasks):
+        monkeypatch.setattr(place, "FrameDistance", new.FrameDistance)
     compiled: dict[str, object] = {"pk": pk}
     exec(use, compiled)
-    code = importlib.import_module(module_of(recipe.named(3)[0]))
-    assert code.structure_of(compiled["task"]).kind == "FrameDistance"
+    assert called_back["task"].structure() is None
+    assert compiled["task"].structure().kind is new.FrameDistance
     np.testing.assert_allclose(compiled["result"].q, called_back["result"].q, atol=1e-7)
 
 

@@ -327,6 +327,12 @@ def spoilt(value):
 
 
 @pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
+def test_the_help_of_a_task_describes_what_all_tasks_take(item):
+    for name in {"weight", "tolerance", "hard"} & set(inspect.signature(item).parameters):
+        assert re.search(rf"^ +{name}: ", inspect.getdoc(item), re.MULTILINE), name
+
+
+@pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
 def test_targets_that_are_none_are_refused_by_name(item):
     arguments, robot = good_arguments(item)
     defaults = {

@@ -13,10 +13,10 @@ from scipy.optimize import lsq_linear
 import pepper_kin as pk
 from pepper_kin.core.inverse_kinematics.box_step import solve_box
 from pepper_kin.ik import IKStatus
-from pepper_kin.ik.fast import structures_of
 from pepper_kin.ik.fast.compiled_tasks import used_joints
 from pepper_kin.ik.fast.expression import task_function
-from pepper_kin.ik.fast.structure import target_of
+from pepper_kin.ik.tasks.structure import known_structures, target_of
+from pepper_kin.ik.tasks.symbolic_angles import direction_residual, rotation_residual
 from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model.shapes import rotation_rpy, transform
 
@@ -67,7 +67,7 @@ def reachable(generator, scale=1.0):
 @pytest.mark.parametrize("name", TASKS)
 def test_expression_is_that_of_the_tasks(name):
     tasks = TASKS[name]
-    structures = structures_of(tasks)
+    structures = known_structures(tasks)
     index = used_joints(PEPPER, structures)
     function = task_function(PEPPER, structures, index)
     generator = np.random.default_rng(2)
@@ -96,7 +96,7 @@ def test_expression_is_that_of_the_tasks(name):
 def test_expression_of_the_base():
     planar = pk.load_pepper(base="planar")
     tasks = pk.ik.BasePlacement((0.3, -0.2), 4.0).parts
-    structures = structures_of(tasks)
+    structures = known_structures(tasks)
     index = used_joints(planar, structures)
     assert [planar.joint_names[i] for i in index] == ["BaseX", "BaseY", "BaseYaw"]
     function = task_function(planar, structures, index)
@@ -115,8 +115,6 @@ def test_angles_from_none_to_a_half_turn(angle):
     task = pk.ik.FrameOrientation("base_footprint", np.eye(3))
     generator = np.random.default_rng(1)
     symbol = casadi.SX.sym("E", 3, 3)
-    from pepper_kin.ik.fast.residuals import direction_residual, rotation_residual
-
     turn = casadi.Function("f", [symbol], list(rotation_residual(symbol)))
     basis = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     direction = casadi.SX.sym("d", 3)

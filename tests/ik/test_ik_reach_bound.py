@@ -5,8 +5,8 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.ik import IKStatus
-from pepper_kin.ik.obstruction import least_shortfall, why_beyond_reach
 from pepper_kin.ik.problem import make_problem
+from pepper_kin.ik.reach_bound import least_shortfall, why_beyond_reach
 
 PEPPER = pk.load_pepper()
 FAR = (2.4, 0.0, 0.8)

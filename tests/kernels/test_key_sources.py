@@ -72,13 +72,12 @@ pepper = load_pepper()
 batch.kernel(pepper, "gravity_torque")
 batch.kernel(load_pepper(base="planar", hands="mimic"), "frame_pose", "LArm_effector")
 from pepper_kin.ik.fast.compiled_tasks import _with_machine_code
-from pepper_kin.ik.fast.structure import structure_of
 tasks = ik.HandPosition("left", (0.38, 0.22, 0.82)), ik.CenterOfMassOverWheels(0.01)
-_with_machine_code(pepper, tuple(structure_of(task) for task in tasks))
+_with_machine_code(pepper, tuple(task.structure() for task in tasks))
 from pepper_kin.motion.static_limits import static_limits
 static_limits(pepper, 0.005, {"LArm_effector": 0.3})
-from pepper_kin.motion.constraints import _kernel, structure_of_kind
-_kernel(pepper, (structure_of_kind(tasks[0]),))
+from pepper_kin.motion.constraints import _kernel, soft_structures
+_kernel(pepper, soft_structures(tasks[:1]))
 print(json.dumps({name: sorted(files) for name, files in missing.items()}))
 print(len(contents))
 """

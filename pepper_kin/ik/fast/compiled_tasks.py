@@ -17,9 +17,9 @@ from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.fast.structure import Structure, known_structures, target_of
-from pepper_kin.ik.problem import SearchBudget, generic_configurations, joints_used, scale_of
-from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.ik.problem import SearchBudget, joints_used, scale_of
+from pepper_kin.ik.tasks.structure import Array, Structure, known_structures, target_of
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
 from pepper_kin.kernels.intrinsics import floats_at
@@ -346,28 +346,8 @@ def squared_tolerance(allowed: float) -> float:
 
 
 def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
-    """Return the places of the joints that move any task, ascending.
-
-    A joint moves a frame's task where it is on the way to the frame; whether its column vanishes by some
-    symmetry is left to the search, which then leaves the joint where it is.
-    """
-    used = np.zeros(pepper.n, dtype=bool)
-    for task in tasks:
-        if task.kind == "LineThroughPoint":
-            used[pepper.joints_above(task.frame) + pepper.joints_above(task.reference)] = True
-        elif task.reference:
-            from pepper_kin.ik.fast.task_residuals import joints_of_relative
-
-            used |= joints_of_relative(pepper, task)
-        elif task.frame:
-            used[pepper.joints_above(task.frame)] = True
-        elif task.kind == "CenterOfMass":
-            from pepper_kin.dynamics import center_of_mass_jacobian
-
-            for q in generic_configurations(pepper):
-                used |= np.abs(center_of_mass_jacobian(pepper, q)[:2]).max(axis=0) > 1e-9
-        else:
-            used[[pepper.joint_index(name) for name in task.joints or pepper.joint_names]] = True
+    """Return the places of the joints that move any task, ascending."""
+    used = np.any([task.kind.moved_by(pepper, task) for task in tasks], axis=0)
     return np.flatnonzero(used).astype(np.int64)
 
 

@@ -7,16 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.ik.fast.structure import Structure
-from pepper_kin.ik.fast.task_residuals import (
-    LARGEST_KINDS,
-    MASS_KINDS,
-    Motion,
-    task_residual,
-)
+from pepper_kin.ik.tasks.structure import Motion, Structure
 from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
 from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.jacobians import jacobian_columns, reduced_rows
 from pepper_kin.symbolic.poses import world_frames
@@ -36,7 +29,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
         errors_i = |r_i|^2,   cost = sum_i s_i^2 |r_i|^2 / 2,
         gradient = sum_i s_i^2 J_i^T r_i,   matrix = sum_i s_i^2 J_i^T J_i (upper triangle, row by row).
 
-    The error of a posture, and of the center of mass over the wheels, is the largest component, squared.
+    The error of a task whose class says `largest` is the largest component, squared.
 
     Args:
         pepper: The robot.
@@ -50,18 +43,15 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
 
     q, weights = casadi.SX.sym("q", pepper.n), casadi.SX.sym("weights", len(tasks))
     targets = casadi.SX.sym("targets", sum(task.target_size for task in tasks))
-    motion = _motion(pepper, tasks, q)
     errors, cost = [], casadi.SX(0)
     gradient = casadi.SX(index.size, 1)
     matrix = casadi.SX(index.size, index.size)
-    place = 0
-    for i, task in enumerate(tasks):
-        target = targets[place : place + task.target_size]
-        place += task.target_size
-        residual, jacobian = task_residual(pepper, task, motion, target)
+    for i, (task, (residual, jacobian)) in enumerate(
+        zip(tasks, residuals(pepper, tasks, q, targets), strict=True)
+    ):
         jacobian = jacobian[:, index.tolist()]
         square = casadi.sumsqr(residual)
-        errors.append(_largest_square(residual) if task.kind in LARGEST_KINDS else square)
+        errors.append(_largest_square(residual) if task.kind.largest else square)
         strength = weights[i] * HARD_WEIGHT**2 if task.hard else weights[i]
         cost += 0.5 * strength * square
         gradient += strength * (jacobian.T @ residual)
@@ -71,16 +61,30 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
     return casadi.Function("ik_step", [q, weights, targets], [casadi.cse(step)])
 
 
+def residuals(pepper: PepperModel, tasks: Sequence[Structure], q: Any, targets: Any) -> list[tuple[Any, Any]]:
+    """Return the residual of each task and its Jacobian by q as expressions.
+
+    Args:
+        pepper: The robot.
+        tasks: Structures of the tasks.
+        q: Symbols, shape (n,).
+        targets: Numbers of all targets, one after the other.
+    """
+    motion, found, place = _motion(pepper, tasks, q), [], 0
+    for task in tasks:
+        target = targets[place : place + task.target_size]
+        found.append(task.kind.expression(task, motion, target))
+        place += task.target_size
+    return found
+
+
 def _motion(pepper: PepperModel, tasks: Sequence[Structure], q: Any) -> Motion:
     """Return all that the tasks' residuals are written in."""
     named = [name for task in tasks for name in (task.frame, task.reference) if name]
     frames = tuple(dict.fromkeys(named))
     outputs = _frames_function(pepper, frames)(q) if frames else ()
     known = {frame: (outputs[2 * k], outputs[2 * k + 1]) for k, frame in enumerate(frames)}
-    center: tuple[Any, ...] = ()
-    if any(task.kind in MASS_KINDS for task in tasks):
-        center = (center_of_mass(pepper)(q), center_of_mass_jacobian(pepper)(q))
-    return Motion(q, known, center)
+    return Motion(pepper, q, known)
 
 
 def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Function:

@@ -116,7 +116,7 @@ class FastSolver(TaskSolver):
         return q
 
 
-class Rows:
+class BatchSearch:
     """Many sets of targets, solved piece by piece on any thread.
 
     Args:
@@ -263,7 +263,7 @@ def solutions_from(
     budget = SearchBudget(0, 0, max_iterations, math.inf, thorough=False)
     ready = compiled_tasks(pepper, tasks)
     if ready.python is None:
-        rows = Rows(pepper, tasks, starts, movable, budget, scene=scene, margin=margin)
+        rows = BatchSearch(pepper, tasks, starts, movable, budget, scene=scene, margin=margin)
         rows.solve(0, len(starts))
         q, status, *_ = rows.answers()
         solved = q[status == STATUSES.index(IKStatus.SOLVED)]

@@ -10,9 +10,8 @@ import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.exceptions import InvalidValueError, ModelError
-from pepper_kin.ik.fast.structure import known_structures
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
-from pepper_kin.ik.solvers.reference import HalfSpaces, StepSolver
+from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver
 from pepper_kin.ik.tasks import (
     CenterOfMass,
     FrameOrientation,
@@ -132,7 +131,7 @@ class PlacoSolver(StepSolver):
 
     def _add(self, place: int, task: Task) -> None:
         """Add placo's own task where it has one; classes of a user's own count as none."""
-        own = self._own_task(task) if known_structures([task]) is not None else None
+        own = self._own_task(task) if task.structure() is not None else None
         if own is not None:
             own.configure(f"{task.label} {place}", "soft", task.strength**2)
             return

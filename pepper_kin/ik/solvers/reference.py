@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +12,11 @@ import numpy as np
 from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.certificate import torque_ratios
-from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
-from pepper_kin.ik.solvers.solver import TaskSolver
+from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver, TaskSolver
 from pepper_kin.ik.tasks.task import Array
 
 RESTARTS = 16
@@ -33,50 +30,6 @@ CUTS, NEAREST = 4, 1
 
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
 """Starts and steps for the question whether the joints without limits would reach the target."""
-
-
-@dataclass(frozen=True, eq=False)
-class HalfSpaces:
-    """Linear inequalities that a step has to keep: normals dq <= offsets.
-
-    Attributes:
-        normals: Shape (k, n).
-        offsets: Shape (k,).
-    """
-
-    normals: Array
-    offsets: Array
-
-
-class StepSolver(ABC):
-    """Solves the differential quadratic program of one problem, again and again.
-
-    min over dq of |W (J dq + r)|^2 + lambda |diag(d) dq|^2 + eps^2 |q + dq - q_ref|^2
-    subject to  lower <= q + dq <= upper,  |dq_i| <= STEP_BOUND,  normals dq <= offsets
-    """
-
-    @abstractmethod
-    def step(
-        self,
-        q: Array,
-        residuals: Sequence[Array],
-        reference: Array,
-        damping: float,
-        half_spaces: HalfSpaces | None = None,
-    ) -> Array | None:
-        """Return the step dq.
-
-        Args:
-            q: Joint positions within the bounds [rad or m], shape (n,).
-            residuals: The tasks' residuals at q, shape (m,) each, with m of the task.
-            reference: q_ref [rad or m], shape (n,).
-            damping: lambda.
-            half_spaces: More inequalities, if any.
-
-        Returns:
-            dq [rad or m], shape (n,), zero at joints that may not move; None where the program has no
-            solution.
-        """
 
 
 class Candidate(NamedTuple):

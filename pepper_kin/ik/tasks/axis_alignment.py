@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis
+from pepper_kin.ik.tasks import symbolic_angles
+from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis, unit_vector
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
-    Array,
-    Task,
+    TargetTask,
     as_targets,
     words_for_angle,
     words_for_vector,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 
 # The x axis: what is mostly aligned.
 AHEAD = (1.0, 0.0, 0.0)
 _AHEAD = read_only(AHEAD)
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class AxisAlignment(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class AxisAlignment(TargetTask):
     """An axis a of a frame points along a direction u of the world; the turn about it is left free.
 
     r(q) = (theta / sin theta) B d with d = R^T u, see `direction_residual`; |r| = theta, the angle between
@@ -40,20 +40,12 @@ class AxisAlignment(Task):
         direction: u, unit vector in the world, shape (3,), read-only.
         axis: a, unit vector in the frame, shape (3,), read-only.
         basis: B, two directions across the axis in the frame, shape (2, 3), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
-        label: What is turned, in words; the frame's name if left empty.
     """
 
     frame: str
     direction: Array
     axis: Array
     basis: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    label: str
     unit: ClassVar[str] = "rad"
     aspect: ClassVar[str] = "direction"
     target_name: ClassVar[str] = "direction"
@@ -70,12 +62,10 @@ class AxisAlignment(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        ahead = _AHEAD if axis is AHEAD else _unit(axis, f"axis of {name}")
-        self._fill(
-            name, weight, tolerance, hard,
-            frame=frame, label=name,
-            direction=_units(direction, f"direction of {name}"),
-            axis=ahead, basis=sideways_basis(ahead),
+        ahead = _AHEAD if axis is AHEAD else unit_vector(axis, f"axis of {name}")
+        super().__init__(
+            name, weight=weight, tolerance=tolerance, hard=hard, frame=frame,
+            direction=_units(direction, f"direction of {name}"), axis=ahead, basis=sideways_basis(ahead),
         )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
@@ -104,6 +94,17 @@ class AxisAlignment(Task):
         residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
         return residual, slope, rotation
 
+    def _structure(self) -> Structure:
+        return frame_structure(AxisAlignment, self.frame, self.hard, axis=self.axis.tobytes())
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return the turn still to make and dr/dd R^T [u]x J_w."""
+        pose, jacobian = motion.frames[task.frame]
+        axis, turn = np.array(task.axis), pose[:, :3].T
+        residual, slope = symbolic_angles.direction_residual(axis, sideways_basis(axis), turn @ target)
+        return residual, (slope @ turn @ symbolic_angles.skew(target)) @ jacobian[3:, :]
+
 
 def _units(vectors: ArrayLike, quantity: str) -> Array:
     """Return a vector, shape (3,), or N of them, shape (N, 3), at unit length, read-only.
@@ -113,21 +114,8 @@ def _units(vectors: ArrayLike, quantity: str) -> Array:
     """
     array = as_targets(vectors, quantity, (3,))
     if array.ndim == 1:
-        return _unit(array, quantity)
+        return unit_vector(array, quantity)
     lengths = np.linalg.norm(array, axis=-1, keepdims=True)
     if lengths.size and lengths.min() < 1e-9:
         raise InvalidValueError(quantity, array[lengths[..., 0].argmin()], "a vector that is not zero")
     return read_only(array / lengths)
-
-
-def _unit(vector: ArrayLike, quantity: str) -> Array:
-    """Return a vector, shape (3,), at unit length, read-only.
-
-    Raises:
-        InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.
-    """
-    array = as_finite(vector, quantity, (3,))
-    length = float(np.linalg.norm(array))
-    if length < 1e-9:
-        raise InvalidValueError(quantity, array, "a vector that is not zero")
-    return read_only(array / length)

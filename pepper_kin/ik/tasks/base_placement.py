@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
-    Array,
+    PointTask,
+    TargetTask,
     Task,
     TaskGroup,
     as_targets,
     words_for_angle,
-    words_for_length,
-    words_for_vector,
 )
 from pepper_kin.model import PepperModel
 
@@ -28,10 +28,9 @@ BASE_POSITION = ("BaseX", "BaseY")
 BASE_YAW = ("BaseYaw",)
 
 
-class BaseTask(Task):
+class BaseTask(TargetTask):
     """A task that acts on joints of a planar base."""
 
-    frame: None
     target: Array
     joints: ClassVar[tuple[str, ...]]
 
@@ -58,27 +57,17 @@ class BaseTask(Task):
         return np.eye(pepper.n)[self.indices(pepper)]
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class BasePosition(BaseTask):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class BasePosition(BaseTask, PointTask):
     """The base is at a point p of the floor: r(q) = (BaseX, BaseY) - p, error |r| [m].
 
     Attributes:
         target: p, x and y in the world [m], shape (2,), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest distance of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        frame: None: it acts on joints.
-        label: "base".
     """
 
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    frame: None
-    label: str
-    unit: ClassVar[str] = "m"
     aspect: ClassVar[str] = "position"
+    ground: ClassVar[str] = " of the floor"
     joints: ClassVar[tuple[str, ...]] = BASE_POSITION
 
     def __init__(
@@ -89,45 +78,33 @@ class BasePosition(BaseTask):
         *,
         hard: bool = False,
     ) -> None:
-        self._fill(
-            "position of base", weight, tolerance, hard,
-            target=read_only(as_targets(point, "position of base", (2,))),
-            frame=None, label="base",
-        )  # fmt: skip
+        what = "position of base"
+        target = read_only(as_targets(point, what, (2,)))
+        super().__init__("base", weight=weight, tolerance=tolerance, hard=hard, subject=what, target=target)
 
-    def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return (BaseX, BaseY) - p [m], shape (2,)."""
-        return np.asarray(q[self.indices(pepper)] - self.target)
+    def place(self, pepper: PepperModel, q: Array) -> Array:
+        """Return (BaseX, BaseY) [m], shape (2,)."""
+        return np.asarray(q[self.indices(pepper)])
 
-    def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the base stops, in words, at q, shape (n,) [rad or m]."""
-        distance = words_for_length(self.error(pepper, q))
-        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+    def _structure(self) -> Structure:
+        return Structure(BasePosition, joints=self.joints, target_size=2, hard=self.hard)
 
-    def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the base's position on the floor in words, at joint positions q, shape (n,) [rad or m]."""
-        return f"point {words_for_vector(q[self.indices(pepper)])} of the floor"
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return (BaseX, BaseY) - p and the rows of the identity."""
+        positions, selection = motion.joints(task.joints)
+        return positions - target, selection
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class BaseYaw(BaseTask):
     """The base faces a direction: r(q) = BaseYaw - yaw, full turns left out, in [-pi, pi); error |r| [rad].
 
     Attributes:
         target: The yaw wanted [rad], shape (), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
-        frame: None: it acts on a joint.
-        label: "base".
     """
 
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    frame: None
-    label: str
     unit: ClassVar[str] = "rad"
     aspect: ClassVar[str] = "yaw"
     target_axes: ClassVar[int] = 0
@@ -141,11 +118,9 @@ class BaseYaw(BaseTask):
         *,
         hard: bool = False,
     ) -> None:
-        self._fill(
-            "yaw of base", weight, tolerance, hard,
-            target=read_only(as_targets(yaw, "yaw of base", ())),
-            frame=None, label="base",
-        )  # fmt: skip
+        what = "yaw of base"
+        target = read_only(as_targets(yaw, what, ()))
+        super().__init__("base", weight=weight, tolerance=tolerance, hard=hard, subject=what, target=target)
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the turn from the yaw wanted, the short way round [rad], shape (1,)."""
@@ -160,6 +135,18 @@ class BaseYaw(BaseTask):
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the base's yaw in words, at joint positions q, shape (n,) [rad or m]."""
         return f"a yaw of {math.degrees(q[self.indices(pepper)[0]]):.1f} deg"
+
+    def _structure(self) -> Structure:
+        return Structure(BaseYaw, joints=self.joints, target_size=1, hard=self.hard)
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return the turn from the yaw wanted, the short way round, and the row of the identity."""
+        import casadi
+
+        positions, selection = motion.joints(task.joints)
+        turn = positions - target
+        return turn - 2 * math.pi * casadi.floor(turn / (2 * math.pi) + 0.5), selection
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -207,8 +194,7 @@ class BasePlacement(TaskGroup):
         stands = None if position is None else BasePosition(position, weight, tolerance, hard=hard)
         firm = hard if yaw_hard is None else yaw_hard
         faces = None if yaw is None else BaseYaw(yaw, yaw_weight, yaw_tolerance, hard=firm)
-        object.__setattr__(self, "position", stands)
-        object.__setattr__(self, "yaw", faces)
+        vars(self).update(position=stands, yaw=faces)
 
     @property
     def parts(self) -> tuple[Task, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,6 @@ def with_loads(tasks: Iterable[Task], loads: Loads) -> list[Task]:
     found = []
     for task in tasks:
         if loads and isinstance(task, CenterOfMass | CenterOfMassOverWheels) and not task.loads:
-            task = copy.copy(task)
-            object.__setattr__(task, "loads", loads)
+            task = task.altered(loads=loads)
         found.append(task)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,14 +11,8 @@ from numpy.typing import ArrayLike
 from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import (
-    POSITION_TOLERANCE,
-    Array,
-    Task,
-    as_targets,
-    words_for_length,
-    words_for_vector,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.model import PepperModel
 
 LABEL = "center of mass"
@@ -42,8 +36,8 @@ def center_jacobian_of(pepper: PepperModel, loads: Loads, q: Array) -> Array:
     return center_of_mass_jacobian_with(pepper, loads, q)
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class CenterOfMass(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class CenterOfMass(PointTask):
     """The center of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
 
     dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`; the height is free.
@@ -51,22 +45,12 @@ class CenterOfMass(Task):
 
     Attributes:
         target: The point p in the world, x and y [m], shape (2,), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest distance on the floor of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        frame: None: it acts on the whole robot.
-        label: "center of mass".
         loads: What the robot carries; a search sets it from its scene.
     """
 
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    frame: None
-    label: str
     loads: Loads
-    unit: ClassVar[str] = "m"
+    ground: ClassVar[str] = " of the floor"
 
     def __init__(
         self,
@@ -76,25 +60,27 @@ class CenterOfMass(Task):
         *,
         hard: bool = False,
     ) -> None:
-        self._fill(
-            LABEL, weight, tolerance, hard,
-            target=read_only(as_targets(point, f"point of {LABEL}", (2,))),
-            frame=None, label=LABEL, loads=(),
-        )  # fmt: skip
+        target = read_only(as_targets(point, f"point of {LABEL}", (2,)))
+        super().__init__(LABEL, weight=weight, tolerance=tolerance, hard=hard, target=target, loads=())
 
-    def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return c_xy - p [m], shape (2,)."""
-        return np.asarray(center_of(pepper, self.loads, q)[:2] - self.target)
+    def place(self, pepper: PepperModel, q: Array) -> Array:
+        """Return c_xy [m], shape (2,)."""
+        return center_of(pepper, self.loads, q)[:2]
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return the rows of x and y of J_c, shape (2, n)."""
         return center_jacobian_of(pepper, self.loads, q)[:2]
 
-    def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the center of mass stops, in words, at q, shape (n,) [rad or m]."""
-        distance = words_for_length(self.error(pepper, q))
-        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+    def _structure(self) -> Structure | None:
+        return None if self.loads else Structure(CenterOfMass, target_size=2, hard=self.hard)
 
-    def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the point of the floor below the center of mass, in words, at q, shape (n,) [rad or m]."""
-        return f"point {words_for_vector(center_of(pepper, self.loads, q)[:2])} of the floor"
+    @staticmethod
+    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+        """Return which joints move the center of mass over the floor, shape (n,)."""
+        return joints_that_change(pepper, lambda q: center_of_mass_jacobian(pepper, q)[:2])
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return c_xy - p and the rows of x and y of J_c."""
+        center, jacobian = motion.center
+        return center[:2] - target, jacobian[:2, :]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,20 +14,16 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.task import (
-    POSITION_TOLERANCE,
-    Array,
-    Task,
-    as_targets,
-    words_for_length,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.symbolic_angles import skew
+from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, as_targets, words_for_length
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class CenterOfMassOverWheels(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class CenterOfMassOverWheels(TargetTask):
     """The center of mass is over the wheels' triangle, at least a margin m away from each side.
 
     With y the center of mass on the floor as the base sees it, n_k the inward unit normal of side k and a_k a
@@ -43,11 +39,6 @@ class CenterOfMassOverWheels(Task):
         contacts: Corners in the base's frame [m], shape (k, 2), read-only.
         normals: n_k, shape (k, 2), read-only.
         base_frame: Frame that the contacts move with.
-        weight: Weight in the sum of squares.
-        tolerance: Largest lack of margin of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        frame: None: it acts on the whole robot.
-        label: "center of mass".
         loads: What the robot carries; a search sets it from its scene.
     """
 
@@ -55,15 +46,11 @@ class CenterOfMassOverWheels(Task):
     contacts: Array
     normals: Array
     base_frame: str
-    weight: float
-    tolerance: float
-    hard: bool
-    frame: None
-    label: str
     loads: Loads
     unit: ClassVar[str] = "m"
     aspect: ClassVar[str] = "margin"
     target_axes: ClassVar[int] = 0
+    largest: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -81,13 +68,9 @@ class CenterOfMassOverWheels(Task):
         if margins.size and margins.max() > widest:
             allowed = f"at most {widest:.4f} m, more than any point between the contacts has"
             raise InvalidValueError(f"margin of {LABEL}", f"{margins.max():.4f} m", allowed)
-        self._fill(
-            LABEL, weight, tolerance, hard,
-            target=read_only(margins),
-            contacts=read_only(corners),
-            normals=read_only(normals),
-            base_frame=base_frame,
-            frame=None, label=LABEL, loads=(),
+        super().__init__(
+            LABEL, weight=weight, tolerance=tolerance, hard=hard, target=read_only(margins),
+            contacts=read_only(corners), normals=read_only(normals), base_frame=base_frame, loads=(),
         )  # fmt: skip
 
     def check(self, pepper: PepperModel) -> None:
@@ -122,10 +105,6 @@ class CenterOfMassOverWheels(Task):
         place = pose[:3, :3].T @ (center_of(pepper, self.loads, q) - pose[:3, 3])
         return np.asarray(np.einsum("ki,ki->k", self.normals, place[:2] - self.contacts))
 
-    def size(self, residual: Array) -> float:
-        """Return the largest lack of margin [m] of a residual, shape (k,)."""
-        return float(residual.max())
-
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return in words how much of the margin is lacking, at joint positions q, shape (n,) [rad or m]."""
         lack, margin = self.error(pepper, q), float(self.target)
@@ -137,6 +116,42 @@ class CenterOfMassOverWheels(Task):
         if distance < 0:
             return f"{words_for_length(-distance)} outside the wheels"
         return f"{words_for_length(distance)} inside the wheels"
+
+    def _structure(self) -> Structure | None:
+        if self.loads:
+            return None
+        corners = tuple(self.contacts.ravel().tolist())
+        return Structure(
+            CenterOfMassOverWheels, target_size=1, reference=self.base_frame, corners=corners, hard=self.hard
+        )
+
+    @staticmethod
+    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+        """Return which joints move the center of mass as the base sees it, shape (n,)."""
+        wheels = _of_structure(task)
+        return joints_that_change(pepper, lambda q: wheels.dependence(pepper, q))
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return r_k and dr_k/dq."""
+        import casadi
+
+        wheels = _of_structure(task)
+        center, jacobian = motion.center
+        base, other = motion.frames[task.reference]
+        turn, line = base[:, :3].T, center - base[:, 3]
+        place = (turn @ line)[:2]
+        inward = casadi.DM(wheels.normals)
+        lack = target - (inward @ place - casadi.DM((wheels.normals * wheels.contacts).sum(axis=1)))
+        change = (turn @ (jacobian - other[:3, :] + skew(line) @ other[3:, :]))[:2, :]
+        slopes = -(inward @ motion.without(change, wheels.moved_by(motion.pepper, task)))
+        rows = [casadi.if_else(lack[k] > 0, 1.0, 0.0) * slopes[k, :] for k in range(len(wheels.normals))]
+        return casadi.fmax(lack, 0.0), casadi.vertcat(*rows)
+
+
+def _of_structure(task: Structure) -> CenterOfMassOverWheels:
+    """Return a task of a structure, with a margin that any contacts allow."""
+    return CenterOfMassOverWheels(-1.0, contacts=np.reshape(task.corners, (-1, 2)), base_frame=task.reference)
 
 
 def _words_for_margin(margin: float) -> str:

@@ -6,12 +6,37 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.ik.tasks.structure import Array
+from pepper_kin.model.joint_vectors import as_finite
 
 # Below this sine the two directions count as parallel: there the exact formulas would divide by zero.
 PARALLEL = 1e-7
+
+# A point nearer than this has no defined direction [m].
+NEAREST = 1e-6
+
+
+def unit_vector(vector: ArrayLike, quantity: str) -> Array:
+    """Return a vector, shape (3,), at unit length, read-only.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.
+    """
+    array = as_finite(vector, quantity, (3,))
+    length = float(np.linalg.norm(array))
+    if length < 1e-9:
+        raise InvalidValueError(quantity, array, "a vector that is not zero")
+    return read_only(array / length)
+
+
+def unit_and_length(line: Array) -> tuple[Array, float]:
+    """Return the unit vector of a line, shape (3,) [m], and its length [m]; x and NEAREST if shorter."""
+    length = float(np.linalg.norm(line))
+    return (line / length, length) if length >= NEAREST else (np.array([1.0, 0.0, 0.0]), NEAREST)
 
 
 def sideways_basis(axis: Array) -> Array:

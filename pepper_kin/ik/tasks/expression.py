@@ -12,12 +12,8 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import (
-    POSITION_TOLERANCE,
-    Array,
-    Task,
-    words_for,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure
+from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, words_for
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers
 
@@ -25,8 +21,8 @@ UNBOUNDED = 1e300
 """What stands for a bound that there is not, so that machine code computes with finite numbers."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Expression(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Expression(TargetTask):
     """The values f(q) of an expression lie between bounds: r = max(f - upper, 0) + min(f - lower, 0).
 
         height = pk.symbolic.frame_pose(pepper, "LArm_effector")
@@ -41,10 +37,6 @@ class Expression(Task):
         joint_names: Joints of the robot that it was made for; its constants are that robot's.
         joints: Names of those that f depends on.
         target: Lower and upper bounds, shape (2, m), read-only; ±`UNBOUNDED` where there is none.
-        weight: Weight in the sum of squares.
-        tolerance: Largest amount by which a value of a task that is met leaves its bounds [unit].
-        hard: Whether it is met even where soft tasks suffer from it.
-        label: What is kept there, in words.
         quantity: Unit of f: "m", "rad", or any other for messages.
     """
 
@@ -52,13 +44,10 @@ class Expression(Task):
     joint_names: tuple[str, ...]
     joints: tuple[str, ...]
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    label: str
     quantity: str
     unit: ClassVar[str] = "m"
     target_axes: ClassVar[int] = 2
+    largest: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -99,10 +88,9 @@ class Expression(Task):
         high = _bounds(upper, f"upper bound of {label}", count, UNBOUNDED)
         if (low > high).any():
             raise InvalidValueError(f"lower bound of {label}", lower, f"at most the upper bound, {high}")
-        self._fill(
-            label, weight, tolerance, hard,
-            frame=None, source=source, joint_names=pepper.joint_names, joints=joints, label=label,
-            quantity=unit,
+        super().__init__(
+            label, weight=weight, tolerance=tolerance, hard=hard, quantity=unit,
+            source=source, joint_names=pepper.joint_names, joints=joints,
             target=read_only(np.stack([low, high])),
         )  # fmt: skip
 
@@ -146,10 +134,6 @@ class Expression(Task):
         """Return the unit of the values."""
         return self.quantity
 
-    def size(self, residual: Array) -> float:
-        """Return the largest component [unit] of a residual, shape (m,)."""
-        return float(np.abs(residual).max())
-
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return in words which value leaves its bounds most, and by how much, at q, shape (n,)."""
         residual = self.residual(pepper, q)
@@ -162,6 +146,21 @@ class Expression(Task):
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the values in words, at joint positions q, shape (n,) [rad or m]."""
         return f"value {', '.join(f'{value:.4g}' for value in self.values(q))} {self.quantity}".rstrip()
+
+    def _structure(self) -> Structure:
+        joints, size = self.joints, self.target.size
+        return Structure(Expression, joints=joints, target_size=size, hard=self.hard, source=self.source)
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return max(f - upper, 0) + min(f - lower, 0), and df/dq in the rows where a bound is reached."""
+        import casadi
+
+        values = casadi.Function.deserialize(task.source)(motion.q)
+        slopes, (lower, upper) = casadi.jacobian(values, motion.q), casadi.vertsplit(target, values.numel())
+        beyond = casadi.if_else(casadi.logic_or(values <= lower, values >= upper), 1.0, 0.0)
+        rows = [beyond[k] * slopes[k, :] for k in range(values.numel())]
+        return casadi.fmax(values - upper, 0.0) + casadi.fmin(values - lower, 0.0), casadi.vertcat(*rows)
 
 
 def expression_of(

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
+from pepper_kin.ik.tasks.direction import unit_vector
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
-    Array,
-    Task,
+    PointTask,
     as_targets,
     words_for_length,
     words_for_vector,
 )
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class FrameInPlane(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class FrameInPlane(PointTask):
     """The origin o of a frame lies in a plane: r(q) = n . (o(q) - p), dr/dq = n^T J_v, error |r| [m].
 
     "fast" compiles the normal in: a first solution with another normal takes some tenths of a second more.
@@ -33,20 +32,11 @@ class FrameInPlane(Task):
         frame: A name of `pepper.frame_names`.
         target: A point p of the plane, in the world [m], shape (3,) or (N, 3) for `solve_batch`, read-only.
         normal: n, unit vector in the world, shape (3,), read-only; upwards if not given: a height.
-        weight: Weight in the sum of squares.
-        tolerance: Largest distance of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        label: What is kept there, in words; the frame's name if left empty.
     """
 
     frame: str
     target: Array
     normal: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    label: str
-    unit: ClassVar[str] = "m"
     aspect: ClassVar[str] = "plane"
 
     def __init__(
@@ -61,34 +51,35 @@ class FrameInPlane(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        across = as_finite(normal, f"normal of {name}", (3,))
-        length = float(np.linalg.norm(across))
-        if length < 1e-9:
-            raise InvalidValueError(f"normal of {name}", across, "a vector that is not zero")
-        self._fill(
-            name, weight, tolerance, hard,
-            frame=frame, label=name,
-            target=read_only(as_targets(target, f"target of {name}", (3,))),
-            normal=read_only(across / length),
-        )  # fmt: skip
+        across = unit_vector(normal, f"normal of {name}")
+        point = read_only(as_targets(target, f"target of {name}", (3,)))
+        super().__init__(
+            name, weight=weight, tolerance=tolerance, hard=hard, frame=frame, target=point, normal=across
+        )
+
+    def place(self, pepper: PepperModel, q: Array) -> Array:
+        """Return o(q) [m], shape (3,)."""
+        return frame_pose(pepper, q, self.frame)[:3, 3]
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return n . (o(q) - p) [m], shape (1,)."""
-        return np.array([self.normal @ (frame_pose(pepper, q, self.frame)[:3, 3] - self.target)])
+        return np.array([self.normal @ (self.place(pepper, q) - self.target)])
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return n^T J_v, shape (1, n)."""
         return self.normal[None] @ frame_jacobian(pepper, q, self.frame)[:3]
-
-    def size(self, residual: Array) -> float:
-        """Return the distance from the plane [m] of a residual, shape (1,)."""
-        return float(abs(residual[0]))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return how far the frame is from the plane, in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} is {distance} off the plane through {words_for_vector(self.target)}"
 
-    def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the position of the frame in the world in words, at q, shape (n,) [rad or m]."""
-        return f"point {words_for_vector(frame_pose(pepper, q, self.frame)[:3, 3])}"
+    def _structure(self) -> Structure:
+        return frame_structure(FrameInPlane, self.frame, self.hard, axis=self.normal.tobytes())
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return n . (o(q) - p) and n^T J_v."""
+        pose, jacobian = motion.frames[task.frame]
+        normal = np.array([task.axis])
+        return normal @ (pose[:, 3] - target), normal @ jacobian[:3, :]

@@ -2,57 +2,88 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import (
-    ANGLE_TOLERANCE,
-    Array,
-    Task,
-    as_targets,
-    words_for_angle,
-    words_for_turn,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.symbolic_angles import rotation_residual
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, TargetTask, as_targets, words_for_angle, words_for_turn
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.poses import check_rotations
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class FrameOrientation(Task):
-    """A frame has a given orientation: r(q) = log(R R_t^T), the rotation vector from target to frame.
+class OrientationTask(TargetTask):
+    """A rotation R has to be R_t: r(q) = log(R R_t^T), the rotation vector from target to frame.
 
-    It is stated in world axes; |r| is the angle between the two orientations.  With R' = [w]x R,
+    |r| is the angle between the two orientations.  With R' = [w]x R and w = J_w q',
 
         dr/dq = L(r)^-1 J_w,
 
     where L is the left Jacobian of SO(3) (Sola, Deray, Atchuthan, A micro Lie theory for state estimation in
     robotics, 2018, eq. 146).
+    """
+
+    target: Array
+    unit: ClassVar[str] = "rad"
+    aspect: ClassVar[str] = "orientation"
+    target_axes: ClassVar[int] = 2
+
+    @abstractmethod
+    def rotation(self, pepper: PepperModel, q: Array) -> Array:
+        """Return R, shape (3, 3), at joint positions q, shape (n,) [rad or m]."""
+
+    @abstractmethod
+    def angular_jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return J_w, shape (3, n), at joint positions q, shape (n,) [rad or m]."""
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return log(R R_t^T) [rad], shape (3,)."""
+        import pinocchio
+
+        return np.array(pinocchio.log3(self.rotation(pepper, q) @ self.target.T))
+
+    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return L(r)^-1 J_w, shape (3, n)."""
+        import pinocchio
+
+        # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
+        inverse = np.array(pinocchio.Jlog3(self.rotation(pepper, q) @ self.target.T)).T
+        return inverse @ self.angular_jacobian(pepper, q)
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far the frame is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
+        return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the remaining rotation to the target in words, at q, shape (n,) [rad or m]."""
+        turn = words_for_turn(-self.residual(pepper, q), self._axes())
+        return f"an orientation {turn} from its target"
+
+    def _axes(self) -> str:
+        return "the world's axes"
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class FrameOrientation(OrientationTask):
+    """A frame has a given orientation: r(q) = log(R R_t^T), in the axes of the world.
+
+    |r| is the angle between the two orientations; see `OrientationTask` for dr/dq.
 
     Attributes:
         frame: A name of `pepper.frame_names`.
         target: R_t, the rotation matrix from frame to world, shape (3, 3), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
         yields: Whether the task before it in a list is preferred where not both can be met.
-        label: What is turned, in words; the frame's name if left empty.
     """
 
     frame: str
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
     yields: bool
-    label: str
-    unit: ClassVar[str] = "rad"
-    aspect: ClassVar[str] = "orientation"
-    target_axes: ClassVar[int] = 2
 
     def __init__(
         self,
@@ -66,38 +97,31 @@ class FrameOrientation(Task):
         yields: bool = False,
     ) -> None:
         name = label or str(frame)
-        self._fill(
-            name, weight, tolerance, hard,
-            frame=frame, label=name,
-            target=checked_rotation(target, f"orientation of {name}"),
-            yields=yields,
-        )  # fmt: skip
+        turned = checked_rotation(target, f"orientation of {name}")
+        super().__init__(
+            name, weight=weight, tolerance=tolerance, hard=hard, frame=frame, target=turned, yields=yields
+        )
 
-    def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return log(R R_t^T) [rad], shape (3,)."""
-        import pinocchio
+    def rotation(self, pepper: PepperModel, q: Array) -> Array:
+        """Return R of the frame, shape (3, 3)."""
+        return frame_pose(pepper, q, self.frame)[:3, :3]
 
-        return np.array(pinocchio.log3(self._turn(pepper, q)))
+    def angular_jacobian(self, pepper: PepperModel, q: Array) -> Array:
+        """Return J_w of the frame, shape (3, n)."""
+        return frame_jacobian(pepper, q, self.frame)[3:]
 
-    def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return L(r)^-1 J_w, shape (3, n)."""
-        import pinocchio
+    def _structure(self) -> Structure:
+        return frame_structure(FrameOrientation, self.frame, self.hard, 9)
 
-        # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
-        inverse = np.array(pinocchio.Jlog3(self._turn(pepper, q))).T
-        return inverse @ frame_jacobian(pepper, q, self.frame)[3:]
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return log(R R_t^T) and L(r)^-1 J_w."""
+        import casadi
 
-    def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
-        return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
-
-    def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the remaining rotation to the target in words, at q, shape (n,) [rad or m]."""
-        return f"an orientation {words_for_turn(-self.residual(pepper, q))} from its target"
-
-    def _turn(self, pepper: PepperModel, q: Array) -> Array:
-        """Return R R_t^T, shape (3, 3), at joint positions q, shape (n,) [rad or m]."""
-        return frame_pose(pepper, q, self.frame)[:3, :3] @ self.target.T
+        pose, jacobian = motion.frames[task.frame]
+        wanted = casadi.reshape(target, 3, 3)  # row-major numbers: this is R_t^T
+        residual, inverse = rotation_residual(pose[:, :3] @ wanted)
+        return residual, inverse @ jacobian[3:, :]
 
 
 def checked_rotation(matrix: ArrayLike, quantity: str) -> Array:

@@ -11,7 +11,8 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
 from pepper_kin.ik.tasks.frame_position import FramePosition
-from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task, TaskGroup, as_targets
+from pepper_kin.ik.tasks.structure import Array
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task, TaskGroup, as_targets
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -67,10 +68,7 @@ class FramePose(TaskGroup):
             frame, pose[..., :3, :3], orientation_weight, orientation_tolerance, name,
             hard=hard if orientation_hard is None else orientation_hard, yields=position_first,
         )  # fmt: skip
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "target", pose)
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "orientation", orientation)
+        vars(self).update(frame=frame, target=pose, position=position, orientation=orientation)
 
     @property
     def parts(self) -> tuple[Task, ...]:

@@ -3,43 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import (
-    POSITION_TOLERANCE,
-    Array,
-    Task,
-    as_targets,
-    words_for_length,
-    words_for_vector,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class FramePosition(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class FramePosition(PointTask):
     """The origin of a frame is at a point of the world: r(q) = o(q) - p, dr/dq = J_v, error |r| [m].
 
     Attributes:
         frame: A name of `pepper.frame_names`.
         target: The point p in the world [m], shape (3,), read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest distance of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        label: What is moved, in words; the frame's name if left empty.
     """
 
     frame: str
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    label: str
-    unit: ClassVar[str] = "m"
     aspect: ClassVar[str] = "position"
 
     def __init__(
@@ -53,25 +38,22 @@ class FramePosition(Task):
         hard: bool = False,
     ) -> None:
         name = label or str(frame)
-        self._fill(
-            name, weight, tolerance, hard,
-            frame=frame, label=name,
-            target=read_only(as_targets(target, f"target of {name}", (3,))),
-        )  # fmt: skip
+        point = read_only(as_targets(target, f"target of {name}", (3,)))
+        super().__init__(name, weight=weight, tolerance=tolerance, hard=hard, frame=frame, target=point)
 
-    def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return o(q) - p [m], shape (3,)."""
-        return frame_pose(pepper, q, self.frame)[:3, 3] - self.target
+    def place(self, pepper: PepperModel, q: Array) -> Array:
+        """Return o(q) [m], shape (3,)."""
+        return frame_pose(pepper, q, self.frame)[:3, 3]
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
         """Return J_v, shape (3, n)."""
         return frame_jacobian(pepper, q, self.frame)[:3]
 
-    def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the frame stops, in words, at q, shape (n,) [rad or m]."""
-        distance = words_for_length(self.error(pepper, q))
-        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+    def _structure(self) -> Structure:
+        return frame_structure(FramePosition, self.frame, self.hard)
 
-    def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the position of the frame in the world in words, at q, shape (n,) [rad or m]."""
-        return f"point {words_for_vector(frame_pose(pepper, q, self.frame)[:3, 3])}"
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return o(q) - p and J_v."""
+        pose, jacobian = motion.frames[task.frame]
+        return pose[:, 3] - target, jacobian[:3, :]

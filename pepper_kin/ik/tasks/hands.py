@@ -36,9 +36,6 @@ class HandPosition(FramePosition):
     Args:
         hand: "left" or "right".
         point: The point in the world [m], shape (3,).
-        weight: Weight in the sum of squares.
-        tolerance: Largest distance of a task that is met [m].
-        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         UnknownNameError: for another hand.
@@ -121,9 +118,6 @@ class PointAt(LineThroughPoint):
         hand: "left" or "right".
         point: The point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
         line: "forearm" or "arm".
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         UnknownNameError: for another hand.
@@ -153,9 +147,6 @@ class Point(AxisAlignment):
     Args:
         hand: "left" or "right".
         direction: Direction in the world, shape (3,), of any length but zero.
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         UnknownNameError: for another hand.

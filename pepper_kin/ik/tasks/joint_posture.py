@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.task import (
-    ANGLE_TOLERANCE,
-    Array,
-    Task,
-    as_targets,
-)
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, TargetTask, as_targets
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class JointPosture(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class JointPosture(TargetTask):
     """Joints are at given positions: r(q) = S q - target, dr/dq = S, where S selects the joints.
 
     The error is the largest deviation of one joint [rad, or m for a joint that slides].  With an infinite
@@ -33,21 +28,12 @@ class JointPosture(Task):
         target: Positions [rad or m], shape (n,) or one for each joint that `joints` stands for, read-only.
         joints: The joints meant, by names of joints and groups, such as `("right_arm", "HeadYaw")`; a group
             stands for its joints in the robot's order. None for all, in the robot's order.
-        weight: Weight in the sum of squares.
-        tolerance: Largest deviation of a task that is met [rad or m].
-        hard: Whether it is met even where soft tasks suffer from it.
-        frame: None: it acts on joints.
-        label: The posture, or its joints, in words.
     """
 
     target: Array
     joints: tuple[str, ...] | None
-    weight: float
-    tolerance: float
-    hard: bool
-    frame: None
-    label: str
     unit: ClassVar[str] = "rad"
+    largest: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -61,13 +47,10 @@ class JointPosture(Task):
         names = None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
         if names is not None and (not names or len(set(names)) < len(names)):
             raise InvalidValueError("joints of posture", list(names), "at least one joint, each once")
-        target = as_targets(q, "posture", (None,))
-        self._fill(
-            "posture", weight, tolerance, hard,
-            target=read_only(target),
-            joints=names,
-            frame=None,
-            label="posture" if names is None else f"posture of {', '.join(names)}",
+        target = read_only(as_targets(q, "posture", (None,)))
+        super().__init__(
+            "posture" if names is None else f"posture of {', '.join(names)}",
+            weight=weight, tolerance=tolerance, hard=hard, subject="posture", target=target, joints=names,
         )  # fmt: skip
 
     def indices(self, pepper: PepperModel) -> list[int]:
@@ -79,11 +62,7 @@ class JointPosture(Task):
         if self.joints is None:
             return self
         names = pepper.resolve_joints(self.joints)
-        if names == self.joints:
-            return self
-        other = copy.copy(self)
-        object.__setattr__(other, "joints", names)
-        return other
+        return self if names == self.joints else self.altered(joints=names)
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot that lacks a joint, or another number of positions than there are joints.
@@ -109,10 +88,6 @@ class JointPosture(Task):
         """Return S, shape (m, n) for m joints; q, shape (n,), is not used."""
         return np.eye(pepper.n)[self.indices(pepper)]
 
-    def size(self, residual: Array) -> float:
-        """Return the largest deviation [rad or m] of a residual, shape (m,)."""
-        return float(np.abs(residual).max())
-
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return in words the joint that is farthest from its target, at q, shape (n,) [rad or m]."""
         worst = int(np.argmax(np.abs(self.residual(pepper, q))))
@@ -131,3 +106,13 @@ class JointPosture(Task):
 
     def _one_unit(self, pepper: PepperModel) -> bool:
         return len({pepper.joint_units[i] for i in self.indices(pepper)}) == 1
+
+    def _structure(self) -> Structure:
+        joints, size = self.joints or (), self.target.shape[-1]
+        return Structure(JointPosture, joints=joints, target_size=size, hard=self.hard)
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return S q - target and S."""
+        positions, selection = motion.joints(task.joints)
+        return positions - target, selection

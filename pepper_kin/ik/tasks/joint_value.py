@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.joint_posture import JointPosture
+from pepper_kin.ik.tasks.structure import Array
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
-    Array,
     as_targets,
     checked_hard,
     checked_tolerance,
@@ -24,9 +24,6 @@ class JointValue(JointPosture):
     Args:
         joint: A name of `pepper.joint_names`.
         value: Where it should be [rad or m], a number, or N of them, shape (N,), for `solve_batch`.
-        weight: Weight in the sum of squares.
-        tolerance: Largest deviation of a task that is met [rad or m].
-        hard: Whether it is met even where soft tasks suffer from it.
 
     Raises:
         InvalidValueError: for a value that is not a number, NaN or infinite.

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
-from pepper_kin.ik.tasks.direction import turn_between
-from pepper_kin.ik.tasks.look_at import NEAREST
+from pepper_kin.ik.tasks import symbolic_angles
+from pepper_kin.ik.tasks.direction import NEAREST, turn_between, unit_and_length
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
-    Array,
-    Task,
+    TargetTask,
     as_targets,
     words_for_angle,
     words_for_vector,
@@ -24,8 +24,8 @@ from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel, kept_for_robot
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class LineThroughPoint(Task):
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class LineThroughPoint(TargetTask):
     """The line from the origin of one frame through that of another meets a point p beyond the second.
 
     With a the origin of `start`, b that of `frame`, w = (b - a) / |b - a| and u = (p - b) / |p - b|,
@@ -44,10 +44,6 @@ class LineThroughPoint(Task):
         start: Where the line begins, a name of `pepper.frame_names`.
         frame: What it goes through next, another one, at another place.
         target: The point p in the world [m], shape (3,), or (N, 3) for `solve_batch`, read-only.
-        weight: Weight in the sum of squares.
-        tolerance: Largest angle of a task that is met [rad].
-        hard: Whether it is met even where soft tasks suffer from it.
-        label: What points, in words; both frames' names if left empty.
 
     Raises:
         InvalidValueError: for one frame twice or a point that is none; where it is used, for two frames that
@@ -57,10 +53,6 @@ class LineThroughPoint(Task):
     start: str
     frame: str
     target: Array
-    weight: float
-    tolerance: float
-    hard: bool
-    label: str
     unit: ClassVar[str] = "rad"
     aspect: ClassVar[str] = "line"
 
@@ -78,11 +70,10 @@ class LineThroughPoint(Task):
         if start == frame:
             raise InvalidValueError("start and frame", f"{frame!r} twice", "two different frames")
         name = label or f"{start} to {frame}"
-        self._fill(
-            name, weight, tolerance, hard,
-            start=start, frame=frame, label=name,
-            target=read_only(as_targets(point, f"point of {name}", (3,))),
-        )  # fmt: skip
+        target = read_only(as_targets(point, f"point of {name}", (3,)))
+        super().__init__(
+            name, weight=weight, tolerance=tolerance, hard=hard, frame=frame, start=start, target=target
+        )
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without one of the frames, or on which both are at the same place."""
@@ -119,13 +110,29 @@ class LineThroughPoint(Task):
         """Return w, shape (3,), and |b - a| [m], u, shape (3,), and |p - b| [m], at q, shape (n,)."""
         first = frame_pose(pepper, q, self.start)[:3, 3]
         second = frame_pose(pepper, q, self.frame)[:3, 3]
-        return _direction(second - first), _direction(self.target - second)
+        return unit_and_length(second - first), unit_and_length(self.target - second)
 
+    def _structure(self) -> Structure:
+        return frame_structure(LineThroughPoint, self.frame, self.hard, reference=self.start)
 
-def _direction(line: Array) -> tuple[Array, float]:
-    """Return the unit vector of a line, shape (3,) [m], and its length [m]; x and NEAREST if shorter."""
-    length = float(np.linalg.norm(line))
-    return (line / length, length) if length >= NEAREST else (np.array([1.0, 0.0, 0.0]), NEAREST)
+    @staticmethod
+    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+        """Return which joints carry one of the frames, shape (n,)."""
+        used = np.zeros(pepper.n, dtype=bool)
+        used[pepper.joints_above(task.frame) + pepper.joints_above(task.reference)] = True
+        return used
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return the turn still to make and dr/dw dw/dq + dr/du du/dq."""
+        pose, jacobian = motion.frames[task.frame]
+        start, other = motion.frames[task.reference]
+        along, length = symbolic_angles.unit_and_length(pose[:, 3] - start[:, 3])
+        sight, distance = symbolic_angles.unit_and_length(target - pose[:, 3])
+        residual, by_along, by_sight = symbolic_angles.turn_between(along, sight)
+        swing = (by_along - (by_along @ along) @ along.T) / length
+        across = (by_sight - (by_sight @ sight) @ sight.T) / distance
+        return residual, (swing - across) @ jacobian[:3, :] - swing @ other[:3, :]
 
 
 def _across(direction: Array, jacobian: Array) -> Array:

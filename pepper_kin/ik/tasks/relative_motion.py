@@ -4,10 +4,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.ik.tasks.structure import Array, Structure, joints_that_change
+from pepper_kin.ik.tasks.task import TargetTask
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
+
+
+class RelativeTask(TargetTask):
+    """A task on one frame as seen from another."""
+
+    frame: str
+    reference: str
+
+    def check(self, pepper: PepperModel) -> None:
+        """Refuse a robot without one of the frames."""
+        pepper.frame_id(self.frame)
+        pepper.frame_id(self.reference)
+
+    @staticmethod
+    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+        """Return which joints move one frame as seen from the other, shape (n,)."""
+        return joints_that_change(pepper, lambda q: relative_jacobian(pepper, q, task.frame, task.reference))
+
+
+def words_for_pair(frame: str, reference: str) -> str:
+    """Return "a seen from b".
+
+    Raises:
+        InvalidValueError: where both are the same.
+    """
+    if frame == reference:
+        raise InvalidValueError("frame and reference", f"{frame!r} twice", "two different frames")
+    return f"{frame} seen from {reference}"
 
 
 def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> tuple[Array, Array]:

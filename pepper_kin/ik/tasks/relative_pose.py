@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.frame_pose import checked_pose
-from pepper_kin.ik.tasks.relative_motion import relative_pose
+from pepper_kin.ik.tasks.relative_motion import relative_pose, words_for_pair
 from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
-from pepper_kin.ik.tasks.relative_position import RelativePosition, words_for_pair
-from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task, TaskGroup
+from pepper_kin.ik.tasks.relative_position import RelativePosition
+from pepper_kin.ik.tasks.structure import Array
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
 
@@ -77,19 +78,17 @@ class RelativePose(TaskGroup):
         if without not in (None, "position", "orientation"):
             raise InvalidValueError("without", repr(without), "'position', 'orientation' or None")
         pose = checked_pose(target, f"target of {name}")
-        position = RelativePosition(
-            frame, reference, pose[..., :3, 3], weight, tolerance, name, hard=hard
-        )  # fmt: skip
+        position = RelativePosition(frame, reference, pose[..., :3, 3], weight, tolerance, name, hard=hard)
         orientation = RelativeOrientation(
             frame, reference, pose[..., :3, :3], orientation_weight, orientation_tolerance, name,
             hard=hard if orientation_hard is None else orientation_hard,
             yields=position_first and without is None,
         )  # fmt: skip
-        object.__setattr__(self, "frame", frame)
-        object.__setattr__(self, "reference", reference)
-        object.__setattr__(self, "target", pose)
-        object.__setattr__(self, "position", None if without == "position" else position)
-        object.__setattr__(self, "orientation", None if without == "orientation" else orientation)
+        vars(self).update(
+            frame=frame, reference=reference, target=pose,
+            position=None if without == "position" else position,
+            orientation=None if without == "orientation" else orientation,
+        )  # fmt: skip
 
     @classmethod
     def as_at(cls, pepper: PepperModel, q: ArrayLike, frame: str, reference: str, **options: Any) -> Self:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 from abc import ABC, abstractmethod
-from typing import ClassVar, Self, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.ik.tasks.structure import Array, Motion, Structure
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_real, shown
-
-Array: TypeAlias = NDArray[np.float64]
 
 POSITION_TOLERANCE = 1e-3
 ANGLE_TOLERANCE = math.radians(0.5)
@@ -46,6 +47,9 @@ class Task(FrozenArrays, ABC):
         aspect: What of `label` the task is about, such as "position"; empty where the label says all.
         target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
         target_axes: Number of axes of one target.
+        largest: Whether the error is the largest component of r, not its length.
+        has_machine_code: Whether the class, or the one of the library that it is derived from, has an
+            `expression`; if not, solvers evaluate it in Python.
     """
 
     frame: str | None
@@ -58,19 +62,15 @@ class Task(FrozenArrays, ABC):
     aspect: ClassVar[str] = ""
     target_name: ClassVar[str] = "target"
     target_axes: ClassVar[int] = 1
+    largest: ClassVar[bool] = False
+    has_machine_code: ClassVar[bool] = False
 
-    def _fill(self, name: str, weight: float, tolerance: float, hard: bool, **fields: object) -> None:
-        """Set the fields of a new task, which is frozen; `name` is what messages call it.
-
-        Raises:
-            InvalidValueError: for a weight, a tolerance or a hardness that is none.
-        """
-        vars(self).update(
-            fields,
-            weight=checked_weight(weight, name),
-            tolerance=checked_tolerance(tolerance, name, self.unit),
-            hard=checked_hard(hard, name),
-        )
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # A class derived from one of the library's may have another residual than the compiled one.
+        own = (getattr(cls, name, None) for name in ("expression", "residual", "jacobian", "size"))
+        ours = all(getattr(part, "__module__", "").startswith("pepper_kin.") for part in own)
+        cls.has_machine_code = ours and cls.expression is not Task.expression
 
     @property
     def count(self) -> int | None:
@@ -88,19 +88,22 @@ class Task(FrozenArrays, ABC):
         """s_i: the weight, times HARD_WEIGHT where the task is hard."""
         return HARD_WEIGHT * self.weight if self.hard else self.weight
 
+    def altered(self, **attributes: object) -> Self:
+        """Return the task with other values of attributes, which are not checked."""
+        other = copy.copy(self)
+        for name, value in attributes.items():
+            object.__setattr__(other, name, value)
+        return other
+
     def weighted(self, factor: float) -> Self:
         """Return the task with its weight multiplied."""
-        other = copy.copy(self)
-        object.__setattr__(other, "weight", factor * self.weight)
-        return other
+        return self.altered(weight=factor * self.weight)
 
     def at(self, row: int) -> Self:
         """Return the task with one of its N targets; the task itself where it has only one."""
         if self.count is None:
             return self
-        one = copy.copy(self)
-        object.__setattr__(one, self.target_name, read_only(getattr(self, self.target_name)[row]))
-        return one
+        return self.altered(**{self.target_name: read_only(getattr(self, self.target_name)[row])})
 
     def on(self, pepper: PepperModel) -> Self:
         """Return the task for a robot, with groups of joints replaced by their joints."""
@@ -136,8 +139,8 @@ class Task(FrozenArrays, ABC):
         return self.unit
 
     def size(self, residual: Array) -> float:
-        """Return the error of a residual, shape (m,) [unit]: |r|, unless a task defines another."""
-        return float(np.linalg.norm(residual))
+        """Return the error of a residual, shape (m,) [unit]: |r|, or its largest component if `largest`."""
+        return float(np.abs(residual).max() if self.largest else np.linalg.norm(residual))
 
     def error(self, pepper: PepperModel, q: Array) -> float:
         """Return how far q, shape (n,) [rad or m], is from meeting the task [unit]."""
@@ -150,6 +153,128 @@ class Task(FrozenArrays, ABC):
     @abstractmethod
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
+
+    def structure(self) -> Structure | None:
+        """Return what machine code is compiled for; None where the task is evaluated in Python."""
+        return self._structure() if self.has_machine_code else None
+
+    def _structure(self) -> Structure | None:
+        """Return the structure of a task of a class with an `expression`."""
+        raise NotImplementedError(f"{type(self).__name__} has an expression and no structure")
+
+    @staticmethod
+    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+        """Return r and dr/dq as CasADi expressions, the same as `residual` and `jacobian` compute.
+
+        Args:
+            task: The structure of the task.
+            motion: Frames and center of mass of the robot.
+            target: Symbols of the numbers that describe the target, as `target_of` flattens it.
+        """
+        raise NotImplementedError("a task without machine code")
+
+    @staticmethod
+    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+        """Return which joints the expression depends on, shape (n,): those on the way to the frame, or named.
+
+        Whether a column vanishes by some symmetry is left to the search, which leaves the joint where it is.
+        """
+        used = np.zeros(pepper.n, dtype=bool)
+        names = task.joints or pepper.joint_names
+        used[pepper.joints_above(task.frame) if task.frame else [pepper.joint_index(x) for x in names]] = True
+        return used
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
+class TargetTask(Task):
+    """A task of the library: weight, tolerance, hardness and label are set, checked and described here.
+
+    A derived class states what else it is made of.  Where these have other defaults, or may be given by
+    place, its constructor says so.
+    """
+
+    weight: float = 1.0
+    tolerance: float = POSITION_TOLERANCE
+    hard: bool = False
+    label: str = ""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if cls.__doc__:
+            cls.__doc__ = f"{inspect.cleandoc(cls.__doc__)}\n\n{_COMMON}"
+
+    def __init__(
+        self,
+        label: str,
+        *,
+        weight: float = 1.0,
+        tolerance: float = POSITION_TOLERANCE,
+        hard: bool = False,
+        subject: str = "",
+        frame: str | None = None,
+        **attributes: object,
+    ) -> None:
+        """Set all attributes of a new task, which is frozen.
+
+        Args:
+            label: What the task moves, in words.
+            weight: See `Task`.
+            tolerance: See `Task`.
+            hard: See `Task`.
+            subject: What messages call it; the label if omitted.
+            frame: The frame that it acts on; None where it acts on joints.
+            attributes: Those of the derived class, checked.
+
+        Raises:
+            InvalidValueError: for a weight, a tolerance or a hardness that is none.
+        """
+        name = subject or label
+        vars(self).update(
+            attributes,
+            frame=frame,
+            label=label,
+            weight=checked_weight(weight, name),
+            tolerance=checked_tolerance(tolerance, name, self.unit),
+            hard=checked_hard(hard, name),
+        )
+
+    def __repr__(self) -> str:
+        names = [field.name for field in fields(self)]
+        first = len(fields(TargetTask))
+        values = [f"{name}={getattr(self, name)!r}" for name in (*names[first:], *names[:first])]
+        return f"{type(self).__qualname__}({', '.join(values)})"
+
+
+_COMMON = """Attributes of all tasks:
+    weight: Weight in the sum of squares.
+    tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
+    hard: Whether it is met even where soft tasks suffer from it.
+    label: What the task moves, in words; if it may be given, and is left empty, the frames' names."""
+
+
+class PointTask(TargetTask):
+    """A place has to be at a point: r(q) = place(q) - target, error |r| [m]."""
+
+    target: Array
+    unit: ClassVar[str] = "m"
+    ground: ClassVar[str] = ""
+
+    @abstractmethod
+    def place(self, pepper: PepperModel, q: Array) -> Array:
+        """Return the place, shape of the target [m], at joint positions q, shape (n,) [rad or m]."""
+
+    def residual(self, pepper: PepperModel, q: Array) -> Array:
+        """Return place(q) - target [m], shape of the target."""
+        return np.asarray(self.place(pepper, q) - self.target)
+
+    def shortfall(self, pepper: PepperModel, q: Array) -> str:
+        """Return how far from the point the place is, in words, at q, shape (n,) [rad or m]."""
+        distance = words_for_length(self.error(pepper, q))
+        return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
+
+    def attained(self, pepper: PepperModel, q: Array) -> str:
+        """Return the place in words, at joint positions q, shape (n,) [rad or m]."""
+        return f"point {words_for_vector(self.place(pepper, q))}{self.ground}"
 
 
 class TaskGroup(FrozenArrays, ABC):

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.ik.tasks.direction import PARALLEL
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.ik.tasks.direction import NEAREST, PARALLEL
+from pepper_kin.ik.tasks.structure import Array
 
 # Degree of the polynomial for atan(x)/x in x^2; the error is below 1e-15.
 DEGREE = 11
@@ -30,6 +30,15 @@ def skew(vector: Any) -> Any:
     matrix[0, 1], matrix[0, 2], matrix[1, 2] = -z, y, -x
     matrix[1, 0], matrix[2, 0], matrix[2, 1] = z, -y, x
     return matrix
+
+
+def unit_and_length(line: Any) -> tuple[Any, Any]:
+    """Return the unit vector of a line and its length as `pepper_kin.ik.tasks.direction.unit_and_length`."""
+    import casadi
+
+    length = casadi.sqrt(casadi.sumsqr(line))
+    distance, near = casadi.fmax(length, NEAREST), length < NEAREST
+    return (1 - near) * line / distance + near * np.array([1.0, 0.0, 0.0]), distance
 
 
 def angle_over_sine(cosine: Any) -> Any:

@@ -1,0 +1,126 @@
+"""Structure of tasks, which machine code is compiled for, and motion, which expressions are written in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.model import PepperModel
+
+if TYPE_CHECKING:
+    from pepper_kin.ik.tasks.task import Task
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+class Structure(NamedTuple):
+    """The part of a task that code is compiled for; tasks alike share one.
+
+    Attributes:
+        kind: The task's class, whose `expression` is compiled.
+        frame: Name of the frame; empty where the task acts on joints.
+        axis: Axis in the frame, or normal in the world, for tasks that have one.
+        joints: Names of the joints, for a posture; empty for all.
+        target_size: Numbers that describe the target.
+        reference: Name of the frame that `frame` or the center of mass is seen from, or where a line begins;
+            empty for the world.
+        corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
+        hard: Whether the task is hard.
+        source: Of an expression, see `Expression.source`.
+    """
+
+    kind: type[Task]
+    frame: str = ""
+    axis: tuple[float, ...] = ()
+    joints: tuple[str, ...] = ()
+    target_size: int = 3
+    reference: str = ""
+    corners: tuple[float, ...] = ()
+    hard: bool = False
+    source: str = ""
+
+
+@lru_cache(maxsize=4096)
+def frame_structure(
+    kind: type[Task], frame: str, hard: bool, target_size: int = 3, axis: bytes = b"", reference: str = ""
+) -> Structure:
+    """Return the structure of a task on a frame; to make it again takes as long as some steps."""
+    return Structure(kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard)
+
+
+def known_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
+    """Return the structure of each task; None where there is no machine code for one of them."""
+    found = []
+    for task in tasks:
+        structure = task.structure()
+        if structure is None:
+            return None
+        found.append(structure)
+    return tuple(found)
+
+
+def target_of(task: Task) -> Array:
+    """Return the numbers that describe a task's target, flat."""
+    target: Array = getattr(task, task.target_name)
+    return target if target.ndim == 1 else target.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What expressions of tasks are written in.
+
+    Attributes:
+        pepper: The robot.
+        q: Joint positions, shape (n,).
+        frames: Pose (3, 4) and Jacobian (6, n) of each frame.
+    """
+
+    pepper: PepperModel
+    q: Any
+    frames: Mapping[str, tuple[Any, Any]]
+
+    @cached_property
+    def center(self) -> tuple[Any, Any]:
+        """The center of mass (3) and its Jacobian (3, n)."""
+        from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
+
+        return center_of_mass(self.pepper)(self.q), center_of_mass_jacobian(self.pepper)(self.q)
+
+    def joints(self, names: Sequence[str]) -> tuple[Any, Any]:
+        """Return the positions of joints and their derivative by q; of all joints for no names."""
+        import casadi
+
+        rows = [self.pepper.joint_index(name) for name in names or self.pepper.joint_names]
+        return self.q[rows], casadi.SX(casadi.sparsify(casadi.DM(np.eye(self.pepper.n)[rows])))
+
+    def without(self, jacobian: Any, moving: np.ndarray) -> Any:
+        """Return a Jacobian with structural zeros for the joints that are not moving, shape (n,)."""
+        import casadi
+
+        rows = jacobian.shape[0]
+        columns = [jacobian[:, k] if moving[k] else casadi.SX(rows, 1) for k in range(self.pepper.n)]
+        return casadi.horzcat(*columns)
+
+
+def generic_configurations(pepper: PepperModel) -> list[Array]:
+    """Return two configurations at which no expression of q vanishes that does not always vanish."""
+    span = np.minimum(pepper.upper_limits, np.pi) - np.maximum(pepper.lower_limits, -np.pi)
+    low = np.maximum(pepper.lower_limits, -np.pi)
+    shares = 1 - 0.2 * np.sin(np.arange(pepper.n))
+    return [low + fraction * span * shares for fraction in (0.3819, 0.7236)]
+
+
+def joints_that_change(pepper: PepperModel, derivative: Callable[[Array], Array]) -> np.ndarray:
+    """Return which joints have a column in a derivative, shape (k, n), that is not always zero, shape (n,).
+
+    Joints on the way to both of two frames carry them alike; what is left of their columns is rounding.
+    """
+    used = np.zeros(pepper.n, dtype=bool)
+    for q in generic_configurations(pepper):
+        used |= np.abs(derivative(q)).max(axis=0) > 1e-9
+    return used
