@@ -152,7 +152,7 @@ def shipped_parts(
     Args:
         portable: The portable code, of which it is made.
         tell: Called with the name of what is made next.
-        rebuild: Whether to make what the package's files have already.
+        rebuild: Whether to make what the package's files have already, for the first of the processors.
     """
     with used(portable), recorded(rebuild) as recording:
         tell("the everyday calls")

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import _dynfunc, njit, types
+from numba import _dynfunc, njit, types  # type: ignore[attr-defined]
 from numba.core import cgutils, codegen, compiler, funcdesc, typing
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target

@@ -168,7 +168,8 @@ class Recording:
     """
 
     def __init__(self, rebuild: bool) -> None:
-        self.parts: dict[str, dict[str, tuple[str, bytes]]] = {baseline: {} for baseline in BASELINES}
+        baselines = list(BASELINES)[: 1 if rebuild else None]
+        self.parts: dict[str, dict[str, tuple[str, bytes]]] = {baseline: {} for baseline in baselines}
         self._rebuild = rebuild
 
     def obtain(self, name: str, key: str, make: Callable[[Target], bytes]) -> Part:
@@ -189,7 +190,7 @@ def recorded(rebuild: bool = False) -> Iterator[Recording]:
     """Make everything for the baseline processors, and collect what is requested.
 
     Args:
-        rebuild: Whether to make what the package's files have already.
+        rebuild: Whether to make what the package's files have already, for the first of the processors.
     """
     global _recording
     _recording = Recording(rebuild)
