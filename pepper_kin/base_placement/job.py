@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.base_placement.moving_base import BASE_JOINTS, moving_base, wrapped
 from pepper_kin.base_placement.score import PlacementWeights, Scorer
 from pepper_kin.base_placement.task_sets import Given, task_sets
@@ -17,7 +18,6 @@ from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import movable_joints
 from pepper_kin.ik.tasks.carrying import with_loads
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,

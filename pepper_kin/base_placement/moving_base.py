@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.load import model_of
 from pepper_kin.model.wheels import BASE_JOINTS, on_planar_base

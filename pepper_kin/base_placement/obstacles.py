@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.load import model_of
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.base_placement.job import Job, make_job
 from pepper_kin.base_placement.moving_base import wrapped
 from pepper_kin.base_placement.obstacles import obstacle_clearance
@@ -21,7 +22,6 @@ from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.result import IKResult, IKStatus
 from pepper_kin.ik.solve import solve
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_whole
 

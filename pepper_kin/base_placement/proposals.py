@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.base_placement.moving_base import MovingBase, wrapped
 from pepper_kin.base_placement.obstacles import touches_obstacles
 from pepper_kin.base_placement.task_sets import TaskSet
 from pepper_kin.ik.batch import solve_batch
 from pepper_kin.ik.tasks import FramePosition
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kinematics import frame_pose
 
 if TYPE_CHECKING:

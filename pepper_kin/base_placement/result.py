@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
 from pepper_kin.ik.result import CONFLICT_ADVICE, NOT_EXAMINED, IKResult, listed
-from pepper_kin.ik.tasks.task import Array, words_for_angle, words_for_length
+from pepper_kin.ik.tasks.task import words_for_angle, words_for_length
 from pepper_kin.status import ResultStatus
 
 

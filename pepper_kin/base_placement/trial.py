@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.base_placement.moving_base import MovingBase
 from pepper_kin.base_placement.score import Scorer
 from pepper_kin.base_placement.task_sets import TaskSet
 from pepper_kin.ik.batch import solve_batch
-from pepper_kin.ik.tasks.task import Array
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

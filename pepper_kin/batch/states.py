@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch.kernels_of import kernel
 from pepper_kin.core.plain_vectors import MOST_SQUARED, are_three_plain, are_two_plain, is_plain
 from pepper_kin.exceptions import InvalidValueError
@@ -22,7 +23,6 @@ KERNEL_FROM = 24
 WIDE_FROM = 10_000
 """Number of states from which on code for the widest vectors of the processor is worth making."""
 
-Array = NDArray[np.float64]
 
 _ABSENT: Any = object()
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.bodies import WORLD, Body, GeometryType, bodies, checked_pairs
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
-
-Array = NDArray[np.float64]
 
 
 class CheckedShapes:

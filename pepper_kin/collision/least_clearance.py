@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
@@ -16,7 +17,6 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _FIRST = 64  # configurations in one of the stretches that the search starts from

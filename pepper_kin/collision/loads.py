@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import dynamics, kinematics
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -28,7 +28,6 @@ from pepper_kin.model.joint_vectors import shown
 if TYPE_CHECKING:
     from pepper_kin.collision.scene import Scene
 
-Array = NDArray[np.float64]
 
 AtFrames: TypeAlias = tuple[tuple[str, float], ...]
 """A positive number for each of some frames."""

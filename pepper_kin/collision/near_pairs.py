@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision.distances import NearTable, ShapeTable, find_near, slopes
@@ -17,8 +18,6 @@ from pepper_kin.core.kinematic_tree import place_joints
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

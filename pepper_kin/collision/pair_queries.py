@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_shapes import CheckedShapes
-
-Array = NDArray[np.float64]
 
 MOST_KEPT = 20_000
 """Most pairs that Pinocchio keeps requests and results of: its table of pairs grows with the square of the

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.solids import ConvexMesh, PointCloud, SceneGeometry, TriangleMesh
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-
-Array = NDArray[np.float64]
 
 
 class UniformSolid(NamedTuple):

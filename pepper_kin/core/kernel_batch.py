@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_batch
 
 if TYPE_CHECKING:
     from pepper_kin.kernels import Kernel
 
-Array = NDArray[np.float64]
 
 _WORDS = 8
 

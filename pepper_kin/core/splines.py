@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled("void(float64[::1], float64[:, :, ::1], float64[::1], float64[:, :, ::1])")

@@ -7,8 +7,9 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import wrench_about_origin
 from pepper_kin.dynamics.center_of_mass import share_of_moving
@@ -17,8 +18,6 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
 pinocchio = lazy_module("pinocchio")
-
-Array = NDArray[np.float64]
 
 
 def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:

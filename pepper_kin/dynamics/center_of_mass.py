@@ -6,8 +6,9 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import center_of_all
 from pepper_kin.dynamics.mass import mass_of_some
@@ -15,8 +16,6 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
 pinocchio = lazy_module("pinocchio")
-
-Array = NDArray[np.float64]
 
 
 def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:

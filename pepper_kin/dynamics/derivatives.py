@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import all_over_states, state_data
 from pepper_kin.core.plain_vectors import is_finite
 from pepper_kin.dynamics.forward import forward_dynamics
@@ -15,8 +16,6 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
 pinocchio = lazy_module("pinocchio")
-
-Array = NDArray[np.float64]
 
 
 class InverseDynamicsDerivatives(NamedTuple):

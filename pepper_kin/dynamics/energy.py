@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
 
 pinocchio = lazy_module("pinocchio")
-
-Array = NDArray[np.float64]
 
 
 def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.lazy_names import lazy_module
@@ -14,8 +15,6 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_batch, as_joint_vectors
 
 pinocchio = lazy_module("pinocchio")
-
-Array = NDArray[np.float64]
 
 
 def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, ArrayLike]) -> Array:

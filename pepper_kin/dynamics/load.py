@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pepper_kin.arrays import Array
 
 PARAMETERS = 10
 """Inertial parameters of a load as machine code takes them: mass m [kg], first moments h = m c [kg m], and
@@ -13,8 +14,6 @@ xx, xy, xz, yy, yz, zz of the second moments Sigma = sum(m x x^T) [kg m^2], abou
 
 STATIC_PARAMETERS = 4
 """The first so many count at rest: m and h."""
-
-Array = NDArray[np.float64]
 
 
 class Load(NamedTuple):

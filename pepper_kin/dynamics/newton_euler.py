@@ -14,8 +14,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -24,7 +25,6 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 GRAVITY = np.array([0.0, 0.0, -9.81])
 _CHUNK = 1000  # states at once, which keeps them in the processor's caches
 
-Array = NDArray[np.float64]
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states
 from pepper_kin.dynamics.zero_moment_point import zero_moment_point
 from pepper_kin.exceptions import InvalidValueError
@@ -16,7 +17,6 @@ from pepper_kin.model.joint_vectors import as_finite
 
 pinocchio = lazy_module("pinocchio")
 
-Array = NDArray[np.float64]
 
 WHEEL_CONTACTS = ((0.09, 0.155), (-0.17, 0.0), (0.09, -0.155))
 """Where Pepper's three wheels touch the floor, x and y in `base_footprint` [m], counter-clockwise."""

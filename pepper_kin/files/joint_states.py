@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
 from pepper_kin.files.motion_points import NANOSECONDS
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 
 IGNORED = ("LHand", "RHand", "WheelFL", "WheelFR", "WheelB")
 """Joints that Pepper reports and that most of our models do not move."""

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import State, Trajectory, sample_times
 
-Array = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]
 
 NANOSECONDS = 1_000_000_000

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import atomic_file
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_reading import plain_whole, read_text
@@ -24,8 +24,6 @@ from pepper_kin.files.sampled_motion import (
 )
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 STEP = 0.01
 """Time between points that is tried first [s]."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_reading import is_real_text
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.interpolation import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def check_joint_names(

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import atomic_file
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName, as_path
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_reading import plain_number, read_json, read_text, repeated
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.quantities import UNITS, unit_of
-
-Array = NDArray[np.float64]
 
 TIME = "time"
 COLUMNS_FILE = "columns.json"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.certificate import CertificateInputs
@@ -25,7 +26,7 @@ from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reaso
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.structure import known_structures
-from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,

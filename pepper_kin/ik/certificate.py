@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.problem import Problem, make_problem
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
-from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:

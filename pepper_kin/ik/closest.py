@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks
 from pepper_kin.ik.fast.search import BatchSearch, FastSolver, search_compiled
 from pepper_kin.ik.problem import Problem, SearchBudget
-from pepper_kin.ik.tasks.task import Array
 
 STARTS, STEPS = 128, 60
 """Further starts, and steps from each at most.  Of 1200 answers one then missed the least cost known by more

@@ -10,10 +10,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kernels.interrupts import STOPPED
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel

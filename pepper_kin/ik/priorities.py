@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.solvers import make_solver
-from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Array, Task
+from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task
 
 # Weight of a preference that keeps no task of weight 1 from its tolerance: a joint 1 rad away from where
 # it is preferred shifts that task by some hundredths of a millimeter.

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start
 from pepper_kin.ik.tasks.carrying import with_loads
-from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_seed, check_whole
 

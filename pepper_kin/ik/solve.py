@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import CertificateInputs
@@ -36,7 +37,7 @@ from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
 from pepper_kin.ik.tasks.carrying import with_loads
-from pepper_kin.ik.tasks.task import Array, Task, TaskGroup
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import batch, dynamics, kinematics, symbolic
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics import newton_euler
 from pepper_kin.exceptions import ModelError
 from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
@@ -26,8 +26,6 @@ STEP = 1e-3
 """Step of finite differences along directions of norm one [rad or m, rad/s or m/s]."""
 SMALLEST_SHARE = {AGREEMENT_LIMIT: 1e-5, DIFFERENCE_LIMIT: 1e-4}
 """Errors are relative to a joint's own values, but to no less than this share of the largest joint's."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import check_positive
@@ -17,8 +17,6 @@ from pepper_kin.model.text_table import text_table
 from pepper_kin.motion import gesture
 from pepper_kin.twin import ActuatorParameters, Twin, actuator_parameters
 from pepper_kin.twin.actuators import TORQUE
-
-Array = NDArray[np.float64]
 
 SECONDS = 1.0
 TIMESTEPS = (4e-4, 2e-4, 1e-4)  # [s]

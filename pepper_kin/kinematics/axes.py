@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics.frames import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite
-
-Array = NDArray[np.float64]
 
 _AXES = {
     "+x": (1.0, 0.0, 0.0),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import batch
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import write_bytes
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays
@@ -38,8 +39,6 @@ _ARRAYS = {
     "seed": ("i", 0),
 }
 """Kinds of the numbers in a file, and how many axes they have."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

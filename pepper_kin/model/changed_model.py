@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.urdf_document import MOST, parse_urdf
@@ -17,7 +18,6 @@ from pepper_kin.model.urdf_document import MOST, parse_urdf
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
-Array = NDArray[np.float64]
 JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
 
 

@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_batch, check_choice
 from pepper_kin.model.shapes import rotation_rpy
-
-Array = NDArray[np.float64]
 
 ORDERS = ("xyzw", "wxyz")
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import ik
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, checker_for
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
@@ -21,8 +22,6 @@ from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.status import ResultStatus
-
-Array = NDArray[np.float64]
 
 JUMP = 0.35
 """Largest change of a joint from one stop to the next [rad or m]: more is another posture, not a motion."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.fast import CompiledValidity, StaticLoads, fast_checker_for
@@ -26,8 +27,6 @@ from pepper_kin.core.collision.layout import EDGE_NUMBERS, STATES_AT_ONCE
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.static_limits import StaticLimits
-
-Array = NDArray[np.float64]
 
 LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
@@ -35,8 +35,6 @@ from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.trajectory.path import as_cubic_path
-
-Array = NDArray[np.float64]
 
 PLANNER = "cbirrt"
 SHORTCUTS = 60

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.problem import PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
-
-Array = NDArray[np.float64]
 
 FEWEST_PIECES = 8
 MOST_PIECES = 1024

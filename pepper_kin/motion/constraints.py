@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
-from pepper_kin.ik.tasks.structure import Array, Structure, known_structures, target_of
+from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 

@@ -8,9 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -26,8 +27,6 @@ from pepper_kin.motion.problem import PathProblem, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.waypoints import way_through
 from pepper_kin.trajectory.path import as_cubic_path
-
-Array = NDArray[np.float64]
 
 PLANNER = "rrt_connect"
 SEARCHES = 2

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.curve_check import MotionCheck, blocked, is_clear
 from pepper_kin.core.splines import bounded_cubic_spline
@@ -41,8 +41,6 @@ from pepper_kin.planners.tree_growth import (
 )
 from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME
-
-Array = NDArray[np.float64]
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
 """Short-cuts tried before other goals are, what each has to save, and what another goal has to, as parts of

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST, count_intervals
@@ -18,8 +19,6 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.motion.examination import cut, hull_of
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
-
-Array = NDArray[np.float64]
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"
 MOST_STATES = 4_000_000

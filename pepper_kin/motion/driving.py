@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS, Wheels
@@ -25,8 +26,6 @@ from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, PathProblem
 from pepper_kin.planners.smooth import power_basis
 from pepper_kin.trajectory.path import CubicPath
-
-Array = NDArray[np.float64]
 
 SPACINGS = (0.2, 0.1, 0.05)
 """Distances of a spline's control points along a drive, in turning radii, to be tried in turn."""

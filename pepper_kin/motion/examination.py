@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.curve_check import (
     Intervals,
     count_intervals,
@@ -12,8 +13,6 @@ from pepper_kin.core.collision.curve_check import (
     write_intervals,
 )
 from pepper_kin.motion.checks import Checks
-
-Array = NDArray[np.float64]
 
 
 class Examiner:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
@@ -15,8 +15,6 @@ from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.motion.gesture_scores import SCORES, Score
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.enforce_limits import enforce_limits
-
-Array = NDArray[np.float64]
 
 SIDES = ("right", "left")
 LARGEST_AMPLITUDE = 1.25

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.curve_check import MotionCheck, _check_states, _held, blocked, kept_margins
 from pepper_kin.core.collision.gjk import FREE
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
@@ -26,8 +26,6 @@ from pepper_kin.core.inverse_kinematics.search import (
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from pepper_kin.planners.sampling import uniform
-
-Array = NDArray[np.float64]
 
 GOALS = 4
 """Solutions that are kept at most."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -27,8 +28,6 @@ from pepper_kin.motion.planners_code import load_code_of
 from pepper_kin.motion.problem import check_examined
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.motion.task_goals import clear_goals, load_tasks
-
-Array = NDArray[np.float64]
 
 OTHER_SOLVER = "placo"
 """For tasks of classes that the fast solver has no code for."""

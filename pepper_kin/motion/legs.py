@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, in_collision, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
@@ -26,8 +27,6 @@ from pepper_kin.motion.problem import checked_start
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.trajectory.balance import checked_balance
-
-Array = NDArray[np.float64]
 
 ATTEMPTS = 4
 """Ways through all goals that are tried: a solution of one goal may leave no way to the next."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST
@@ -25,8 +26,6 @@ from pepper_kin.motion.problem import (
     path_problem,
 )
 from pepper_kin.trajectory.path import CubicPath
-
-Array = NDArray[np.float64]
 
 LEAST_SEARCHED = SHORTEST
 """The smallest margin that is searched with [m]: the curve keeps half of it at states that lie so near to one

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.motion.plan_result import PlanStatus
-from pepper_kin.motion.problem import Array, PathProblem
+from pepper_kin.motion.problem import PathProblem
 
 _STATES = 40  # motions; where they end is looked at by coal, one to two milliseconds each
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
-from pepper_kin.ik.tasks.structure import Array, Structure, target_of
+from pepper_kin.ik.tasks.structure import Structure, target_of
 from pepper_kin.ik.tasks.task import checked_weight
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest

@@ -9,9 +9,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.core.clock import CLOCK
 from pepper_kin.motion.course import (
     BEGIN,
@@ -48,8 +48,6 @@ from pepper_kin.planners.tree import grown
 from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
 from pepper_kin.planners.tree_growth import Trees, take_trees, with_capacity
 from pepper_kin.trajectory.path import known_path
-
-Array = NDArray[np.float64]
 
 SHARE_OF_TIME = 0.02
 """Part of the time budget that the former may take where they are not made together with the search."""

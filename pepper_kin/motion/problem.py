@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
@@ -25,8 +26,6 @@ from pepper_kin.model.joint_vectors import (
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, hull_of
 from pepper_kin.trajectory.path import CubicPath
-
-Array = NDArray[np.float64]
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
 COARSE = 0.02

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.fast import StaticLoads
 from pepper_kin.collision.loads import (
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 TORQUE_SHARE = 0.95
 """Share of each joint's effort that holding still may take; the rest is left to move with."""

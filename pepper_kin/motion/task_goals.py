@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.search import EXTRA, STATUS, SearchOptions
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
@@ -40,8 +41,6 @@ from pepper_kin.motion.goal_search import (
 )
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.sampling import stream_key
-
-Array = NDArray[np.float64]
 
 ROUNDS = (48, 160, 512)
 """Starts of one round after the other, where starts near q0 lead to no goal."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.exceptions import InvalidValueError
@@ -23,8 +23,6 @@ from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.trajectory import State
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-7
 """Of a limit, for rounding."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.motion.problem import RESOLUTION, PathProblem
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
-
-Array = NDArray[np.float64]
 
 _SEGMENTS = 6
 _MOST_WAYPOINTS = 400

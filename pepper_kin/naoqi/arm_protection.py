@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import NearPairs, Scene, near_pairs
 from pepper_kin.model import PepperModel
-
-Array = NDArray[np.float64]
 
 KEPT = 0.002
 """Distance below which an arm comes no nearer [m]."""

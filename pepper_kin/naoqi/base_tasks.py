@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
@@ -16,7 +17,6 @@ from pepper_kin.naoqi.tasks import Task
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
-Array = NDArray[np.float64]
 
 NEAR, TURNED = 0.004, 0.008
 """Where a place counts as reached [m, rad]."""

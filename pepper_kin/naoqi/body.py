@@ -6,9 +6,10 @@ import copy
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import collision, kinematics
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.naoqi.arm_protection import ArmProtection, ProtectedArm
@@ -17,8 +18,6 @@ from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.tasks import Task, Tasks
 from pepper_kin.twin import ActuatorParameters, RunStatus, Twin, TwinState, actuator_parameters
 from pepper_kin.twin.base import BaseController, OmniBase, pepper_base, world_velocity
-
-Array = NDArray[np.float64]
 
 ROWS = 4
 """References to the twin in a cycle."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import ik
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel, load_pepper, rpy_from_rotation
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.errors import NaoqiError, quoted
 from pepper_kin.naoqi.joint_names import CHAINS, HANDS
 from pepper_kin.naoqi.tables import table
-
-Array = NDArray[np.float64]
 
 TORSO, WORLD, ROBOT = 0, 1, 2
 """Frames of NAOqi: FRAME_TORSO, FRAME_WORLD, FRAME_ROBOT."""

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.files.naoqi_file import NaoqiArguments
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.channel import Moved
@@ -18,8 +18,6 @@ from pepper_kin.naoqi.robot_motion import RobotMotion
 from pepper_kin.naoqi.robot_state import BASE, RobotState
 from pepper_kin.supervision import CYCLE, Clock, MotionEndedError, RobotMotionStatus
 from pepper_kin.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 CATCH_UP = 1.5
 """Cycles by which the motion goes on in one cycle at most: after a delay it waits rather than jumps."""

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.supervision import RobotMotionStatus
 from pepper_kin.twin import Run
-
-Array = NDArray[np.float64]
-
 
 SILENCE = 0.5
 """Silence of a client after which the watchdog stops the robot, unless chosen otherwise [s]."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.trajectory import Trajectory
@@ -16,7 +16,6 @@ from pepper_kin.trajectory.key_curve import Key, curve_segments
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
-Array = NDArray[np.float64]
 
 SETTLED = 1e-4
 """Command and end of a curve are the same within this [rad]."""

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.robot_state import BASE, RobotState, run_of_states
 from pepper_kin.twin import Run, RunStatus, Twin, actuator_parameters
-
-Array = NDArray[np.float64]
 
 STEP = 0.005
 """Timestep of the twin [s]."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.naoqi.effectors import (
     CHAIN_JOINTS,
     as_pose,
@@ -21,8 +21,6 @@ from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_tasks import CurveTask, SpeedTask
 from pepper_kin.naoqi.module import Module
 from pepper_kin.trajectory.key_curve import Key
-
-Array = NDArray[np.float64]
 
 STEP = 0.1
 """Longest time between two configurations along a path in space [s]."""

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.channel import BEAT, Channel, DirectChannel, GuardedChannel, Moved
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
@@ -28,8 +28,6 @@ from pepper_kin.supervision import (
     UnusableStateError,
 )
 from pepper_kin.twin import Run
-
-Array = NDArray[np.float64]
 
 MOST_READINGS, NEXT_READING = 20, 0.1
 """States that may be asked for at once, and the time after which the next is, though one is missing [s]."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, shortened
 from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
@@ -19,8 +19,6 @@ from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tables import table
 from pepper_kin.supervision import Clock, UnusableStateError
 from pepper_kin.twin import Run, actuator_parameters
-
-Array = NDArray[np.float64]
 
 BASE = ("BaseX", "BaseY", "BaseYaw")
 

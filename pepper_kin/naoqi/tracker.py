@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import ik
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.body import Body
@@ -18,8 +18,6 @@ from pepper_kin.naoqi.joint_names import BASE_RESOURCES, HEAD, LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.tasks import Task
-
-Array = NDArray[np.float64]
 
 MODES = ("Head", "BodyRotation", "WholeBody", "Move", "Navigate", "WholeBodyRotation")
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.text_table import text_table
@@ -17,8 +17,6 @@ from pepper_kin.paper.table4 import LimitsTable, limits_table
 from pepper_kin.paper.table5 import GESTURES
 from pepper_kin.paper.tilt import BLIND, TiltMeasurement, measure_by_tilt
 from pepper_kin.twin import Run, Twin
-
-Array = NDArray[np.float64]
 
 ITERATIONS = 1000
 """Samples of a movement in the paper's figures 6 and 7."""

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.paper.table5 import FRAMES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.twin import Run, Twin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

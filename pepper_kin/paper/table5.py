@@ -8,12 +8,10 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
-
-Array = NDArray[np.float64]
 
 GESTURES = ("left-arm", "right-arm", "head")
 FRAMES = ("T0", "T1", "T2", "T3", "T4")

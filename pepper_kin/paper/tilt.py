@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import kinematics
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.kinematic_tree import kinematic_tree
 from pepper_kin.model.urdf_document import Joint
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s^2]
 ACCELEROMETER_NOISE = 0.05  # [m/s^2] standard deviation, assumed

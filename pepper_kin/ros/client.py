@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.files.certified import refuse_unsafe
 from pepper_kin.files.motion_points import MotionPoints
@@ -31,8 +31,6 @@ from pepper_kin.supervision import (
     UnusableStateError,
 )
 from pepper_kin.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 BEYOND = 0.5
 """How far beyond its limits a joint may be stated [rad or m]."""

@@ -8,9 +8,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import ik
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import PepperKinError, UnknownNameError
 from pepper_kin.model import rpy_from_rotation
 from pepper_kin.naoqi.base_tasks import MoveToTask
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
     from pepper_kin.ros.node import RobotNode
 
-Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin.naoqi.base_tasks import VelocityTask
 from pepper_kin.naoqi.simulated_time import CYCLE
@@ -17,8 +17,6 @@ from pepper_kin.trajectory.trajectory import State
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
-
-Array = NDArray[np.float64]
 
 
 class FollowTask(Task):

@@ -8,8 +8,8 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import quintic_hermite
 from pepper_kin.exceptions import PepperKinError, shortened
 from pepper_kin.file_reading import repeated
@@ -17,8 +17,6 @@ from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 STANDING = 1e-3
 """A last velocity up to this counts as rest [rad/s]."""

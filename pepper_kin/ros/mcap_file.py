@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.files.joint_states import StateMessage
@@ -27,7 +27,6 @@ from pepper_kin.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from pepper_kin.twin import Run
 
-Array = NDArray[np.float64]
 
 STATES_TOPIC = "/joint_states"
 TRAJECTORY_TOPIC = "/joint_trajectory"

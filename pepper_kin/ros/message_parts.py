@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import quaternion_from_rotation, rotation_from_quaternion
 from pepper_kin.ros_messages import message_type
-
-Array = NDArray[np.float64]
 
 TRANSFORM = message_type("geometry_msgs/msg/Transform")
 STAMPED_TRANSFORM = message_type("geometry_msgs/msg/TransformStamped")

@@ -7,9 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.joint_names import ACTUATED
@@ -27,8 +25,6 @@ from pepper_kin.ros.sensor_messages import CAMERAS, SensorMessages
 from pepper_kin.ros.state_messages import StateMessages
 from pepper_kin.ros.transport import ActionServer, Closable, NoPublisher, Publisher, Transport
 from pepper_kin.ros_messages import message_type
-
-Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 

@@ -7,9 +7,9 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import ik
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
 from pepper_kin.files import ros_points
 from pepper_kin.motion import Plan, PlanStatus, plan
@@ -23,7 +23,6 @@ from pepper_kin.trajectory import retime
 if TYPE_CHECKING:
     from pepper_kin.ros.node import RobotNode
 
-Array = NDArray[np.float64]
 
 SERVICE = "/plan_kinematic_path"
 """Name that MoveIt gives this service."""

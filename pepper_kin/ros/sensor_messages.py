@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.naoqi.body import Body
 from pepper_kin.ros.message_parts import QUATERNION, header, vector
 from pepper_kin.ros_messages import message_type
 from pepper_kin.twin.sensors import Camera, Reading, SensorSuite, published_scan
-
-Array = NDArray[np.float64]
 
 LASER_ANGLE, LASER_STEP = 2.0944, 0.068669
 """First angle, negated, and step of the published scan [rad]."""

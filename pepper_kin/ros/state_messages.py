@@ -7,16 +7,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.joint_names import ACTUATED, WHEELS
 from pepper_kin.ros.message_parts import header, planar_pose, pose_message, transforms, vector
 from pepper_kin.ros_messages import message_type
-
-Array = NDArray[np.float64]
 
 ODOM, BASE = "odom", "base_footprint"
 """Frame of the odometry, and root of the robot's description."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import (
     center_of_mass_jacobian_with,
     center_of_mass_with,
@@ -13,7 +14,6 @@ from pepper_kin.collision.loads import (
 from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, total_mass
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.half_spaces import VelocityRows

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.braking import LOCKED, JointLimits, VelocityInterval, bound_velocities
-from pepper_kin.ik.tasks.task import Array
 
 KINDS = ("acceleration", "velocity", "position", "lock")
 

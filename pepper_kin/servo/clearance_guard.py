@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import NearPairs, Scene, checker_for
 from pepper_kin.collision.near_pairs import distances_along, pairs_within
 from pepper_kin.core.braking import VelocityInterval, brake_path, ticks_to_rest
 from pepper_kin.core.velocity_dampers import PairTable, clear_rows
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.demand import Demand
 from pepper_kin.servo.half_spaces import VelocityRows, stacked

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.braking import JointLimits, approach_rate
-from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.ik.tasks.task import Array
+from pepper_kin.arrays import Array
 
 # An excess smaller than this is rounding [m/s].
 NOTICEABLE = 1e-6

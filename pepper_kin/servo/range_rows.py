@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.core.velocity_dampers import RangeTable, range_holds_between, write_range_rows
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.servo.half_spaces import VelocityRows
 

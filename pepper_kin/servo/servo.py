@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
@@ -18,7 +19,6 @@ from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.hands import hand_frame
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.joint_vectors import check_within_limits as check_limits

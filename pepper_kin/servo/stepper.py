@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import NearPairs
 from pepper_kin.core.braking import DAMPING, LOCKED, JointLimits, VelocityInterval, stopping_place
 from pepper_kin.core.quadratic_program import solve_program
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.balance_rows import BalanceRows
 from pepper_kin.servo.braking import KINDS, braked, velocity_bounds

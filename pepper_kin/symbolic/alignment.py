@@ -11,12 +11,11 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pepper_kin.arrays import Array
 
 SNAP = 1e-11
 """Entries of constant rotations this near to 0 or 1 are taken for it: URDFs round pi / 2 to twelve digits."""
-
-Array = NDArray[np.float64]
 
 
 class Alignment(NamedTuple):

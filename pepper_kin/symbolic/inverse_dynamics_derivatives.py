@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import coupled_entries, symmetric_rows
 from pepper_kin.symbolic.functions import make_function
@@ -11,7 +12,7 @@ from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.scalars import Value
 from pepper_kin.symbolic.states import make_state, new_inputs
 from pepper_kin.symbolic.torque_derivatives import Entries, torque_derivatives
-from pepper_kin.symbolic.tree import Array, read_tree
+from pepper_kin.symbolic.tree import read_tree
 
 if TYPE_CHECKING:
     import casadi

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.poses import world_poses
 from pepper_kin.symbolic.scalars import Value
 from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import Array, read_tree
+from pepper_kin.symbolic.tree import read_tree
 from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Vector, add, cross, scale, times, transpose
 
 if TYPE_CHECKING:

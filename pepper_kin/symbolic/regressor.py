@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.bodies import clean, numbers
 from pepper_kin.symbolic.functions import make_function
@@ -14,7 +15,7 @@ from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import Motion, moment, motions, to_parent
 from pepper_kin.symbolic.scalars import Value
 from pepper_kin.symbolic.states import follow, make_state, new_inputs
-from pepper_kin.symbolic.tree import Array, read_tree
+from pepper_kin.symbolic.tree import read_tree
 from pepper_kin.symbolic.vectors import ZERO, cross, times
 
 if TYPE_CHECKING:

@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
-
-Array = NDArray[np.float64]
 
 
 def regroup(bodies: Sequence[Body], ground: Inertia) -> tuple[list[Body], Inertia]:

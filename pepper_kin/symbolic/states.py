@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from pepper_kin.arrays import Array
 from pepper_kin.symbolic.scalars import Graph, Scalar, Value, cosine, sine
-from pepper_kin.symbolic.tree import Array, Tree
+from pepper_kin.symbolic.tree import Tree
 from pepper_kin.symbolic.turns import Turn
 from pepper_kin.symbolic.vectors import Vector
 

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.alignment import Alignment, align, joint_axis, snapped
@@ -17,8 +17,6 @@ from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.regrouping import regroup
 from pepper_kin.symbolic.vectors import Matrix, Vector
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
@@ -24,7 +25,6 @@ from pepper_kin.trajectory.wheels import wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 _ACTS = 0.99  # share of a limit from which on it is said to act
 

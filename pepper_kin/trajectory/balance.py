@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_wrench
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -12,8 +12,6 @@ from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.wheels import BASE_JOINTS
-
-Array = NDArray[np.float64]
 
 WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

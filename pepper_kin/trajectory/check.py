@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import AtFrames, load_wrench, loads_of
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -28,7 +29,6 @@ from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]
 RELATIVE_TOLERANCE = 1e-9  # of a limit, for rounding

@@ -7,12 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
 from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
-
-Array = NDArray[np.float64]
 
 _MEET = 1e-6  # [rad or m] ends no further apart than this meet
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
@@ -22,7 +22,6 @@ from pepper_kin.trajectory.wheels import wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 _FINER = 4  # points of the time law per piece of the rounded curve
 _WINDOW = 0.05  # [s] over which a slow-down fades in and out

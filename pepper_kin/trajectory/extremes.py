@@ -15,9 +15,8 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pepper_kin.arrays import Array
 
 ROUNDING = 1e-13
 """Of the greatest coefficient: what an extreme is known to."""

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, OvershootWarning
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.trajectory.path import turning_points
@@ -18,7 +19,6 @@ from pepper_kin.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
 
-Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("cubic", "monotone")
 OVERSHOOT = 0.01

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers, shown
-
-Array = NDArray[np.float64]
 
 JerkLike: TypeAlias = str | float | ArrayLike
 

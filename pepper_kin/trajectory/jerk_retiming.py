@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import maxima
@@ -32,8 +33,6 @@ from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 12  # linear programs
 _ENOUGH = 1e-3  # gain of duration below which to stop

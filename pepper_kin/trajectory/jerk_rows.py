@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.grid import coefficient_states
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits
 from pepper_kin.trajectory.path import CubicPath
 from pepper_kin.trajectory.smooth_time import SmoothTime
-
-Array = NDArray[np.float64]
 
 _POINTS = (0.0, 1 / 3, 2 / 3, 1.0)  # of each piece, where limits are kept
 _KEEP = 0.65  # share of a limit from which on its row is given to the program at first

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_choice
-
-Array = NDArray[np.float64]
 
 KINDS = ("bezier", "linear", "constant", "auto")
 _CUTS = 64  # pieces of a Bezier segment whose time is no cubic's

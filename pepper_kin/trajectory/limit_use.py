@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits, share_of
 from pepper_kin.trajectory.trajectory import State, Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
@@ -18,8 +18,6 @@ from pepper_kin.trajectory.trajectory import (
     examination_step,
     sample_times,
 )
-
-Array = NDArray[np.float64]
 
 JUMP = 1e-6  # [rad, m, rad/s or m/s] at a knot
 _RELATIVE = 1e-7  # of a limit, for rounding

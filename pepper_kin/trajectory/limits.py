@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import AtFrames, load_torque, load_wrench
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
@@ -20,8 +21,6 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
 from pepper_kin.trajectory.wheels import WheelLimits
-
-Array = NDArray[np.float64]
 
 
 def checked_share(quantity: str, value: float) -> float:

@@ -6,8 +6,9 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
@@ -15,8 +16,6 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_po
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.trajectory import State, Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits
-
-Array = NDArray[np.float64]
 
 _SAME_TIME = 1e-12  # [s]
 _END = 1e-9  # [s]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
@@ -20,7 +21,6 @@ from pepper_kin.trajectory.trajectory import State, Trajectory
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 _HALVINGS = 50
 MOST_POINTS = 10_000_000

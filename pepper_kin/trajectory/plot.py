@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName, write_bytes
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.dynamics.load import Loads, carried_words
@@ -22,7 +22,6 @@ from pepper_kin.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 FORMATS = ("png", "pdf", "svg")
 QUANTITIES = ("position", "velocity", "acceleration", "torque")

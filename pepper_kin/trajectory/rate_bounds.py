@@ -27,14 +27,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import shifted
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.extremes import derivative, greatest_size
 from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
-
-Array = NDArray[np.float64]
 
 CUT = 20
 """Pieces longer than so many steps of an examination are cut, at one of its states."""

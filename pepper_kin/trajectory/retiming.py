@@ -24,8 +24,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import AtFrames
 from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
@@ -51,7 +51,6 @@ from pepper_kin.trajectory.wheels import wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 SOLVERS = ("fast", "toppra")
 _MOST_POINTS = 50_000

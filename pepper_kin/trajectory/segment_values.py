@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_numbers
-
-Array = NDArray[np.float64]
 
 
 def checked_derivatives(coefficients: Array, segment: ArrayLike, local_time: ArrayLike, count: int) -> Array:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments, quintic_hermite
 from pepper_kin.trajectory.path import CubicPath
-
-Array = NDArray[np.float64]
 
 PIECES = 90
 """Number of pieces of a smooth time law, about."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows, tighten_joints, tighten_states
 from pepper_kin.core.timing.parameterization import (
     FOUND,
@@ -21,8 +21,6 @@ from pepper_kin.core.timing.tables import Instants, StateEffects
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, LONGEST_MOTION, MORE, TOLERANCE
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class TooLongError(Exception):

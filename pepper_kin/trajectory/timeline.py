@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
 from pepper_kin.file_reading import repeated
@@ -19,8 +19,6 @@ from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.key_curve import Key, curve_segments
 from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 HANDS = ("LHand", "RHand")
 _CYCLE = 0.02  # [s] of NAOqi

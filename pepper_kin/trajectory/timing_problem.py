@@ -7,8 +7,8 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.grid import coefficient_states, fill_grid, frame_states, interval_count
 from pepper_kin.core.timing.parameterization import FOUND, motion_polynomials
 from pepper_kin.core.timing.tables import PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
@@ -18,8 +18,6 @@ from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limits import Limits, quantities_of, share_of
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
-
-Array = NDArray[np.float64]
 
 _GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
 

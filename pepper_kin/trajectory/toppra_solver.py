@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
@@ -18,8 +19,6 @@ from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.time_optimal import CHECK_STEP, refuse_long
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.splines import evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.certificate import Certificate
     from pepper_kin.trajectory.key_frames import Frame
 
-Array = NDArray[np.float64]
 _Value = TypeVar("_Value", "Samples", "Trajectory")
 
 TIME_TOLERANCE = 1e-9

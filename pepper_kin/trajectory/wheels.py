@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics.base_geometry import pepper_base
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS
-
-Array = NDArray[np.float64]
 
 _DIRECTIONS = 8  # along which a base whose wheels are unknown is limited, within half a turn
 

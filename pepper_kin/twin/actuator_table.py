@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.core.simulation.actuator_model import ActuatorTable
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import POSITION, TORQUE, ActuatorParameters
-
-Array = NDArray[np.float64]
 
 _FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
 

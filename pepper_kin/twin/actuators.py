@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
-
-Array = NDArray[np.float64]
 
 POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 MODES = (POSITION, VELOCITY, TORQUE)

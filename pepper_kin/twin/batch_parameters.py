@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import HANDS, load_parameters, loads_of
 from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
@@ -18,7 +19,6 @@ from pepper_kin.twin.actuators import QUANTITIES, ActuatorParameters
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 PerRobot = ArrayLike | Mapping[str, ArrayLike]
 """Numbers of shape (), (n,), (N, 1) or (N, n), or joint -> one number or shape (N,)."""
 

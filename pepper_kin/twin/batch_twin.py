@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
 from pepper_kin.core.simulation.rollout import Inputs
 from pepper_kin.exceptions import InvalidValueError
@@ -34,8 +35,6 @@ from pepper_kin.twin.twin import FEEDFORWARDS
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-
-Array = NDArray[np.float64]
 
 
 MOST_ROBOTS = 1_000_000

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.contact_solver import ADDRESSES
 from pepper_kin.core.simulation.contact_step import CALLBACK, WorldTables, no_world
@@ -18,8 +19,6 @@ from pepper_kin.twin.state import TwinState
 if TYPE_CHECKING:
     from pepper_kin.twin.integrator import Series
     from pepper_kin.twin.sensors.recording import ReadingSeries
-
-Array = NDArray[np.float64]
 
 
 class WorldHook(Protocol):

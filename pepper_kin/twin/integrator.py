@@ -6,8 +6,8 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
 from pepper_kin.core.simulation.contact_step import WorldTables, no_world
@@ -20,8 +20,6 @@ from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 GREATEST_TIMESTEP = 0.05  # [s]
 _ONE = Span(1, 1, 0, 1)

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, as_real
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import atomic_file
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
@@ -22,8 +23,6 @@ from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
-
-Array = NDArray[np.float64]
 
 
 class Recorder:

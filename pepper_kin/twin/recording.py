@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.numpy_archive import read_arrays
@@ -21,8 +21,6 @@ from pepper_kin.twin.recording_header import STATES, described, loads_in, read_h
 from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
-
-Array = NDArray[np.float64]
 
 INPUTS = ("position", "velocity", "acceleration", "effort", "load")
 _PARTS = ("time", "value", "truth")

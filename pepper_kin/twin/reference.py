@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 10_000_000
 """Most steps of one run."""

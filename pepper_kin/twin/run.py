@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import checked_loads
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
@@ -21,7 +22,6 @@ from pepper_kin.status import ResultStatus
 if TYPE_CHECKING:
     from pepper_kin.twin.sensors.recording import ReadingSeries
 
-Array = NDArray[np.float64]
 
 _QUANTITIES = {
     "position": "position",

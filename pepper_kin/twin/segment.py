@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.rollout import DONE
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.hooks import WorldCoupling, WorldHook, coupling_of, unknown_where
 from pepper_kin.twin.integrator import Integrator, Series
 from pepper_kin.twin.push import Push, loads_of
-
-Array = NDArray[np.float64]
 
 
 class SegmentRunner:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.actuator_model import ActuatorTable
 from pepper_kin.core.simulation.contact_step import no_world
 from pepper_kin.core.simulation.implicit_step import RobotTables, StepWorkspace
@@ -15,8 +16,6 @@ from pepper_kin.core.simulation.rollout import Inputs, Log, Span, rollout
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
-
-Array = NDArray[np.float64]
 
 _WEIGHT = 512  # rows that a robot counts as when work is shared among threads
 

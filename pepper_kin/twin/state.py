@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import PepperKinError
 from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
-
-Array = NDArray[np.float64]
 
 
 class DivergedError(PepperKinError):

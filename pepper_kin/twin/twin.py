@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
@@ -34,8 +35,6 @@ from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.segment import SegmentRunner
 from pepper_kin.twin.state import TwinState, diverged
-
-Array = NDArray[np.float64]
 
 LONGEST_RUN = 500  # steps with a world, after which the interpreter runs: interrupts are handled
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")

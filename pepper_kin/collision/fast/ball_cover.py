@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.collision.fast.solids import BOX, CLOUD, CYLINDER, HULL, Array, Solid
+from pepper_kin.arrays import Array
+from pepper_kin.collision.fast.solids import BOX, CLOUD, CYLINDER, HULL, Solid
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_within_planes
 from pepper_kin.frozen_arrays import read_only

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.ball_cover import ball_cover
-from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.fast.structure import Structure, ball_order, bounding_ball
 from pepper_kin.core.collision.ball_check import (
     BALL_SINGLES,

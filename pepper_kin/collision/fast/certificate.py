@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.dependent_ranges import DependentRange
-from pepper_kin.collision.fast.solids import Array
 
 DEEPEST = 14
 """Halvings after which the search for a proof ends."""

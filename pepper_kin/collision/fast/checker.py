@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import RANGE_RADIUS, checker_for
 from pepper_kin.collision.fast.certificate import certified
 from pepper_kin.collision.fast.compiled import (
@@ -19,7 +20,6 @@ from pepper_kin.collision.fast.compiled import (
 )
 from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.collision.fast.resting import resting_contact, resting_distance, resting_margin
-from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
 from pepper_kin.collision.mesh_changes import as_on_disk
 from pepper_kin.collision.scene import Scene

@@ -7,10 +7,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.solids import PointCloud
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.clouds import HEAD, build_cloud, extent
-from pepper_kin.core.collision.layout import Array
 from pepper_kin.kernels.lanes import LANES
 
 MOST_CELLS = 40_000

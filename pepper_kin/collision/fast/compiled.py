@@ -11,10 +11,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
-from pepper_kin.collision.fast.solids import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import GROUP_WORDS, LINK_WORDS
 from pepper_kin.core.collision.layout import EDGE_NUMBERS

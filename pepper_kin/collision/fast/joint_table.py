@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.core.collision.layout import Array
+from pepper_kin.arrays import Array
 from pepper_kin.core.kinematic_tree import JOINT
 from pepper_kin.model import PepperModel, kept_for_robot
 

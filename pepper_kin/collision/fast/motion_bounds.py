@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.arrays import Array
+from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.model import PepperModel

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import RANGE_RADIUS, CollisionChecker
 from pepper_kin.collision.dependent_ranges import DependentRange
 from pepper_kin.collision.fast.body_tables import BodyTables, full_rows
@@ -24,7 +25,6 @@ from pepper_kin.collision.fast.scene_block import (
     solid_sections,
     words,
 )
-from pepper_kin.collision.fast.solids import Array
 from pepper_kin.collision.fast.structure import (
     MovingParts,
     Structure,

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.rounding import COMPARING, FAR, Rounding
-from pepper_kin.collision.fast.solids import Array, Solid
+from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES, ROOT_WORDS

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.bodies import (
     Body,
     may_touch_in_world,
@@ -19,7 +20,7 @@ from pepper_kin.collision.bodies import (
 )
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
-from pepper_kin.collision.fast.solids import HULL, OTHER, Array, Solid, simple_shape, solid_of
+from pepper_kin.collision.fast.solids import HULL, OTHER, Solid, simple_shape, solid_of
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject

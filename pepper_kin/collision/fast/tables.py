@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.core.collision.joint_ranges import CELLS
-from pepper_kin.core.collision.layout import Array
 from pepper_kin.model import PepperModel, kept_for_robot
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
     ALL,
@@ -20,7 +21,6 @@ from pepper_kin.core.collision.layout import (
     EDGE_NUMBERS,
     STATES_AT_ONCE,
     WIDEST,
-    Array,
     section,
     section_bits,
     section_single,

@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_WORKSPACE_SIZE, TIE, ConvexCore, nearer_than
-from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL, Array
+from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.lanes import (

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges
-from pepper_kin.core.collision.layout import STATES_AT_ONCE, Array
+from pepper_kin.core.collision.layout import STATES_AT_ONCE
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.collision.layout import Array
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
 from pepper_kin.core.kinematic_tree import compose
 from pepper_kin.kernels.compiled_function import compiled

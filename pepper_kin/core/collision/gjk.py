@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from pepper_kin.core.collision.layout import CYLINDER, HULL, Array
+from pepper_kin.arrays import Array
+from pepper_kin.core.collision.layout import CYLINDER, HULL
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.lanes import (

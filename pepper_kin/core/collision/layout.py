@@ -6,15 +6,12 @@ and is named in the first by its address.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
-
-Array: TypeAlias = NDArray[np.float64]
 
 STATES_AT_ONCE = 64
 """Configurations that go through the stages together."""

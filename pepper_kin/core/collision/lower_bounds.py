@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
     BALL_SINGLES,
@@ -27,14 +28,7 @@ from pepper_kin.core.collision.ball_check import (
     to_frame,
 )
 from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
-from pepper_kin.core.collision.layout import (
-    CLOUD,
-    STATES_AT_ONCE,
-    Array,
-    section,
-    section_bits,
-    section_single,
-)
+from pepper_kin.core.collision.layout import CLOUD, STATES_AT_ONCE, section, section_bits, section_single
 from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, ball_meets, pair_distance, place_solids
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (

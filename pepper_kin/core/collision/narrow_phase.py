@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
 from pepper_kin.core.collision.clouds import (
     POINT_WORKSPACE_SIZE,
@@ -52,7 +53,6 @@ from pepper_kin.core.collision.layout import (
     VERTEX_FIRST,
     VERTEX_SINGLES,
     VERTICES,
-    Array,
     N,
     address_of,
     scene_of,

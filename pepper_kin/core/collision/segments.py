@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pepper_kin.core.collision.layout import Array
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 
 PARALLEL = 1e-9

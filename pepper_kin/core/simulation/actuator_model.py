@@ -28,12 +28,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
-
-Array = NDArray[np.float64]
 
 CREEP = 1e-8
 """Fastest motion of a joint that sticks [rad/s or m/s]."""

@@ -7,12 +7,10 @@ c + (value - c) / k^2, with c their value at rest.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.tables import PathEffects, PathGrid, PathLimits, PathRows, StateEffects
 from pepper_kin.kernels.compiled_function import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled("void(PathGrid, PathEffects, PathLimits, PathRows)", lean=True)

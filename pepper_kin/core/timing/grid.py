@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.tables import PathGrid
 from pepper_kin.kernels.compiled_function import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled("int64(float64[::1], int64)", lean=True)

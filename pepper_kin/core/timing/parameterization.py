@@ -7,8 +7,8 @@ q(s(t)), for a piecewise cubic path, a polynomial of degree 6 on each interval.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import (
     fill_middle,
     fill_rows,
@@ -19,8 +19,6 @@ from pepper_kin.core.timing.constraints import (
 from pepper_kin.core.timing.reachability import repeat_passes, reset_profile
 from pepper_kin.core.timing.tables import Instants, PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
 from pepper_kin.kernels.compiled_function import compiled
-
-Array = NDArray[np.float64]
 
 FOUND, NO_PROFILE, NO_REST = 0, 1, 2
 """Status of `optimal_profile`: a profile; none; a node where the robot could not rest: slower is no help."""

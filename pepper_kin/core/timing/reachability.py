@@ -7,12 +7,10 @@ IEEE Trans. Robotics 34, 2018.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.tables import PathGrid, PathRows, ProfileSpace
 from pepper_kin.kernels.compiled_function import compiled
-
-Array = NDArray[np.float64]
 
 _PARALLEL = 1e-12  # of a row's greatest coefficient: less does not bound the path's acceleration
 _ROUNDING = 1e-12

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.core.timing.constraints import tighten_states
 from pepper_kin.core.timing.grid import coefficient_states, fill_grid
@@ -30,8 +30,6 @@ from pepper_kin.core.timing.tables import (
 )
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
-
-Array = NDArray[np.float64]
 
 CHECK_STEP = 0.001
 """Torques and edge moments are examined at multiples of this [s]."""

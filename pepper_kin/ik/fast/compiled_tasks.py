@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.core.clock import CLOCK
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
@@ -18,7 +19,7 @@ from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, Task
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.problem import SearchBudget, joints_used, scale_of
-from pepper_kin.ik.tasks.structure import Array, Structure, known_structures, target_of
+from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt

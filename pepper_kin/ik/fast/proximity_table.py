@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.collision.fast.solids import HULL, OTHER, Solid
 from pepper_kin.collision.fast.structure import Structure, structure_of
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.core.inverse_kinematics.proximity import FULL, HEAD, SHAPE, place_still, sizes
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, kept_for_robot
 
 LEVER = 0.3

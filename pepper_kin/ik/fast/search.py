@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.multi_start import descend_row
 from pepper_kin.core.inverse_kinematics.search import CANDIDATES, EXTRA, STATUS, STOP
 from pepper_kin.ik.collisions import NO_TESTS, Collisions
@@ -15,7 +16,7 @@ from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, squared_tolerance,
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import TaskSolver
-from pepper_kin.ik.tasks.task import Array, Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
@@ -21,7 +22,6 @@ from pepper_kin.ik.tasks import (
     RelativePosition,
     Task,
 )
-from pepper_kin.ik.tasks.task import Array
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.plain_urdf import plain_urdf
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
 from pepper_kin.frozen_arrays import read_only
@@ -17,7 +18,6 @@ from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver, TaskSolver
-from pepper_kin.ik.tasks.task import Array
 
 RESTARTS = 16
 """Further starts at most, also where the budget allows for more."""

@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import SearchBudget
 from pepper_kin.ik.result import SearchResult
-from pepper_kin.ik.tasks.task import Array
 
 
 class TaskSolver(ABC):

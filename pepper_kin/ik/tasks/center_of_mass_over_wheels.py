@@ -8,13 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics import WHEEL_CONTACTS
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.structure import Array, Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
 from pepper_kin.ik.tasks.symbolic_angles import skew
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, as_targets, words_for_length
 from pepper_kin.kinematics import frame_jacobian, frame_pose

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.joint_posture import JointPosture
-from pepper_kin.ik.tasks.structure import Array
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     as_targets,

@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks import symbolic_angles
 from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis, unit_and_length
-from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     TargetTask,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.structure import Array, Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import Structure, joints_that_change
 from pepper_kin.ik.tasks.task import TargetTask
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel

@@ -7,9 +7,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.tasks.frame_orientation import OrientationTask, checked_rotation
 from pepper_kin.ik.tasks.relative_motion import RelativeTask, relative_jacobian, relative_pose, words_for_pair
-from pepper_kin.ik.tasks.structure import Array, Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.symbolic_angles import rotation_residual
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE
 from pepper_kin.model import PepperModel

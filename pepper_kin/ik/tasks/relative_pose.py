@@ -8,12 +8,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.frame_pose import checked_pose
 from pepper_kin.ik.tasks.relative_motion import relative_pose, words_for_pair
 from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
 from pepper_kin.ik.tasks.relative_position import RelativePosition
-from pepper_kin.ik.tasks.structure import Array
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite

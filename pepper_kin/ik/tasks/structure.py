@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
     from pepper_kin.ik.tasks.task import Task
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class Structure(NamedTuple):

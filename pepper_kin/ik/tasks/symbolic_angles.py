@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik.tasks.direction import NEAREST, PARALLEL
-from pepper_kin.ik.tasks.structure import Array
 
 # Degree of the polynomial for atan(x)/x in x^2; the error is below 1e-15.
 DEGREE = 11

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import load_parameters
@@ -23,7 +22,6 @@ from pepper_kin.trajectory.balance import support_polygon
 if TYPE_CHECKING:
     import casadi
 
-Array = NDArray[np.float64]
 
 INFLUENCE = 0.03
 """Distances of the zero-moment point from an edge beyond the margin by this do not act on a motion [m]."""

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.bodies import bodies, checked_pairs
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.near_rows import Bodies
 from pepper_kin.motion.optimization.nearest import BOX, COLUMNS, CYLINDER, HALF, KIND
-
-Array = NDArray[np.float64]
 
 VAST = 25.0
 """Half length of the box that stands for a half-space [m]."""

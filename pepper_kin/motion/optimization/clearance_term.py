@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene
 from pepper_kin.core.kernel_batch import evaluate_batch
@@ -34,8 +34,6 @@ from pepper_kin.motion.optimization.term_memory import (
     words_of,
 )
 from pepper_kin.planners.optimization import KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, add_row
-
-Array = NDArray[np.float64]
 
 INFLUENCE = 0.08
 """Distances beyond the margin by this do not act on a motion [m]."""

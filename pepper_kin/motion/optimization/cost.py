@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import load_torque
 from pepper_kin.core.kernel_batch import evaluate
@@ -16,8 +16,6 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 JERK_STEP = 0.01
 """Time between the accelerations whose differences are taken as jerk [s]."""

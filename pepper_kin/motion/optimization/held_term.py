@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.ik import Task
 from pepper_kin.motion.constraints import manifold_of, residuals_of
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound, Rows
-
-Array = NDArray[np.float64]
 
 SHARE = 0.97
 """Share of a tolerance that is used at samples: between them the error may be a little greater."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels import Kernel
 from pepper_kin.kernels.compiled_function import compiled
@@ -20,8 +20,6 @@ from pepper_kin.motion.optimization.term_memory import (
     words_of,
 )
 from pepper_kin.planners.optimization import KINDS, ROWS, BarrierBound, CompiledTerm
-
-Array = NDArray[np.float64]
 
 _N, _OUTPUTS, _VALUES, _SLOPES, _VALUES_WORK, _SLOPES_WORK = range(6)
 _JOINTS, _REST, _STILL, _FIRST, _COLUMN, _WEIGHT, _WORKSPACE = range(6, 20, 2)

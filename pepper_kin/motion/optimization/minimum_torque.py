@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -35,7 +36,6 @@ from pepper_kin.trajectory.wheels import wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-Array = NDArray[np.float64]
 
 SOLVERS = ("newton", "ipopt", "fatrop")
 _EXCESS = 0.02  # share by which torques between the points of the transcription may exceed

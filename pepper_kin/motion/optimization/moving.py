@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from pepper_kin.model import PepperModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, least_clearance
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
@@ -44,7 +44,6 @@ from pepper_kin.trajectory.wheels import wheel_limits
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem
 
-Array = NDArray[np.float64]
 
 SOLVERS = ("newton", "ipopt", FATROP)
 _LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
 from pepper_kin.kernels.compiled_function import compiled
@@ -17,8 +17,6 @@ from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.motion.optimization.term_memory import MEMORY_SIZE, floats_of, memory_of, words_of
 from pepper_kin.planners.optimization import KINDS, ROWS, START, TIGHTEN, VALUES
-
-Array = NDArray[np.float64]
 
 INFLUENCE = 0.3
 """Angles beyond the range's end by this do not act on a motion [rad]."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import Loads
@@ -40,8 +40,6 @@ from pepper_kin.planners.optimization import (
 from pepper_kin.planners.optimization.newton import measure_cost, measure_motion, search
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
-
-Array = NDArray[np.float64]
 
 GENERAL_STEPS = 10
 """Steps that a general solver may take for each of Newton's."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Ints1
-
-Array = NDArray[np.float64]
 
 MEMORY_SIZE = 48
 """Most numbers of such a memory."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import Loads
@@ -12,8 +12,6 @@ from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound
-
-Array = NDArray[np.float64]
 
 
 class TorqueTerm(KernelTerm):

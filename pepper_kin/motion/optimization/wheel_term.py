@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound, Rows
 from pepper_kin.trajectory.wheels import WheelLimits
-
-Array = NDArray[np.float64]
 
 _SMOOTH = 1e-3  # of the base's greatest speed: rounds off the corner that |v| has at rest
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
@@ -17,8 +18,6 @@ from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_joint_vectors
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.dynamics import total_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -27,7 +28,6 @@ from pepper_kin.status import ResultStatus
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
 
 pinocchio = lazy_module("pinocchio")
-Array = NDArray[np.float64]
 
 
 class TippingStatus(ResultStatus):

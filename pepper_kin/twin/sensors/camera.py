@@ -11,6 +11,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.shading import Surfaces, place_rays, shade
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
@@ -19,8 +20,6 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, as_real, check_positive, check_whole
 from pepper_kin.twin.sensors.robot_rays import RobotRays, no_surfaces
 from pepper_kin.twin.sensors.specification import sensor_specifications
-
-Array = NDArray[np.float64]
 
 MOST_PIXELS = 10_000
 """Most columns, or rows, of an image."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.sensor import LinearSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
-
-Array = NDArray[np.float64]
 
 _BASE = ("BaseX", "BaseY", "BaseYaw")
 

@@ -6,11 +6,9 @@ import zlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.twin.sensors.specification import SensorSpecification
-
-Array = NDArray[np.float64]
 
 _NO_NUMBERS = [0, 0, 0, 0]
 

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.kinematics import frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.base import OmniBase, arc_between, arc_moved
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
-
-Array = NDArray[np.float64]
 
 
 class WheelOdometry(ErringSensor):

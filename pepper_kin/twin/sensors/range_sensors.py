@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers
@@ -12,8 +13,6 @@ from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
 from pepper_kin.twin.sensors.sensor import LinearSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
-
-Array = NDArray[np.float64]
 
 _RINGS = 8
 _BLANK = 8

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.mesh_file import file_state, read_mesh
@@ -34,7 +35,6 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_numbers
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _PARTS_IN_LEAF = 4

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from operator import is_
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.core.shading import TILES, Surfaces
@@ -15,8 +16,6 @@ from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, check_choice
 from pepper_kin.twin.sensors.raycast import RayCaster, Rays, rays_of
-
-Array = NDArray[np.float64]
 
 GEOMETRY_TYPES = ("visual", "collision")
 _FLOOR = HalfSpace(0.0)

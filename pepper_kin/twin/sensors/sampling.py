@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.twin.sensors.noise import rounded_to
 from pepper_kin.twin.sensors.reading import Reading, SensedState
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.sensors.sensor import ErringSensor, LinearSensor, Sensor
-
-Array = NDArray[np.float64]
 
 _EARLY = 1e-6  # of a period: a clock that counts steps may be late by rounding
 _LONGEST = 1000  # numbers of a reading that stand in the row; pictures are kept by themselves

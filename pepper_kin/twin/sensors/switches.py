@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import HalfSpace, Scene
 from pepper_kin.collision.coal_shapes import coal_geometry, is_empty
 from pepper_kin.collision.solids import SceneGeometry, padding
@@ -16,8 +17,6 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.reading import SensedState, touched
 from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
-
-Array = NDArray[np.float64]
 
 CONTACT_REACH = 0.01
 """A contact presses a pad from this far outside of it [m]: shapes of the body lie around its surface."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-
-Array = NDArray[np.float64]
 
 SIZES = (1e-6, 1e3)  # [m]
 MASSES = (1e-15, 1e6)  # [kg]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import HalfSpace, Scene
 from pepper_kin.collision.bodies import WORLD, Body, bodies
 from pepper_kin.collision.coal_shapes import coal_geometry
@@ -27,8 +27,6 @@ from pepper_kin.core.simulation.narrow_phase import (
 )
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.twin.world.free_body import FreeBody
-
-Array = NDArray[np.float64]
 
 ROUNDED = 2e-4
 """Corners in coal's shapes are rounded by this at most, so that shapes that touch are apart to it [m]."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Box, Sphere
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.proxsuite_library import proxqp
-
-Array = NDArray[np.float64]
 
 ACCURACY = 1e-9
 """Tolerance of ProxQP's residuals; an impulse of 1 changes its own edge's velocity by 1 m/s."""

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
 from pepper_kin.core.simulation.contact_solver import ADDRESSES, FASTEST, SOLVE_PROBLEM, RobotMotion
@@ -40,8 +41,6 @@ from pepper_kin.twin.world.contact import StepSolution, WorldContact
 from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
 from pepper_kin.twin.world.proxsuite_solver import SOLVERS, ImpulseProblem, ImpulseProgram, check_solver
 from pepper_kin.twin.world.tree import tree_table
-
-Array = NDArray[np.float64]
 
 _CAUSES = {
     NOT_SOLVED: "the contact problem was not solved",

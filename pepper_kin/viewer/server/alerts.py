@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Contact, Scene, contacts, loads_of
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.dynamics.load import Loads
@@ -20,8 +20,6 @@ from pepper_kin.viewer.touching import touching_names
 
 STAYS = 2.0
 """How long a warning of what is over stays, so that it can be read [s]."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -19,8 +19,6 @@ pinocchio = lazy_module("pinocchio")
 
 POSES, DRAWING = 1, 2
 """What a binary message holds: its first number, little-endian, 32 bit; the second is a stamp."""
-
-Array = NDArray[np.float64]
 
 
 def drawing_message(command: bytes) -> bytes:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, contacts
 from pepper_kin.ik import IKResult, IKStatus, solve
 from pepper_kin.ik.tasks import Task
@@ -22,8 +20,6 @@ _NEAR = 0.006
 """Distance that counts as touching [m]: the servo keeps 5 mm."""
 _NEARER = 0.0005
 """What comes nearer by less than this is not in the way [m]."""
-
-Array = NDArray[np.float64]
 
 
 def at_target(tasks: Sequence[Task]) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import LookAt
 from pepper_kin.ik.tasks import Task
@@ -23,8 +23,6 @@ _GAIN = 1e-3
 """An error that does not shrink by this much [m or rad] in `_STALL_TICKS` ticks shrinks no more."""
 _STALL_TICKS = 60
 _ARRIVED_TICKS = 25
-
-Array = NDArray[np.float64]
 
 
 def compile_servo(pepper: PepperModel) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import PointCloud, Scene
 from pepper_kin.ik import LookAt
 from pepper_kin.ik.tasks import Task
@@ -30,8 +30,6 @@ _TRACE_COLOR: Color = (0.93, 0.36, 0.20, 1.0)
 _TRACE_POINTS, _TRACE_RADIUS = 60, 0.006
 _WAY_POINTS = 60
 _MOVED = 0.01  # [m] a link that moves less casts no ghost
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.viewer.joint_motion import JointMotion
 from pepper_kin.viewer.server.readings import rates
 
 SLOWEST, FASTEST = 0.05, 8.0
-
-Array = NDArray[np.float64]
 
 
 class Playback:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, closest_pair, load_wrench, loads_of
 from pepper_kin.collision.loads import center_of_mass_with, inverse_dynamics_with
 from pepper_kin.dynamics import base_wrench
@@ -22,8 +22,6 @@ KEPT = 300
 """Samples that pages which come later still see."""
 MOST_POINTS = 240
 """Points of a motion's curves: as many as a small plot has pixels."""
-
-Array = NDArray[np.float64]
 
 
 def torque_use(pepper: PepperModel, torque: Array) -> Array:

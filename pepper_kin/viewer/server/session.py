@@ -9,8 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
 from pepper_kin.model import PepperModel
@@ -38,8 +39,6 @@ READING_STEP = 0.05  # [s] between two samples of the plots
 ON_THE_WAY = 0.4  # [s] after which a body that follows is said to
 SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
 ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
-
-Array = NDArray[np.float64]
 
 
 class Session:
