@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -49,11 +50,15 @@ def talk(server, *texts, answers=0, url=None, seconds=30.0):
         socket.close()
         return found
 
-    loop = IOLoop(make_current=False)
-    try:
-        return loop.run_sync(converse, timeout=seconds)
-    finally:
-        loop.close()
+    def run():
+        loop = IOLoop(make_current=False)
+        try:
+            return loop.run_sync(converse, timeout=seconds)
+        finally:
+            loop.close()
+
+    with ThreadPoolExecutor(1) as pool:  # a browser of other tests keeps a loop running in the main thread
+        return pool.submit(run).result()
 
 
 def op(name, **fields):
