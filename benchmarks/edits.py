@@ -39,7 +39,7 @@ EDITS = [
     ("a comment", ALGEBRA, "import math\n", "import math  # a comment\n", "README's program", README),
     ("a docstring", ALGEBRA, '"""Return sum', '"""Return the sum', "README's program", README),
     ("a constant", LOCAL, "RAISE = 4.0", "RAISE = 4.5", "one IK", IK),
-    ("a constant", BALLS, " = 255\n", " = 254 + 1\n", "README's program", README),
+    ("a constant", BALLS, "1.0 + 2.0**-22", "1.0 + 2.0**-21", "README's program", README),
 ]
 """Words, file, what it has, what it gets, program."""
 
