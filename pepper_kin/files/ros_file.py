@@ -33,6 +33,7 @@ _LISTS = ("positions", "velocities", "accelerations", "effort")
 _POINT = {*_LISTS, "time_from_start"}
 _NUMBER = re.compile(r"[+-]?(\d+|(\d+\.\d*|\.\d+)([eE][+-]\d+)?)", re.ASCII)  # as YAML 1.1 has it
 _DEEPEST = 16  # lists and mappings in one another; a trajectory has five
+_TOO_DEEP = f"is not a JointTrajectory: nested more than {_DEEPEST} deep"
 _MOST_NODES = 3_000_000  # with all that aliases stand for: a few can stand for more than memory holds
 
 
@@ -129,6 +130,8 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         root = _document(path, text)
     except yaml.MarkedYAMLError as error:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
+        if "nesting depth" in str(error.problem):  # the parser's own bound, since PyYAML 6.0.4
+            raise FileFormatError(path, _TOO_DEEP, line) from error
         raise FileFormatError(path, f"is not complete YAML: {error.problem}", line) from error
     except yaml.YAMLError as error:
         raise FileFormatError(path, f"is not YAML: {error}") from error
@@ -196,8 +199,7 @@ def _document(path: PathName, text: str) -> _Node | None:
             open_nodes.append((node, event.anchor, count))
             count += 1
             if len(open_nodes) > _DEEPEST:
-                reason = f"is not a JointTrajectory: nested more than {_DEEPEST} deep"
-                raise FileFormatError(path, reason, line)
+                raise FileFormatError(path, _TOO_DEEP, line)
     others = [
         node for node in roots[1:] if node.kind != "scalar" or node.value
     ]  # `ros2 topic echo` ends in ---
