@@ -1,4 +1,4 @@
-"""Folders whose files are run: only of this user or of root, and writable by nobody else."""
+"""Folders whose files are run: only of this user or of root, and writable by no other user."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def fault_of(folder: Path) -> str | None:
 
 
 def read_own(path: Path) -> bytes:
-    """Return the content of a file of this user or of root that nobody else may write.
+    """Return the content of a file of this user or of root that no other user may write.
 
     Raises:
         OSError: where there is none, or it is a link or of somebody else, which is logged.

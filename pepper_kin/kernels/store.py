@@ -16,7 +16,7 @@ again.  A folder that cannot be written means that code stays in memory, not an 
 processes need a part that does not exist yet, one makes it and the others wait.
 
 The files hold machine code that is run without further checks.  So the folder has to belong to this user or
-to root, and so have its files, and nobody else may write to them (`private_folder`).
+to root, and so have its files, and no other user may write to them (`private_folder`).
 """
 
 from __future__ import annotations

@@ -233,7 +233,7 @@ class BaseMethods(Module):
         return self.body.tasks.using(BASE_RESOURCES)
 
     def stop_velocity(self) -> None:
-        """End a velocity that nobody else would end, so that a way to a place can begin."""
+        """End a velocity that no call has ended, so that a way to a place can begin."""
         with self.body.time.lock:
             self.body.tasks.kill([t for t in self._moves() if isinstance(t, VelocityTask)], self.body)
 
