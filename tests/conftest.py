@@ -9,6 +9,7 @@ import os
 import platform
 import runpy
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,6 +26,30 @@ import pepper_kin as pk
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+
+
+class PatientSys:
+    """`sys`, whose `settrace` tries again where another thread installs its trace function at the moment.
+
+    Python 3.11 raises a RuntimeError there (CPython issue 98257): measured by coverage, the new thread would
+    end before it began, and whoever waits for what it does would wait for ever.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(sys, name)
+
+    @staticmethod
+    def settrace(function: Any) -> None:
+        """Install a trace function in this thread."""
+        for _ in range(1000):
+            with contextlib.suppress(RuntimeError):
+                return sys.settrace(function)
+            time.sleep(0.001)
+        return sys.settrace(function)
+
+
+if sys.version_info < (3, 12) and "coverage.collector" in sys.modules:
+    threading._sys = sys.modules["coverage.collector"].sys = PatientSys()  # type: ignore[attr-defined]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -13,6 +13,9 @@ from pepper_kin.thread_priority import wake_promptly
 CYCLE = 0.02
 """Period of ALMotion [s]."""
 
+LEAST_PAUSE = 1e-4
+"""Time between two cycles in which the lock is free, at least [s]."""
+
 GRACE = 60.0
 """Time in which an interrupted thread may clean up before it is interrupted again [s]."""
 
@@ -150,8 +153,7 @@ class SimulatedTime:
         due = time.perf_counter()
         while not self._ended:
             now = time.perf_counter()
-            if now < due:
-                time.sleep(due - now)
+            time.sleep(max(due - now, LEAST_PAUSE))  # where cycles take too long, others need the lock, too
             late = time.perf_counter() - due
             with self._changed:
                 if self._ended:

@@ -90,13 +90,13 @@ def answered(server, texts):
     def converse_in_a_loop():
         loop = IOLoop(make_current=False)
         try:
-            return loop.run_sync(converse, timeout=3600)
+            return loop.run_sync(converse, timeout=300)
         finally:
             loop.close()
 
     # In a separate thread: where a browser is driven by the same process, this one has a running loop.
     with ThreadPoolExecutor(1) as pool:
-        return pool.submit(converse_in_a_loop).result()
+        return pool.submit(converse_in_a_loop).result(330)
 
 
 def test_malformed_messages_do_not_end_the_server(server, amount, tried):

@@ -1,5 +1,6 @@
 """The rosbridge protocol: what the server answers, also to what is no message."""
 
+import asyncio
 import base64
 import io
 import json
@@ -16,6 +17,7 @@ from pepper_kin.ros import ActionServer, GoalStatus, TransportError
 from pepper_kin.ros.qos import LATCHED, RELIABLE
 from pepper_kin.ros.transports.rosbridge import RosbridgeServer
 from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
+from pepper_kin.ros.transports.rosbridge_outbox import Outbox, Outgoing
 from pepper_kin.ros_messages import message_type
 
 STRING = "std_msgs/msg/String"
@@ -319,3 +321,28 @@ def test_types_are_checked(server):
 def test_nobody_there():
     with pytest.raises(TransportError, match="cannot connect"):
         RosbridgeClient("ws://127.0.0.1:1")
+
+
+def test_an_outbox_ends_where_it_is_woken_and_canceled_at_once():
+    async def run():
+        async def write(text):
+            del text
+
+        outbox = Outbox(write, lambda: None)
+        options = {"throttle_rate": 3_600_000, "queue_length": 1, "fragment_size": None}
+        throttled = Outgoing("/slow", None, {**options, "compression": "none"})
+        outbox.subscriptions.append(throttled)
+        throttled.add("first")
+        throttled.add("second")
+        task = asyncio.ensure_future(outbox.run())
+        await asyncio.sleep(0.01)
+        throttled.add("third")  # waits for an hour
+        outbox.wake()
+        await asyncio.sleep(0)
+        outbox.wake()
+        task.cancel()
+        done, _ = await asyncio.wait([task], timeout=5.0)
+        return bool(done) and task.cancelled()
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(asyncio.run, run()).result(30)

@@ -26,6 +26,9 @@ DEFAULT_PORT = 9090
 PING_SECONDS, PONG_SECONDS = 2.0, 2.0
 """A client is asked for a sign of life this often, and is gone without one after this time [s]."""
 
+END_SECONDS = 5.0
+"""What is under way when the server ends is waited for no longer [s]."""
+
 MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
 """Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
 
@@ -106,7 +109,8 @@ class RosbridgeServer(LocalTransport):
         others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
         for task in others:
             task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        if others:
+            await asyncio.wait(others, timeout=END_SECONDS)
 
     def fault(self, host: str | None, origin: str | None, token: str | None) -> str | None:
         """Say why a connection is refused, or None where it is not.

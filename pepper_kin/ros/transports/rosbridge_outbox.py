@@ -97,10 +97,15 @@ class Outbox:
         """Send until canceled, or until the socket is closed."""
         while True:
             wait = await self._send_all()
+            # Not by `asyncio.wait_for`: until Python 3.12 it may swallow that the task is canceled.
+            alarm = None
+            if wait is not None:
+                alarm = asyncio.get_running_loop().call_later(wait, self._changed.set)
             try:
-                await asyncio.wait_for(self._changed.wait(), wait)
-            except TimeoutError:
-                continue
+                await self._changed.wait()
+            finally:
+                if alarm is not None:
+                    alarm.cancel()
 
     async def _send_all(self) -> float | None:
         """Send what may be sent; return the time until a throttled message may [s]."""

@@ -113,9 +113,14 @@ class Session:
             self.outbox.answer(status if identifier is None else {**status, "id": identifier})
 
     def send(self, message: dict[str, Any] | str) -> None:
-        """Send an answer; from any thread."""
+        """Send an answer; from any thread.
+
+        Raises:
+            ValueError: for values that JSON cannot hold; here, where somebody can still answer otherwise.
+        """
+        text = message if isinstance(message, str) else text_of(message)
         if not self.ended:
-            self._loop.call_soon_threadsafe(self.outbox.answer, message)
+            self._loop.call_soon_threadsafe(self.outbox.answer, text)
 
     def close(self) -> None:
         """End all that the client has open: its goals are canceled, what it offers is withdrawn."""
@@ -246,8 +251,10 @@ class Session:
                     if isinstance(values, list):  # in the order of the fields
                         names = [f.name for f in service.request.definition.fields]
                         fields = dict(zip(names, values, strict=False))
-                    found = service.call(service.request.from_dict(fields)).to_dict()
-                self.send({**answer, "values": found, "result": True})
+                    response = to_json(service.call(service.request.from_dict(fields)))
+                else:
+                    response = text_of(found)
+                self.send(f'{text_of({**answer, "result": True})[:-1]},"values":{response}}}')
             except Exception as error:
                 if not isinstance(error, PepperKinError):
                     logger.exception("rosbridge: %s failed", name)
@@ -319,10 +326,10 @@ class Session:
             self.send(f'{head},"values":{to_json(values)}}}')
 
         def end(result: GoalResult) -> None:
-            values = {"values": result.result.to_dict(), "status": int(result.status)}
             self._goals.pop(identifier, None)
             reached = result.status is GoalStatus.SUCCEEDED
-            self.send({"op": "action_result", **common, **values, "result": reached})
+            head = {"op": "action_result", **common, "status": int(result.status), "result": reached}
+            self.send(f'{text_of(head)[:-1]},"values":{to_json(result.result)}}}')
 
         made = LocalGoal(action, goal, feedback if wants_feedback else None, end)
         self._goals[identifier] = made

@@ -71,6 +71,9 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
             await outbox.run()
         except tornado.websocket.WebSocketClosedError:
             return
+        except Exception:  # whoever waits for an answer that cannot be sent is to hear of it
+            logger.exception("rosbridge: a client could not be answered; it is disconnected")
+            self.close(1011, "the server failed")
 
     async def _send(self, text: str) -> Any:
         await self.write_message(text)
