@@ -14,7 +14,7 @@ from pepper_kin.model import rpy_from_rotation
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, WHEELS
 from pepper_kin.naoqi.tables import table
-from pepper_kin.twin.sensors import Reading, SensorSuite
+from pepper_kin.twin.sensors import Reading, SensorSuite, sensor_specifications
 
 TOP = "Device/SubDeviceList/"
 
@@ -41,9 +41,8 @@ class DeviceKeys:
     def __init__(self, body: Body) -> None:
         self.body = body
         self.pressed: set[str] = set()
-        self._suite = SensorSuite(body.pepper, noise=False)
-        self._readings: dict[str, Reading] = {}
-        self._read_at = -math.inf
+        self._suites: dict[str, SensorSuite] = {}
+        self._readings: dict[str, tuple[float, dict[str, Reading]]] = {}
         self._makers: dict[str, Callable[[], object]] = {}
         self._fill()
 
@@ -65,16 +64,24 @@ class DeviceKeys:
         return None if maker is None else self[key]
 
     def reading(self, sensor: str) -> Reading:
-        """Return the present reading of a sensor of the twin."""
-        now = self.body.time.now
-        if not self._readings or now >= self._read_at + SENSOR_PERIOD:
-            state = self.body.state
-            self._suite.reset()
-            self._readings = self._suite.read(
+        """Return the present reading of a sensor of the twin; only sensors of its kind are read."""
+        now, kind = self.body.time.now, sensor.split("_")[0]
+        read_at, readings = self._readings.get(kind, (-math.inf, {}))
+        if now >= read_at + SENSOR_PERIOD:
+            state, suite = self.body.state, self._suite(kind)
+            suite.reset()
+            readings = suite.read(
                 now, state.position, state.velocity, state.acceleration, state.torque, scene=self.body.scene
             )
-            self._read_at = now
-        return self._readings[sensor]
+            self._readings[kind] = now, readings
+        return readings[sensor]
+
+    def _suite(self, kind: str) -> SensorSuite:
+        """Return the sensors of a kind: those whose names begin with it."""
+        if kind not in self._suites:
+            names = [name for name in sensor_specifications() if name.split("_")[0] == kind]
+            self._suites[kind] = SensorSuite(self.body.pepper, sensors=names, noise=False)
+        return self._suites[kind]
 
     def touched(self, sensor: str) -> bool:
         """Return whether a bumper or a touch sensor is pressed, by the scene or from outside."""

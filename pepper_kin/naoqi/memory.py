@@ -114,8 +114,9 @@ class ALMemory(Module):
         raise self.fail("getData", f"unable to get data for key: {key}")
 
     def getListData(self, keyList: Any) -> list[Any]:
-        """Return the values of keys; None for those that nobody has written."""
-        return [self._data.get(key, self.devices.get(key)) for key in keyList]
+        """Return the values of keys, all of one cycle; None for those that nobody has written."""
+        with self.body.time.lock:
+            return [self._data.get(key, self.devices.get(key)) for key in keyList]
 
     def getDataOnChange(self, key: str, deprecatedParameter: int = 0) -> Any:
         """Wait until the value of a key changes; return it."""
