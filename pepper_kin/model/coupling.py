@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from pepper_kin.model.pepper_model import PepperModel
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 
 def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
