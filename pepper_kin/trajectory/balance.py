@@ -6,31 +6,14 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_wrench
+from pepper_kin.dynamics import base_wrench, tip_over_margin
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.support_polygon import WHEELS, inward_normals
+from pepper_kin.dynamics.support_polygon import support_polygon as support_polygon
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.wheels import BASE_JOINTS
-
-WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
-
-
-@kept_for_robot(most=32)
-def support_polygon(pepper: PepperModel) -> Array | None:
-    """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
-
-    For Pepper (0.09, 0.155), (-0.17, 0), (0.09, -0.155); None for a robot without these wheels.
-    """
-    from pepper_kin import kinematics
-
-    if not set(WHEELS) <= set(pepper.frame_names):
-        return None
-    q = pepper.neutral()
-    for joint in set(BASE_JOINTS) & set(pepper.joint_names):
-        q[pepper.joint_index(joint)] = 0.0
-    return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
-
 
 BALANCE_ALLOWED = "a finite distance of 0 or more [m], or None"
 
@@ -77,12 +60,8 @@ def edge_moments(
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
     """
-    from pepper_kin import dynamics
-
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
-    vertices, inward = _to_world(pepper, q, polygon, inward)
-    wrench = dynamics.base_wrench(pepper, q, v, a)
+    vertices, inward = _to_world(pepper, q, polygon, inward_normals(polygon))
+    wrench = base_wrench(pepper, q, v, a)
     if loads:
         wrench = wrench + load_wrench(pepper, loads, q, v, a)
     tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
@@ -92,8 +71,7 @@ def edge_moments(
 
 def moment_matrix(polygon: Array, margin: float) -> Array:
     """Return G such that the edge moments of a robot with a fixed base are wrench @ G, shape (6, k)."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    inward = inward_normals(polygon)
     gain = np.zeros((6, len(polygon)))
     gain[4], gain[3] = -inward[:, 0], inward[:, 1]
     gain[2] = -(np.sum(inward * polygon, axis=1) + margin)
@@ -121,20 +99,16 @@ def balance_margin(
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
-    from pepper_kin import dynamics
-
     if loads:
-        wrench = dynamics.base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
+        wrench = base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
         moments = edge_moments(pepper, polygon, q, v, a, 0.0, loads).min(axis=1)
         carried = wrench[:, 2] > 0
         return np.where(carried, moments / np.where(carried, wrench[:, 2], 1.0), -np.inf)
-    lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0
+    lifted = base_wrench(pepper, q, v, a)[:, 2] <= 0
     margin = np.full(len(q), -np.inf)
     stands = ~lifted
     if stands.any():
-        margin[stands] = dynamics.tip_over_margin(
-            pepper, q[stands], v[stands], a[stands], polygon, _base(pepper)
-        )
+        margin[stands] = tip_over_margin(pepper, q[stands], v[stands], a[stands], polygon, _base(pepper))
     return margin
 
 
