@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.model.fault import Fault
 from pepper_kin.model.kinematic_tree import ROUNDING, impossible_inertia
 from pepper_kin.model.shape_extent import link_extent
-from pepper_kin.model.tolerant_urdf import LinkFacts, UrdfFacts
+from pepper_kin.model.tolerant_urdf import Fault, LinkFacts, UrdfFacts
 
 HIDDEN_HARDWARE = 1.25
 """How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighboring link."""

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light, leader_of
+from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light
 from pepper_kin.model.poses import quaternion_from_rotation
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from pepper_kin.model.tree_order import leader_of
 from pepper_kin.model.xml_text import child, document, number, numbers
 
 if TYPE_CHECKING:

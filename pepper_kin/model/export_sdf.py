@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model.coupling import coupling_of
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
 from pepper_kin.model.poses import rpy_of
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Shape, Sphere
+from pepper_kin.model.tree_order import coupling_of
 from pepper_kin.model.xml_text import child, document, number, numbers
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin.model.coupling import coupling_of, leader_of
 from pepper_kin.model.kinematic_tree import KinematicTree
+from pepper_kin.model.tree_order import coupling_of, leader_of
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.model.xml_text import child, number, numbers
 

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 changed_model = lazy_module("pepper_kin.model.changed_model")
 export_formats = lazy_module("pepper_kin.model.export_formats")
 
+LIMITS = ("lower", "upper", "velocity", "acceleration", "effort")
+
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class PepperModel:
@@ -110,11 +112,6 @@ class PepperModel:
             urdf=document.text,
             joint_names=names,
             joint_units=tuple("m" if joint.type == "prismatic" else "rad" for joint in leading),
-            lower_limits=read_only([joint.lower for joint in leading]),
-            upper_limits=read_only([joint.upper for joint in leading]),
-            velocity_limits=read_only([joint.velocity for joint in leading]),
-            acceleration_limits=read_only([joint.acceleration for joint in leading]),
-            effort_limits=read_only([joint.effort for joint in leading]),
             full_map=read_only(full_map),
             full_offset=read_only(full_offset),
             dynamics_model=DynamicsModel(document, full_names, changed),
@@ -124,6 +121,7 @@ class PepperModel:
             kept={},
             _frame_ids=frame_ids(document, order),
             _local=threading.local(),
+            **{f"{what}_limits": read_only([getattr(joint, what) for joint in leading]) for what in LIMITS},
         )
 
     def __repr__(self) -> str:

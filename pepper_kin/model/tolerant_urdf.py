@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.file_reading import plain_number
-from pepper_kin.model.fault import Fault
 from pepper_kin.model.kinematic_tree import MOMENTS, tensor_of
 from pepper_kin.model.shapes import transform
 from pepper_kin.model.urdf_document import MOVING_TYPES
@@ -28,6 +27,24 @@ SIZES = {
     "capsule": ("radius", "length"),
 }
 JOINT_TYPES = (*MOVING_TYPES, "fixed")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: "xml", "structure", "number", "mass", "inertia", "limits", "mimic", "mesh" or "geometry".
+        where: The element, such as "joint HeadYaw".
+        message: What is wrong with it, with numbers.
+    """
+
+    kind: str
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.where}: {self.message}"
 
 
 @dataclass

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import MOST
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 
 def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
@@ -67,3 +72,19 @@ def mimic_map(
         column, gain, shift = known[full_names[row]]
         full_map[row, column], offset[row] = gain, shift
     return full_map, offset
+
+
+def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
+    """Return the coordinate that a moving joint follows (itself, if it has one), its gain and its offset.
+
+    Chains of followers are resolved: position = gain * coordinate + offset.
+    """
+    row = list(pepper.inner_model.names).index(joint) - 1
+    column = int(np.argmax(np.abs(pepper.full_map[row])))
+    gain, offset = pepper.full_map[row, column], pepper.full_offset[row]
+    return pepper.joint_names[column], float(gain), float(offset)
+
+
+def leader_of(pepper: PepperModel, joint: str) -> str:
+    """Return the coordinate that a moving joint follows; itself, if it has one."""
+    return coupling_of(pepper, joint)[0]

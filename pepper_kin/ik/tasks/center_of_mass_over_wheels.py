@@ -69,13 +69,12 @@ class CenterOfMassOverWheels(TargetTask):
         base_frame: str = "base_footprint",
     ) -> None:
         margins = read_only(as_targets(margin, f"margin of {LABEL}", ()))
-        polygon = {"contacts": None, "normals": None}
-        if contacts is not None:
-            polygon = _polygon(checked_polygon(contacts, f"contacts of {LABEL}"), margins)
         super().__init__(
-            LABEL, weight=weight, tolerance=tolerance, hard=hard, target=margins, base_frame=base_frame,
-            loads=(), **polygon,
+            LABEL, weight=weight, tolerance=tolerance, hard=hard, target=margins, contacts=None, normals=None,
+            base_frame=base_frame, loads=(),
         )  # fmt: skip
+        if contacts is not None:
+            vars(self).update(_polygon(checked_polygon(contacts, f"contacts of {LABEL}"), margins))
 
     def check(self, pepper: PepperModel) -> None:
         """Refuse a robot without the base's frame, or whose wheels are not known, or are too near for m."""
@@ -83,7 +82,7 @@ class CenterOfMassOverWheels(TargetTask):
         self.on(pepper)
 
     def on(self, pepper: PepperModel) -> CenterOfMassOverWheels:
-        """Return the task with the contacts of the robot's wheels, where it has none of its own."""
+        """Return the task with the contacts of the robot's wheels, where none were given."""
         if self.contacts is not None:
             return self
         return self.altered(**_polygon(wheel_contacts(pepper, f"contacts of {LABEL}"), self.target))
