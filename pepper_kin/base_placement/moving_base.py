@@ -9,7 +9,6 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, RobotMemory
-from pepper_kin.model.load import model_of
 from pepper_kin.model.wheels import BASE_JOINTS, on_planar_base
 
 FAR = 1000.0
@@ -88,7 +87,7 @@ def wrapped(angle: Array) -> Array:
 def _on_wheels(pepper: PepperModel) -> PepperModel:
     """Return the robot with the base's joints between the world and its root link."""
     moving = on_planar_base(pepper.document, "placement", FAR, {})
-    robot = model_of(moving, pepper.semantics, pepper.sphere_set)
+    robot = PepperModel(moving, pepper.semantics, pepper.sphere_set)
     changed = pepper.dynamics_model.changed()
     if changed is not None:  # what the document does not hold: payloads, other masses, placements, gravity
         model = robot.pinocchio_model

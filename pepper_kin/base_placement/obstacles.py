@@ -10,7 +10,6 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel, RobotMemory
-from pepper_kin.model.load import model_of
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -49,5 +48,5 @@ def _without_self(robot: PepperModel) -> PepperModel:
         pairs = {(min(a, b), max(a, b)): "Never" for a, b in combinations(robot.link_names, 2)}
         semantics = replace(robot.semantics, disabled_pairs=pairs)
         changed = robot.dynamics_model.changed()
-        found = known[""] = model_of(robot.document, semantics, changed=changed)
+        found = known[""] = PepperModel(robot.document, semantics, changed=changed)
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -241,8 +240,8 @@ def _links_of_hand(pepper: PepperModel, joint: int) -> frozenset[str]:
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
     """Return the joints of the hand that a joint moves or is part of, by the SRDF's end effectors."""
-    model, text = pepper.inner_model, pepper.semantics.text
-    for effector in ET.fromstring(text).findall("end_effector") if text else ():
+    model, semantics = pepper.inner_model, pepper.semantics
+    for effector in semantics.tree.findall("end_effector") if semantics.text else ():
         link = effector.get("parent_link", "")
         wrist = _joint(pepper, link) if link in pepper.frame_names else 0
         if wrist and joint in set(model.subtrees[wrist]):

@@ -17,6 +17,8 @@
 Vectors q, v, a and tau have shape (..., n); spatial vectors are linear first.
 """
 
+from typing import TYPE_CHECKING
+
 from pepper_kin.dynamics.base_wrench import base_wrench
 from pepper_kin.dynamics.center_of_mass import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.coriolis import coriolis_matrix
@@ -35,8 +37,12 @@ from pepper_kin.dynamics.mass import inverse_mass_matrix, mass_matrix, total_mas
 from pepper_kin.dynamics.momentum import centroidal_map, centroidal_momentum
 from pepper_kin.dynamics.newton_euler import newton_euler
 from pepper_kin.dynamics.regressor import inertial_parameters, regressor
-from pepper_kin.dynamics.tip_over import WHEEL_CONTACTS, tip_over_margin
+from pepper_kin.dynamics.tip_over import tip_over_margin
 from pepper_kin.dynamics.zero_moment_point import zero_moment_point
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.dynamics.pepper_wheels import WHEEL_CONTACTS
 
 __all__ = [
     "WHEEL_CONTACTS",
@@ -66,3 +72,5 @@ __all__ = [
     "total_mass",
     "zero_moment_point",
 ]
+
+__getattr__, __dir__ = lazily(__name__, {"WHEEL_CONTACTS": "pepper_wheels"})

@@ -102,7 +102,7 @@ def _coupling(pepper: PepperModel) -> tuple[Array, Array]:
     """Return q_joint = gain q + offset of all moving joints, read from the URDF's mimic elements."""
     mimics = {}
     moving = []
-    for joint in ET.fromstring(pepper.urdf).findall("joint"):
+    for joint in pepper.document.tree.findall("joint"):
         if joint.get("type") == "fixed":
             continue
         name = str(joint.get("name"))
@@ -147,7 +147,7 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
 def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
     """Return the links and loads that count, parents first: what moves, has inertia, or carries such."""
     changed = pepper.dynamics_model.changed()
-    bodies, place, turns = _read_bodies(pepper.urdf) if changed is None else _changed_bodies(pepper, changed)
+    bodies, place, turns = _read_bodies(pepper) if changed is None else _changed_bodies(pepper, changed)
     for load in loads:
         if load.frame not in place:
             raise UnknownNameError("link that carries a load", load.frame, place)
@@ -158,9 +158,9 @@ def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
     return _that_count(bodies)
 
 
-def _read_bodies(urdf: str) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
-    """Return the links of a URDF, parents first, their places among them, and how their frames are turned."""
-    root = ET.fromstring(urdf)
+def _read_bodies(pepper: PepperModel) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
+    """Return the URDF's links, parents first, their places among them, and how their frames are turned."""
+    root = pepper.document.tree
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
     moving = [j for j in joints if j.get("type") != "fixed"]
@@ -184,7 +184,7 @@ def _read_bodies(urdf: str) -> tuple[list[_Body], dict[str, int], dict[str, Arra
 
 def _changed_bodies(pepper: PepperModel, model: Any) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
     """Return the same of a `pinocchio.Model` that was changed by hand, and of all frames on its bodies."""
-    joints = {str(j.get("name")): j for j in ET.fromstring(pepper.urdf).findall("joint")}
+    joints = {str(j.get("name")): j for j in pepper.document.tree.findall("joint")}
     moving = [name for name, joint in joints.items() if joint.get("type") != "fixed"]
     own, bodies = [np.eye(3)], []
     for i, name in enumerate(model.names):
@@ -218,7 +218,7 @@ def _changed_bodies(pepper: PepperModel, model: Any) -> tuple[list[_Body], dict[
 
 def _armature(pepper: PepperModel, model: Any) -> Array:
     """Return the armature of each moving joint in the URDF's order [kg m^2 or kg], shape (k,)."""
-    joints = ET.fromstring(pepper.urdf).findall("joint")
+    joints = pepper.document.tree.findall("joint")
     moving = [str(joint.get("name")) for joint in joints if joint.get("type") != "fixed"]
     places = [model.joints[model.getJointId(name)].idx_v for name in moving]
     return np.array(model.armature)[places]

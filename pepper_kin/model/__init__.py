@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from pepper_kin.model.comparison import Comparison, Difference, compare
     from pepper_kin.model.digest import RobotMemory, kept_for_robot, kept_while_private, robot_digest
     from pepper_kin.model.export_formats import FORMATS, export
-    from pepper_kin.model.fault import Fault
-    from pepper_kin.model.load import load_pepper, load_robot, pepper_urdf
+    from pepper_kin.model.load import load_pepper, pepper_urdf
     from pepper_kin.model.mesh_names import mesh_files
     from pepper_kin.model.model_audit import Audit, audit
+    from pepper_kin.model.other_robots import load_robot
     from pepper_kin.model.pepper_model import PepperModel
     from pepper_kin.model.poses import (
         pose,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from pepper_kin.model.semantics import Semantics
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+    from pepper_kin.model.tolerant_urdf import Fault
     from pepper_kin.model.wheels import Wheels
     from pepper_kin.paper.table4 import LimitRow, LimitsTable, limits_table
 
@@ -83,8 +84,9 @@ __getattr__, __dir__ = lazily(
         **dict.fromkeys(("Comparison", "Difference", "compare"), "comparison"),
         **dict.fromkeys(("RobotMemory", "kept_for_robot", "kept_while_private", "robot_digest"), "digest"),
         **dict.fromkeys(("FORMATS", "export"), "export_formats"),
-        "Fault": "fault",
-        **dict.fromkeys(("load_pepper", "load_robot", "pepper_urdf"), "load"),
+        "Fault": "tolerant_urdf",
+        **dict.fromkeys(("load_pepper", "pepper_urdf"), "load"),
+        "load_robot": "other_robots",
         "mesh_files": "mesh_names",
         **dict.fromkeys(("Audit", "audit"), "model_audit"),
         **dict.fromkeys(("LimitRow", "LimitsTable", "limits_table"), "pepper_kin.paper.table4"),

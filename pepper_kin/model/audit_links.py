@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pepper_kin.model.fault import Fault
+from pepper_kin.model.kinematic_tree import ROUNDING, impossible_inertia
 from pepper_kin.model.shape_extent import link_extent
-from pepper_kin.model.tolerant_urdf import LinkFacts, UrdfFacts
+from pepper_kin.model.tolerant_urdf import Fault, LinkFacts, UrdfFacts
 
 HIDDEN_HARDWARE = 1.25
 """How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighboring link."""
-ROUNDING = 1e-6
-"""Relative violation of a law that the rounding of published digits explains."""
 
 
 @dataclass(frozen=True)
@@ -67,23 +64,6 @@ def audit_links(facts: UrdfFacts, faults: list[Fault]) -> tuple[list[LinkRow], l
     if not rows and facts.links:
         faults.append(Fault("mass", "the robot", "no link has mass"))
     return rows, notes
-
-
-def impossible_inertia(moments: NDArray[np.floating]) -> str:
-    """Say why no real body has given principal moments of inertia; empty where one can.
-
-    All are above zero, and none is larger than the sum of the other two.
-
-    Args:
-        moments: The moments [kg m^2], rising, shape (3,).
-    """
-    listed = ", ".join(f"{m:.4g}" for m in moments)
-    if moments[0] <= 0.0:
-        return f"not positive definite: principal moments {listed} kg m^2"
-    margin = (moments[0] + moments[1] - moments[2]) / moments[2]
-    if margin < -ROUNDING:
-        return f"principal moments {listed} kg m^2 break the triangle inequality by {-margin:.1%}"
-    return ""
 
 
 def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRow]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pepper_kin.exceptions import shortened
-from pepper_kin.model.fault import Fault
-from pepper_kin.model.tolerant_urdf import JointFacts, UrdfFacts
+from pepper_kin.model.tolerant_urdf import Fault, JointFacts, UrdfFacts
 from pepper_kin.model.urdf_document import MOVING_TYPES
 
 PHALANGES = (

@@ -13,7 +13,9 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
-from pepper_kin.model.urdf_document import MOST, parse_urdf
+from pepper_kin.model.urdf_document import parse_urdf
+from pepper_kin.model.xml_source import MOST
+from pepper_kin.model.xml_text import own_child
 
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
@@ -42,13 +44,12 @@ def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) 
         for quantity, value in changes.items()
     }
     _check(pepper, new)
-    root = ET.fromstring(pepper.urdf)
+    root = pepper.document.copied_tree()
     for element in root.findall("joint"):
         name = element.get("name", "")
         if name not in pepper.joint_names:
             continue
-        limit = element.find("limit")
-        limit = ET.SubElement(element, "limit") if limit is None else limit
+        limit = own_child(element, "limit")
         values = {quantity: float(array[pepper.joint_index(name)]) for quantity, array in new.items()}
         if element.get("type") != "prismatic":
             element.set("type", "continuous" if np.isinf(values["lower"]) else "revolute")
@@ -62,7 +63,7 @@ def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) 
 
 def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel:
     """Return the model of `PepperModel.with_masses`, which describes arguments and errors."""
-    root = ET.fromstring(pepper.urdf)
+    root = pepper.document.copied_tree()
     found: dict[str, ET.Element] = {}
     for link in root.findall("link"):
         inertial = link.find("inertial")
@@ -88,8 +89,6 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
 
 
 def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
-    from pepper_kin.model.load import model_of
-
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
             f"robot {pepper.name!r}: its pinocchio_model was changed by hand, the new one would not be; "
@@ -97,7 +96,7 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
-    return model_of(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
+    return type(pepper)(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:

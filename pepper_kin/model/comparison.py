@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model.fault import Fault
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.poses import rpy_of
 from pepper_kin.model.text_table import text_table
-from pepper_kin.model.tolerant_urdf import JointFacts, LinkFacts, read_tolerantly, rotation_angle
+from pepper_kin.model.tolerant_urdf import Fault, JointFacts, LinkFacts, read_tolerantly, rotation_angle
 from pepper_kin.model.urdf_source import read_source
 
 

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pepper_kin.exceptions import ModelError
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.urdf_document import UrdfDocument
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
+
+plain_urdf = lazy_module("pepper_kin.model.plain_urdf")
 
 MOST_COMPUTED = 300
 """Moving joints that Pinocchio can compute with: for so many its working memory takes 0.9 GB."""
@@ -105,11 +111,9 @@ class DynamicsModel:
     def _build(self) -> Any:
         import pinocchio
 
-        from pepper_kin.model.plain_urdf import plain_urdf
-
         name = self._document.name
         try:
-            model = pinocchio.buildModelFromXML(plain_urdf(self._document))
+            model = pinocchio.buildModelFromXML(plain_urdf.plain_urdf(self._document))
         except (ValueError, RuntimeError) as error:
             raise ModelError(f"URDF: Pinocchio refuses robot {name!r}: {error}") from error
         if tuple(model.names)[1:] != self._joint_names:
@@ -118,6 +122,19 @@ class DynamicsModel:
         model.lowerPositionLimit = np.array([joints[joint].lower for joint in self._joint_names])
         model.upperPositionLimit = np.array([joints[joint].upper for joint in self._joint_names])
         return model
+
+
+def described(pepper: PepperModel) -> None:
+    """Refuse a robot whose description does not hold all there is to know of it.
+
+    Raises:
+        ModelError: where its `pinocchio_model` was changed by hand.
+    """
+    if pepper.dynamics_model.changed() is not None:
+        raise ModelError(
+            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which its description does not "
+            "hold; change limits and masses by with_limits() and with_masses(), placements in the URDF"
+        )
 
 
 def _same(first: Any, second: Any) -> bool:

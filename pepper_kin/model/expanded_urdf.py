@@ -12,6 +12,9 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
+from pepper_kin import urdf
+from pepper_kin.atomic_file import write_text
+
 BASES = ("fixed", "planar")
 HANDS = ("locked", "mimic", "independent")
 DEFAULTS = {"base": "fixed", "hands": "locked"}
@@ -20,8 +23,6 @@ _CHECKSUM = "sources.crc32"
 
 def urdf_folder() -> Path:
     """Return the folder of the package `pepper_kin.urdf`."""
-    from pepper_kin import urdf
-
     return Path(urdf.__path__[0])
 
 
@@ -62,8 +63,6 @@ def sources_checksum() -> str:
 
 def write_expanded() -> list[Path]:
     """Write the texts of all bases and hands, then the checksum of the sources; return the texts' files."""
-    from pepper_kin.atomic_file import write_text
-
     folder = urdf_folder() / "expanded"
     folder.mkdir(exist_ok=True)
     written = []

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.model.dynamics_model import described
 from pepper_kin.model.export_mjcf import mjcf_text
 from pepper_kin.model.export_sdf import sdf_text
 from pepper_kin.model.export_srdf import srdf_text
 from pepper_kin.model.export_urdf import urdf_text
 from pepper_kin.model.joint_vectors import check_choice
-from pepper_kin.model.pepper_model import PepperModel
-from pepper_kin.model.urdf_source import described
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 

@@ -6,17 +6,21 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light, leader_of
-from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light
 from pepper_kin.model.poses import quaternion_from_rotation
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from pepper_kin.model.tree_order import leader_of
 from pepper_kin.model.xml_text import child, document, number, numbers
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
 """Of a body that moves without mass, which MuJoCo does not allow [kg], [kg m^2]."""

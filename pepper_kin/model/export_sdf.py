@@ -6,17 +6,20 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.model.coupling import coupling_of
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.poses import rpy_of
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Shape, Sphere
+from pepper_kin.model.tree_order import coupling_of
 from pepper_kin.model.xml_text import child, document, number, numbers
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
 """Of links that move without mass, which SDF does not allow [kg], [kg m^2]."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
 
-from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.xml_text import child, document, number
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 MOVEIT_REASONS = ("Adjacent", "Always", "Default", "Never", "User")
 
@@ -17,8 +20,7 @@ def srdf_text(pepper: PepperModel) -> str:
     that are locked or of a base that does not move; states name only joints that have a coordinate, and only
     joints that follow others are passive.  A pair of links whose reason is not one of MoveIt's gets "User".
     """
-    text = pepper.semantics.text
-    root = ET.fromstring(text) if text else _from_fields(pepper)
+    root = pepper.semantics.copied_tree() if pepper.semantics.text else _from_fields(pepper)
     root.set("name", pepper.name)
     links = set(pepper.link_names)
     moving = {joint.name for joint in pepper.document.joints if joint.type != "fixed"}

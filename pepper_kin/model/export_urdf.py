@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
 
 from pepper_kin.model.mesh_names import files_by_name, mesh_namer
-from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.xml_text import child, document
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 
 def urdf_text(pepper: PepperModel, mesh_paths: str = "package", zero_inertials: bool = False) -> str:
@@ -22,7 +24,7 @@ def urdf_text(pepper: PepperModel, mesh_paths: str = "package", zero_inertials: 
     if mesh_paths == "package" and not zero_inertials:
         return pepper.urdf
     files = files_by_name(pepper.document)
-    root = ET.fromstring(pepper.urdf)
+    root = pepper.document.copied_tree()
     for mesh in root.iterfind("link/*/geometry/mesh"):
         mesh.set("filename", name(files[mesh.get("filename", "")]))
     if zero_inertials:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,13 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import ModelError
 from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.shapes import rotation_rpy, transform
-from pepper_kin.model.urdf_document import Joint, UrdfDocument, number_of, vector_of
+from pepper_kin.model.urdf_document import Joint, UrdfDocument
+from pepper_kin.model.xml_source import number_of, vector_of
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of an <inertia>."""
+ROUNDING = 1e-6
+"""Relative violation of a law that the rounding of published digits explains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +80,7 @@ def kinematic_tree(document: UrdfDocument) -> KinematicTree:
     Raises:
         ModelError: naming the joint or link whose numbers are malformed.
     """
-    root = ET.fromstring(document.text)
+    root = document.tree
     elements = {element.get("name"): element for element in root.findall("joint")}
     joints = {joint.child: _place(joint, elements[joint.name]) for joint in document.joints}
     bodies = {}
@@ -116,17 +123,29 @@ def read_body(inertial: ET.Element, link: str) -> Body:
     origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
     center = vector_of(None if origin is None else origin.get("xyz"), 3, (0, 0, 0), what)
     rpy = vector_of(None if origin is None else origin.get("rpy"), 3, (0, 0, 0), what)
-    entry = {
-        key: 0.0 if inertia is None else number_of(inertia, key, 0.0, what)
-        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    }
-    tensor = np.array(
-        [
-            [entry["ixx"], entry["ixy"], entry["ixz"]],
-            [entry["ixy"], entry["iyy"], entry["iyz"]],
-            [entry["ixz"], entry["iyz"], entry["izz"]],
-        ]
-    )
+    tensor = tensor_of([0.0 if inertia is None else number_of(inertia, key, 0.0, what) for key in MOMENTS])
     rotation = rotation_rpy(*(float(v) for v in rpy))
     kilograms = 0.0 if mass is None else number_of(mass, "value", 0.0, what)
     return Body(kilograms, read_only(center), read_only(rotation @ tensor @ rotation.T))
+
+
+def tensor_of(moments: Sequence[float]) -> NDArray[np.float64]:
+    """Return the inertia, shape (3, 3), of its six `MOMENTS` [kg m^2]."""
+    return np.array(moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def impossible_inertia(moments: NDArray[np.floating]) -> str:
+    """Say why no real body has given principal moments of inertia; empty where one can.
+
+    All are above zero, and none is larger than the sum of the other two.
+
+    Args:
+        moments: The moments [kg m^2], rising, shape (3,).
+    """
+    listed = ", ".join(f"{m:.4g}" for m in moments)
+    if moments[0] <= 0.0:
+        return f"not positive definite: principal moments {listed} kg m^2"
+    margin = (moments[0] + moments[1] - moments[2]) / moments[2]
+    if margin < -ROUNDING:
+        return f"principal moments {listed} kg m^2 break the triangle inequality by {-margin:.1%}"
+    return ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,11 +53,10 @@ def mesh_namer(document: UrdfDocument, mesh_paths: str, scheme: str = "package")
 
 def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
     """Pair resolved files with the names in the text; both come in document order."""
-    root = ET.fromstring(document.text)
     result = {}
     for kind, shapes in (("visual", document.visuals), ("collision", document.collisions)):
         # As they are read: the first geometry of each shape counts, and what it holds first.
-        items = [item for link in root.findall("link") for item in link.findall(kind)]
+        items = [item for link in document.tree.findall("link") for item in link.findall(kind)]
         geometries = [geometry for item in items if (geometry := item.find("geometry")) is not None]
         elements = [geometry[0] for geometry in geometries if geometry[0].tag == "mesh"]
         paths = [shape.geometry.path for shape in shapes if isinstance(shape.geometry, Mesh)]

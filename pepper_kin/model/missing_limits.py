@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.xml_text import own_child
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,12 +63,10 @@ def with_acceleration_limits(document: UrdfDocument, user_limits: LimitsLike) ->
     names = [joint.name for joint in leading]
     limits = completed_limits(names, np.array([joint.acceleration for joint in leading]), user_limits)
     values = {name: float(limit) for name, limit in zip(names, limits, strict=True) if np.isfinite(limit)}
-    root = ET.fromstring(document.text)
+    root = document.copied_tree()
     for element in root.findall("joint"):
         if element.get("name") in values:
-            limit = element.find("limit")
-            limit = ET.SubElement(element, "limit") if limit is None else limit
-            limit.set("acceleration", repr(values[element.get("name", "")]))
+            own_child(element, "limit").set("acceleration", repr(values[element.get("name", "")]))
     joints = tuple(replace(j, acceleration=values.get(j.name, j.acceleration)) for j in document.joints)
     return replace(document, text=ET.tostring(root, encoding="unicode"), joints=joints)
 

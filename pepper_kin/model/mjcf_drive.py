@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin.model.coupling import coupling_of, leader_of
 from pepper_kin.model.kinematic_tree import KinematicTree
-from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.tree_order import coupling_of, leader_of
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.model.xml_text import child, number, numbers
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 STIFFNESS_PER_EFFORT = 20.0
 """Assumed stiffness of a position actuator per unit of its effort limit [1/rad or 1/m].

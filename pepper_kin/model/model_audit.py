@@ -8,10 +8,9 @@ from pathlib import Path
 
 from pepper_kin.model.audit_links import LinkRow, audit_links
 from pepper_kin.model.audit_tree import JointRow, audit_joints, fingers_found, reachable_links
-from pepper_kin.model.fault import Fault
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.text_table import text_table
-from pepper_kin.model.tolerant_urdf import read_tolerantly
+from pepper_kin.model.tolerant_urdf import Fault, read_tolerantly
 from pepper_kin.model.urdf_source import mesh_folders, read_source
 
 

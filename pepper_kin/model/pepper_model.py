@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.frozen_arrays import read_only
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.model.semantics import Semantics
+from pepper_kin.model.tree_order import depth_first, frame_ids, mimic_map
 from pepper_kin.model.urdf_document import UrdfDocument
 
 if TYPE_CHECKING:
@@ -23,12 +26,26 @@ if TYPE_CHECKING:
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
+changed_model = lazy_module("pepper_kin.model.changed_model")
+export_formats = lazy_module("pepper_kin.model.export_formats")
 
-@dataclass(frozen=True, eq=False)
+LIMITS = ("lower", "upper", "velocity", "acceleration", "effort")
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class PepperModel:
     """A robot whose every joint has one coordinate: `nq == nv == n`.
 
     Values are frozen and arrays are read-only, so one model may be shared by threads and packages.
+
+    Args:
+        document: What its URDF says, which is known to be sound.
+        semantics: Groups, states and pairs never checked for collision.
+        sphere_set: Makes `collision_spheres` of the document; None for a robot that has no such set.
+        changed: A `pinocchio.Model` to use in place of that of the document, if there is one.
+
+    Raises:
+        ModelError: for a joint that mimics itself.
 
     Attributes:
         name: Name of the robot.
@@ -43,8 +60,6 @@ class PepperModel:
         link_names: Links in document order.
         visual_shapes: What is drawn.
         collision_shapes: What may not touch.
-        sphere_set: Makes `collision_spheres` of the document; None for a robot that has no such set.
-        semantics: Groups, states and pairs never checked for collision.
         full_map: (n_full, n) matrix E of q_full = E q + e.
         full_offset: (n_full,) vector e.
         n: Number of coordinates.
@@ -54,43 +69,69 @@ class PepperModel:
         kept: What the packages keep for this robot, by `RobotMemory`; it goes when the robot does.
     """
 
+    document: UrdfDocument
+    semantics: Semantics
+    sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None
     name: str
     urdf: str
-    document: UrdfDocument = field(repr=False)
     joint_names: tuple[str, ...]
-    joint_units: tuple[str, ...] = field(repr=False)
-    lower_limits: NDArray[np.float64] = field(repr=False)
-    upper_limits: NDArray[np.float64] = field(repr=False)
-    velocity_limits: NDArray[np.float64] = field(repr=False)
-    acceleration_limits: NDArray[np.float64] = field(repr=False)
-    effort_limits: NDArray[np.float64] = field(repr=False)
-    semantics: Semantics = field(repr=False)
-    sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None = field(repr=False)
-    full_map: NDArray[np.float64] = field(repr=False)
-    full_offset: NDArray[np.float64] = field(repr=False)
-    dynamics_model: DynamicsModel = field(repr=False)
-    n: int = field(init=False)
-    is_coupled: bool = field(init=False, repr=False)
-    is_direct: bool = field(init=False, repr=False)
-    _frame_ids: dict[str, int] = field(repr=False)
-    kept: dict[Any, Any] = field(init=False, default_factory=dict, repr=False)
-    _local: threading.local = field(default_factory=threading.local, repr=False)
+    joint_units: tuple[str, ...]
+    lower_limits: NDArray[np.float64]
+    upper_limits: NDArray[np.float64]
+    velocity_limits: NDArray[np.float64]
+    acceleration_limits: NDArray[np.float64]
+    effort_limits: NDArray[np.float64]
+    full_map: NDArray[np.float64]
+    full_offset: NDArray[np.float64]
+    dynamics_model: DynamicsModel
+    n: int
+    is_coupled: bool
+    is_direct: bool
+    kept: dict[Any, Any]
+    _frame_ids: dict[str, int]
+    _local: threading.local
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "n", len(self.joint_names))
-        object.__setattr__(self, "is_coupled", self.full_map.shape[0] != len(self.joint_names))
-        object.__setattr__(self, "is_direct", not self.is_coupled and len(self.joint_names) > 1)
+    def __init__(
+        self,
+        document: UrdfDocument,
+        semantics: Semantics,
+        sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None = None,
+        changed: Any = None,
+    ) -> None:
+        joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
+        order = depth_first(document)
+        full_names = tuple(joint.name for joint in order if joint.type != "fixed")
+        names = tuple(name for name in full_names if joints[name].mimic is None)
+        leading = [joints[name] for name in names]
+        full_map, full_offset = mimic_map(full_names, names, joints)
+        vars(self).update(
+            document=document,
+            semantics=semantics,
+            sphere_set=sphere_set,
+            name=document.name,
+            urdf=document.text,
+            joint_names=names,
+            joint_units=tuple("m" if joint.type == "prismatic" else "rad" for joint in leading),
+            full_map=read_only(full_map),
+            full_offset=read_only(full_offset),
+            dynamics_model=DynamicsModel(document, full_names, changed),
+            n=len(names),
+            is_coupled=len(full_names) != len(names),
+            is_direct=len(full_names) == len(names) > 1,
+            kept={},
+            _frame_ids=frame_ids(document, order),
+            _local=threading.local(),
+            **{f"{what}_limits": read_only([getattr(joint, what) for joint in leading]) for what in LIMITS},
+        )
 
     def __repr__(self) -> str:
         return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Rebuild from the document: Pinocchio's data do not travel; what was changed in its model does."""
-        from pepper_kin.model.load import model_of
-
         changed = self.dynamics_model.changed()
         own = None if changed is None else changed.copy()  # so that a copy can be changed by itself
-        return (model_of, (self.document, self.semantics, self.sphere_set, own))
+        return (PepperModel, (self.document, self.semantics, self.sphere_set, own))
 
     @cached_property
     def pinocchio_model(self) -> Any:
@@ -306,9 +347,7 @@ class PepperModel:
 
         See `pepper_kin.model.export` for the arguments and errors.
         """
-        from pepper_kin.model.export_formats import export
-
-        return export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
+        return export_formats.export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
 
     def with_limits(
         self,
@@ -344,10 +383,8 @@ class PepperModel:
                 that is not above zero, a wrong shape, or NaN.
             ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
         """
-        from pepper_kin.model.changed_model import with_limits
-
         changes = {"lower": lower, "upper": upper, "velocity": velocity}
-        return with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
+        return changed_model.with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
 
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
         """Return the robot with other masses of some links; this one stays as it is.
@@ -366,9 +403,7 @@ class PepperModel:
             InvalidValueError: for a mass that is not above zero.
             ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
         """
-        from pepper_kin.model.changed_model import with_masses
-
-        return with_masses(self, masses)
+        return changed_model.with_masses(self, masses)
 
     def joint_vector(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 from pepper_kin.model.urdf_document import MOVING_TYPES, UrdfDocument
+from pepper_kin.model.xml_text import own_child
 
 UNBOUNDED = 1e9
 """Limit of a joint that has none [rad]."""
@@ -21,7 +22,7 @@ def plain_urdf(document: UrdfDocument) -> str:
     Returns:
         The text.
     """
-    root = ET.fromstring(document.text)
+    root = document.copied_tree()
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
             for element in link.findall(kind):
@@ -30,8 +31,7 @@ def plain_urdf(document: UrdfDocument) -> str:
         if element.get("type") in MOVING_TYPES:
             for mimic in element.findall("mimic"):
                 element.remove(mimic)
-            limit = element.find("limit")
-            limit = ET.SubElement(element, "limit") if limit is None else limit
+            limit = own_child(element, "limit")
             limit.set("effort", limit.get("effort", f"{UNBOUNDED}"))
             limit.set("velocity", limit.get("velocity", f"{UNBOUNDED}"))
             if element.get("type") == "continuous":

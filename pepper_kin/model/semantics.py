@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.file_reading import plain_number
-from pepper_kin.model.urdf_document import MOST, UrdfDocument
-from pepper_kin.model.xml_source import parse_xml
+from pepper_kin.model.urdf_document import UrdfDocument
+from pepper_kin.model.xml_source import MOST, XmlText, parse_xml
 
 MOST_NAMED = 8
 """Unknown names of a kind that a sentence lists."""
@@ -17,7 +17,7 @@ MOST_NAMES = 2_000_000
 
 
 @dataclass(frozen=True)
-class Semantics:
+class Semantics(XmlText):
     """What an SRDF adds to a URDF.
 
     Attributes:
@@ -25,7 +25,7 @@ class Semantics:
         states: (group name, state name) -> joint name -> value [rad, m, or opening of a hand].
         disabled_pairs: Pairs of links whose collisions are not checked, each sorted, with the reason.
         unknown: ("joint", "link" or "group", name) that the SRDF names and that there are not.
-        text: The SRDF it was read from; empty where there was none.
+        text: The SRDF it was read from; empty where there was none, which has no `tree`.
     """
 
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.file_reading import plain_number
-from pepper_kin.model.fault import Fault
+from pepper_kin.model.kinematic_tree import MOMENTS, tensor_of
 from pepper_kin.model.shapes import transform
-from pepper_kin.model.urdf_document import MOST, MOVING_TYPES
+from pepper_kin.model.urdf_document import MOVING_TYPES
 from pepper_kin.model.urdf_shapes import resolve_mesh
-from pepper_kin.model.xml_source import parse_xml
+from pepper_kin.model.xml_source import MOST, parse_xml
 
 SIZES = {
     "box": ("size",),
@@ -27,6 +27,24 @@ SIZES = {
     "capsule": ("radius", "length"),
 }
 JOINT_TYPES = (*MOVING_TYPES, "fixed")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: "xml", "structure", "number", "mass", "inertia", "limits", "mimic", "mesh" or "geometry".
+        where: The element, such as "joint HeadYaw".
+        message: What is wrong with it, with numbers.
+    """
+
+    kind: str
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.where}: {self.message}"
 
 
 @dataclass
@@ -163,22 +181,12 @@ class _Reader:
         link.mass = self.number(mass, "value", where)
         if mass is None or mass.get("value") is None:
             self.fault("mass", where, "its <inertial> states no mass")
-        entry = {
-            key: self.number(inertia, key, f"inertia of {where}")
-            for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        }
+        entry = {key: self.number(inertia, key, f"inertia of {where}") for key in MOMENTS}
         if inertia is None or any(value is None for value in entry.values()):
             if link.mass:
                 self.fault("inertia", where, f"a mass of {link.mass:g} kg without a complete inertia")
             return
-        e = {key: float(value) for key, value in entry.items() if value is not None}
-        tensor = np.array(
-            [
-                [e["ixx"], e["ixy"], e["ixz"]],
-                [e["ixy"], e["iyy"], e["iyz"]],
-                [e["ixz"], e["iyz"], e["izz"]],
-            ]
-        )
+        tensor = tensor_of([value for value in entry.values() if value is not None])
         link.inertia = pose[:3, :3] @ tensor @ pose[:3, :3].T
 
     def _shape(self, element: ET.Element, where: str) -> ShapeFacts | None:

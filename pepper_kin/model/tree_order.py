@@ -1,8 +1,17 @@
-"""The order in which Pinocchio counts the joints and frames of a URDF."""
+"""The order in which Pinocchio counts the joints and frames of a URDF, and how joints follow others."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin.exceptions import ModelError
 from pepper_kin.model.urdf_document import Joint, UrdfDocument
+from pepper_kin.model.xml_source import MOST
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
 
 
 def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
@@ -29,3 +38,53 @@ def frame_ids(document: UrdfDocument, order: tuple[Joint, ...]) -> dict[str, int
     """
     found = {document.root: 1} | {joint.child: 2 * place + 3 for place, joint in enumerate(order)}
     return {link: found[link] for link in document.links}
+
+
+def mimic_map(
+    full_names: tuple[str, ...], names: tuple[str, ...], joints: dict[str, Joint]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return E and e of q_full = E q + e; chains of mimic joints are followed to their leader.
+
+    Args:
+        full_names: All moving joints.
+        names: Those that follow no other.
+        joints: All moving joints by name.
+
+    Raises:
+        ModelError: for a joint that mimics itself, or whose factors are too large.
+    """
+    full_map, offset = np.zeros((len(full_names), len(names))), np.zeros(len(full_names))
+    known = {name: (column, 1.0, 0.0) for column, name in enumerate(names)}
+    for row, name in enumerate(full_names):
+        chain = []
+        while name not in known:
+            chain.append(name)
+            name = joints[name].mimic[0]  # type: ignore[index]
+            if len(chain) > len(full_names):
+                raise ModelError(f"URDF: joint {name} mimics itself")
+        for follower in reversed(chain):
+            leader, multiplier, addend = joints[follower].mimic  # type: ignore[misc]
+            column, gain, shift = known[leader]
+            known[follower] = column, multiplier * gain, multiplier * shift + addend
+            if not max(map(abs, known[follower][1:])) <= MOST:
+                reason = f"its factors multiply to more than {MOST:g}"
+                raise ModelError(f"URDF: joint {follower} mimics {leader}: {reason}")
+        column, gain, shift = known[full_names[row]]
+        full_map[row, column], offset[row] = gain, shift
+    return full_map, offset
+
+
+def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
+    """Return the coordinate that a moving joint follows (itself, if it has one), its gain and its offset.
+
+    Chains of followers are resolved: position = gain * coordinate + offset.
+    """
+    row = list(pepper.inner_model.names).index(joint) - 1
+    column = int(np.argmax(np.abs(pepper.full_map[row])))
+    gain, offset = pepper.full_map[row, column], pepper.full_offset[row]
+    return pepper.joint_names[column], float(gain), float(offset)
+
+
+def leader_of(pepper: PepperModel, joint: str) -> str:
+    """Return the coordinate that a moving joint follows; itself, if it has one."""
+    return coupling_of(pepper, joint)[0]

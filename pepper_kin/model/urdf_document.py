@@ -10,20 +10,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pepper_kin.exceptions import ModelError, shortened
-from pepper_kin.file_reading import plain_number
-from pepper_kin.model.xml_source import parse_xml
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model.xml_source import XmlText, attribute_of, number_of, parse_xml, positive_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
-MOST = 1e30
-"""Largest number of a description, such as a limit or a mass [kg]: products of larger ones overflow."""
+urdf_shapes = lazy_module("pepper_kin.model.urdf_shapes")
+
 MOST_MOVING = 4000
 """Joints that move, at most: matrices grow with the square of their number."""
 MOST_LINKS = 10_000
@@ -68,7 +64,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class UrdfDocument:
+class UrdfDocument(XmlText):
     """What a URDF text says: name, links, joints, shapes.
 
     Attributes:
@@ -78,6 +74,7 @@ class UrdfDocument:
         joints: All joints in document order.
         package_dirs: Folders that hold packages, for `package://` file names.
         wheels: What the wheels of a base can do that was added; None where none was.
+        tree: Root element of the text, see `XmlText`.
     """
 
     name: str
@@ -104,9 +101,7 @@ class UrdfDocument:
         Raises:
             ModelError: naming the shape that is malformed.
         """
-        from pepper_kin.model.urdf_shapes import read_shapes
-
-        return read_shapes(ET.fromstring(self.text), self.package_dirs)
+        return urdf_shapes.read_shapes(self.tree, self.package_dirs)
 
     @property
     def root(self) -> str:
@@ -133,7 +128,9 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))
     joints = tuple(_joint(element) for element in root.findall("joint"))
     _check_tree(links, joints)
-    return UrdfDocument(root.get("name", "robot"), text, links, joints, tuple(package_dirs))
+    document = UrdfDocument(root.get("name", "robot"), text, links, joints, tuple(package_dirs))
+    document.keep_tree(root)
+    return document
 
 
 def _refuse_xacro(root: ET.Element) -> None:
@@ -142,70 +139,6 @@ def _refuse_xacro(root: ET.Element) -> None:
         space, brace, tag = str(element.tag).rpartition("}")
         if (brace and XACRO in space) or tag.startswith(f"{XACRO}:"):
             raise ModelError(f"URDF: holds <xacro:{tag}>; expand it first: xacro FILE > robot.urdf")
-
-
-def attribute_of(element: ET.Element, name: str, what: str) -> str:
-    """Return an attribute that may not be missing.
-
-    Raises:
-        ModelError: naming `what` lacks it.
-    """
-    value = element.get(name)
-    if not value:
-        raise ModelError(f"URDF: a <{element.tag}> of {what} has no {name!r}")
-    return value
-
-
-def number_of(element: ET.Element, name: str, default: float, what: str) -> float:
-    """Return an attribute as a number, or `default` where it is absent.
-
-    Raises:
-        ModelError: naming `what` where it is not a number, or beyond MOST.
-    """
-    text = element.get(name)
-    if text is None:
-        return default
-    value = plain_number(text)
-    if not abs(value) <= MOST:
-        raise ModelError(f"URDF: {what}: {name}={cut(text)} is not a finite number up to {MOST:g}")
-    return value
-
-
-def positive_of(element: ET.Element, name: str, default: float, what: str) -> float:
-    """Return an attribute as `number_of` does, of a quantity that is never below zero.
-
-    Raises:
-        ModelError: naming `what` and the value, where it is negative, no number, or above MOST.
-    """
-    value = number_of(element, name, default, what)
-    if value < 0.0:
-        raise ModelError(f"URDF: {what}: {name} is {value:g}, expected at least 0")
-    return value
-
-
-def cut(text: str) -> str:
-    """Return a text for a message: quoted, and no longer than 80 characters."""
-    quoted = repr(text)
-    return quoted if len(quoted) <= 80 else f"{quoted[:76]}..."
-
-
-def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
-    """Return a text as `size` numbers up to MOST, or `default` for None.
-
-    Raises:
-        ModelError: naming `what` where it is anything else.
-    """
-    return np.array(numbers_of(text, size, default, what), dtype=float)
-
-
-def numbers_of(text: str | None, size: int, default: Sequence[float], what: str) -> Sequence[float]:
-    """Return a text as `size` numbers, as `vector_of` does."""
-    if text is None:
-        return default
-    values = [plain_number(v) for v in text.split()]
-    if len(values) != size or not all(abs(value) <= MOST for value in values):
-        raise ModelError(f"URDF: {what}: {cut(text)} is not {size} finite numbers up to {MOST:g}")
-    return values
 
 
 def _joint(element: ET.Element) -> Joint:

@@ -23,7 +23,7 @@ from pepper_kin.model.shapes import (
     rotation_to_axis,
     transform,
 )
-from pepper_kin.model.urdf_document import attribute_of, number_of, numbers_of
+from pepper_kin.model.xml_source import attribute_of, number_of, numbers_of
 
 
 def read_shapes(

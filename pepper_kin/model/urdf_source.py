@@ -10,6 +10,7 @@ from pathlib import Path
 from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.file_reading import read_text
+from pepper_kin.model.dynamics_model import described
 from pepper_kin.model.pepper_model import PepperModel
 
 
@@ -21,24 +22,11 @@ def read_source(source: PepperModel | str | Path) -> str:
         ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     if isinstance(source, PepperModel):
-        return described(source).urdf
+        described(source)
+        return source.urdf
     if isinstance(source, str) and is_text(source):
         return source.lstrip("\ufeff \t\r\n")
     return read_text(source)
-
-
-def described(pepper: PepperModel) -> PepperModel:
-    """Return the robot if its description holds all there is to know of it.
-
-    Raises:
-        ModelError: where its `pinocchio_model` was changed by hand.
-    """
-    if pepper.dynamics_model.changed() is not None:
-        raise ModelError(
-            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which its description does not "
-            "hold; change limits and masses by with_limits() and with_masses(), placements in the URDF"
-        )
-    return pepper
 
 
 @contextlib.contextmanager

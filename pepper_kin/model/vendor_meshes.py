@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.model.urdf_document import UrdfDocument, parse_urdf
 
 SUFFIXES = (".stl", ".obj", ".dae")
 """What is taken, best first: the viewer reads STL."""
@@ -17,25 +18,25 @@ RAISED = {"Pelvis": 0.268, "Hip": 0.079, "torso": 0.139}
 """The vendor's frames of three links lie higher than ours, which sit on their joints [m]."""
 
 
-def with_vendor_meshes(urdf: str, folder: str | Path, scale: float = 0.1) -> str:
-    """Replace the visual shapes of a Pepper URDF by meshes found in a folder.
+def with_vendor_meshes(document: UrdfDocument, folder: str | Path, scale: float = 0.1) -> UrdfDocument:
+    """Replace the visual shapes of Pepper by meshes found in a folder.
 
     A link takes the file named after it, as in `Head.stl`, `head.dae` or `LFinger11.stl` for the link
     `LFinger11_link`, anywhere below the folder; links without a file keep our shapes.
 
     Args:
-        urdf: The URDF text, without prefix.
+        document: Pepper, without prefix.
         folder: Where the meshes are.
         scale: Factor from the files' unit to meters; the vendor's files are in decimeters.
 
     Returns:
-        The URDF with absolute file names.
+        The same with absolute file names.
 
     Raises:
         FileFormatError: for a folder that is not there, or holds no mesh of any link.
     """
     found = _meshes_below(Path(folder))
-    root = ET.fromstring(urdf)
+    root = document.copied_tree()
     replaced = 0
     for link in root.findall("link"):
         name = str(link.get("name"))
@@ -52,7 +53,7 @@ def with_vendor_meshes(urdf: str, folder: str | Path, scale: float = 0.1) -> str
     if not replaced:
         names = "Head.stl, torso.dae, l_wrist.stl"
         raise FileFormatError(folder, f"holds no mesh named after a link, such as {names}")
-    return ET.tostring(root, encoding="unicode")
+    return parse_urdf(ET.tostring(root, encoding="unicode"))
 
 
 def _meshes_below(folder: Path) -> dict[str, Path]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from xml.sax.saxutils import quoteattr
 
 from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.urdf_document import Joint, UrdfDocument
+
+saxutils = lazy_module("xml.sax.saxutils")
 
 BASES = ("fixed", "planar", "differential")
 BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
@@ -112,7 +114,7 @@ def on_planar_base(
         limits: Greatest speed and acceleration of the joints; no limit where there is none.
     """
     links = [_free_name(document, f"{prefix}_{name}") for name in ("world", "x", "y")]
-    joints, elements = [], [f"  <link name={quoteattr(name)}/>" for name in links]
+    joints, elements = [], [f"  <link name={saxutils.quoteattr(name)}/>" for name in links]
     children = (*links[1:], document.root)
     for name, (kind, axis), parent, child in zip(BASE_JOINTS, _KINDS, links, children, strict=True):
         bound = reach if kind == "prismatic" else math.inf
@@ -123,7 +125,7 @@ def on_planar_base(
         attributes = (
             f' velocity="{speed!r}" acceleration="{acceleration!r}"' if name in limits else ' velocity="1e3"'
         )
-        ends = f"<parent link={quoteattr(parent)}/><child link={quoteattr(child)}/>"
+        ends = f"<parent link={saxutils.quoteattr(parent)}/><child link={saxutils.quoteattr(child)}/>"
         limit = f'<limit lower="{-reach}" upper="{reach}" effort="1e6"{attributes}/>'
         elements.append(f'  <joint name="{name}" type="{kind}">{ends}<axis xyz="{axis}"/>{limit}</joint>')
     moving = _extended(document, elements)
@@ -131,13 +133,13 @@ def on_planar_base(
 
 
 def _with_wheel_frames(document: UrdfDocument, root: str, track: float) -> UrdfDocument:
-    joints, elements = [], []
+    joints, elements, parent = [], [], saxutils.quoteattr(root)
     for name, y in zip(WHEEL_FRAMES, (0.5 * track, -0.5 * track), strict=True):
         joint = f"{name}Joint"
         joints.append(Joint(joint, "fixed", root, name, 0.0, 0.0, math.inf, math.inf, math.inf, mimic=None))
         elements += [
             f'  <link name="{name}"/>',
-            f'  <joint name="{joint}" type="fixed"><parent link={quoteattr(root)}/><child link="{name}"/>'
+            f'  <joint name="{joint}" type="fixed"><parent link={parent}/><child link="{name}"/>'
             f'<origin xyz="0 {y!r} 0"/></joint>',
         ]
     extended = _extended(document, elements)

@@ -4,13 +4,51 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.file_reading import plain_number
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MOST = 1e30
+"""Largest number of a description, such as a limit or a mass [kg]: products of larger ones overflow."""
 DEEPEST = 100
 """Elements in one another that are read; a URDF has six."""
 MOST_ATTRIBUTES = 1000
 """Attributes of an element that are read: Pinocchio's reader compares each with all before it."""
+
+
+class XmlText:
+    """A checked text of XML, and its tree, which all who read the text share.
+
+    Attributes:
+        text: The text.
+    """
+
+    text: str
+
+    @cached_property
+    def tree(self) -> ET.Element:
+        """Root element of the text, parsed once.  It is read only: see `copied_tree`."""
+        return ET.fromstring(self.text)
+
+    def keep_tree(self, root: ET.Element) -> None:
+        """Keep the tree of the text, where that has been parsed already."""
+        vars(self)["tree"] = root
+
+    def copied_tree(self) -> ET.Element:
+        """Return the root of a tree that may be changed: to parse the text again is faster than a copy."""
+        return ET.fromstring(self.text)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the tree out of what copies and other processes get."""
+        return {name: value for name, value in vars(self).items() if name != "tree"}
 
 
 def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
@@ -57,3 +95,67 @@ def _check_shape(root: ET.Element, what: str) -> None:
         if depth > DEEPEST:
             raise ModelError(f"{what}: elements are nested more than {DEEPEST} deep")
         level = [child for element in level for child in element]
+
+
+def attribute_of(element: ET.Element, name: str, what: str) -> str:
+    """Return an attribute that may not be missing.
+
+    Raises:
+        ModelError: naming `what` lacks it.
+    """
+    value = element.get(name)
+    if not value:
+        raise ModelError(f"URDF: a <{element.tag}> of {what} has no {name!r}")
+    return value
+
+
+def number_of(element: ET.Element, name: str, default: float, what: str) -> float:
+    """Return an attribute as a number, or `default` where it is absent.
+
+    Raises:
+        ModelError: naming `what` where it is not a number, or beyond MOST.
+    """
+    text = element.get(name)
+    if text is None:
+        return default
+    value = plain_number(text)
+    if not abs(value) <= MOST:
+        raise ModelError(f"URDF: {what}: {name}={cut(text)} is not a finite number up to {MOST:g}")
+    return value
+
+
+def positive_of(element: ET.Element, name: str, default: float, what: str) -> float:
+    """Return an attribute as `number_of` does, of a quantity that is never below zero.
+
+    Raises:
+        ModelError: naming `what` and the value, where it is negative, no number, or above MOST.
+    """
+    value = number_of(element, name, default, what)
+    if value < 0.0:
+        raise ModelError(f"URDF: {what}: {name} is {value:g}, expected at least 0")
+    return value
+
+
+def cut(text: str) -> str:
+    """Return a text for a message: quoted, and no longer than 80 characters."""
+    quoted = repr(text)
+    return quoted if len(quoted) <= 80 else f"{quoted[:76]}..."
+
+
+def vector_of(text: str | None, size: int, default: Sequence[float], what: str) -> NDArray[np.float64]:
+    """Return a text as `size` numbers up to MOST, or `default` for None.
+
+    Raises:
+        ModelError: naming `what` where it is anything else.
+    """
+    return np.array(numbers_of(text, size, default, what), dtype=float)
+
+
+def numbers_of(text: str | None, size: int, default: Sequence[float], what: str) -> Sequence[float]:
+    """Return a text as `size` numbers, as `vector_of` does."""
+    if text is None:
+        return default
+    values = [plain_number(v) for v in text.split()]
+    if len(values) != size or not all(abs(value) <= MOST for value in values):
+        raise ModelError(f"URDF: {what}: {cut(text)} is not {size} finite numbers up to {MOST:g}")
+    return values

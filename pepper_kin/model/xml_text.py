@@ -33,6 +33,12 @@ def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: s
     return element
 
 
+def own_child(parent: ET.Element, tag: str) -> ET.Element:
+    """Return the first element of a tag, which is appended where there is none."""
+    found = parent.find(tag)
+    return ET.SubElement(parent, tag) if found is None else found
+
+
 def document(root: ET.Element, *comments: str) -> str:
     """Return an indented XML text with comments before its root."""
     ET.indent(root)

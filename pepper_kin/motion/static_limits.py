@@ -132,7 +132,8 @@ class StaticLimits:
         if self.balance is None:
             return ()
         shift = LONGEST_ARM * sum(load.mass for load in self.carrying) / total_mass(self.pepper)
-        return (CenterOfMassOverWheels(self.balance + ROOM_TO_MOVE + shift),)
+        margin = self.balance + ROOM_TO_MOVE + shift
+        return (CenterOfMassOverWheels(margin, contacts=support_polygon(self.pepper)),)
 
     def hold(self, q: Array, margin: float = ROOM_TO_MOVE) -> NDArray[np.bool_]:
         """Whether postures, shape (m, n), may be states of a path; shape (m,).

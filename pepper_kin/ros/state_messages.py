@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from functools import cached_property
 from typing import Any
 
@@ -116,12 +115,8 @@ class StateMessages:
 def _edges(pepper: PepperModel) -> list[tuple[str, str, bool]]:
     """Return parent, child and whether the joint moves, of all joints of a robot whose frames are known."""
     known = set(pepper.frame_names)
-    edges = []
-    for joint in ElementTree.fromstring(pepper.urdf.encode()).iter("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is None or child is None:
-            continue
-        pair = parent.get("link", ""), child.get("link", "")
-        if known.issuperset(pair):
-            edges.append((*pair, joint.get("type") != "fixed"))
-    return edges
+    return [
+        (joint.parent, joint.child, joint.type != "fixed")
+        for joint in pepper.document.joints
+        if known.issuperset((joint.parent, joint.child))
+    ]

@@ -11,9 +11,10 @@ from pepper_kin.collision.loads import (
     load_wrench,
     load_wrench_rate,
 )
-from pepper_kin.dynamics import WHEEL_CONTACTS, center_of_mass, total_mass
+from pepper_kin.dynamics import center_of_mass, total_mass
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.support_polygon import inward_normals, wheel_contacts
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.half_spaces import VelocityRows
@@ -43,15 +44,14 @@ class BalanceRows:
 
     Raises:
         UnknownNameError: for a robot without that frame.
+        InvalidValueError: for one whose wheels are not known.
     """
 
     def __init__(self, pepper: PepperModel, margin: float, loads: Loads = ()) -> None:
         pepper.frame_id(BASE)
         self.loads = loads
-        corners = np.array(WHEEL_CONTACTS)
-        edges = np.roll(corners, -1, axis=0) - corners
-        self._pepper, self._margin, self._corners = pepper, margin, corners
-        self._inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+        self._pepper, self._margin, self._corners = pepper, margin, wheel_contacts(pepper, "balance")
+        self._inward = inward_normals(self._corners)
 
     def rows(self, q: Array, v: Array, dt: float) -> VelocityRows:
         """Return the six rows at q, shape (n,) [rad or m], after velocity v, shape (n,) [rad/s or m/s]."""

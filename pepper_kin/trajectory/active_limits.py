@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.dynamics.support_polygon import inner_radius
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
@@ -131,7 +132,7 @@ def active_limits(
     polygon = None if distance is None else support_polygon(pepper)
     if distance is not None and polygon is not None:
         margin = balance_margin(pepper, polygon, *state, held) - distance
-        columns.append(("balance", 1.0 - margin / (_inner_radius(polygon) - distance)))
+        columns.append(("balance", 1.0 - margin / (inner_radius(polygon) - distance)))
     table = np.stack([share for _, share in columns], axis=1)
     most = np.argmax(table, axis=1)
     names = np.array([name for name, _ in columns])[most]
@@ -159,10 +160,3 @@ def _shares(pepper: PepperModel, limits: Limits, state: State) -> list[tuple[str
 def _named(quantity: str, names: Iterable[str], shares: Array) -> list[tuple[str, Array]]:
     """Return the columns of shares, shape (T, k or more), under the names of what they are shares of."""
     return [(f"{quantity} {name}", shares[:, k]) for k, name in enumerate(names)]
-
-
-def _inner_radius(polygon: Array) -> float:
-    """Return the radius of the circle inside a triangle [m], corners of shape (3, 2): 2 area / perimeter."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    area = abs(edge[0, 0] * edge[1, 1] - edge[0, 1] * edge[1, 0]) / 2
-    return float(2 * area / np.linalg.norm(edge, axis=1).sum())

@@ -6,31 +6,14 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_wrench
+from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.support_polygon import WHEELS, inward_normals
+from pepper_kin.dynamics.support_polygon import support_polygon as support_polygon
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.wheels import BASE_JOINTS
-
-WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")  # counter-clockwise seen from above
-
-
-@kept_for_robot(most=32)
-def support_polygon(pepper: PepperModel) -> Array | None:
-    """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
-
-    For Pepper (0.09, 0.155), (-0.17, 0), (0.09, -0.155); None for a robot without these wheels.
-    """
-    from pepper_kin import kinematics
-
-    if not set(WHEELS) <= set(pepper.frame_names):
-        return None
-    q = pepper.neutral()
-    for joint in set(BASE_JOINTS) & set(pepper.joint_names):
-        q[pepper.joint_index(joint)] = 0.0
-    return read_only([kinematics.frame_pose(pepper, q, wheel)[:2, 3] for wheel in WHEELS])
-
 
 BALANCE_ALLOWED = "a finite distance of 0 or more [m], or None"
 
@@ -77,23 +60,12 @@ def edge_moments(
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
     """
-    from pepper_kin import dynamics
-
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
-    vertices, inward = _to_world(pepper, q, polygon, inward)
-    wrench = dynamics.base_wrench(pepper, q, v, a)
-    if loads:
-        wrench = wrench + load_wrench(pepper, loads, q, v, a)
-    tilt = np.stack([-wrench[..., 4], wrench[..., 3]], axis=-1)
-    reach = np.sum(inward * vertices, axis=-1) + margin
-    return np.einsum("...ki,...i->...k", inward, tilt) - reach * wrench[..., 2:3]
+    return _moments(pepper, polygon, q, _floor(pepper, q, v, a, loads), margin)
 
 
 def moment_matrix(polygon: Array, margin: float) -> Array:
-    """Return G such that the edge moments of a robot with a fixed base are wrench @ G, shape (6, k)."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+    """Return G such that edge moments are wrench @ G, shape (6, k), with the wrench as the base sees it."""
+    inward = inward_normals(polygon)
     gain = np.zeros((6, len(polygon)))
     gain[4], gain[3] = -inward[:, 0], inward[:, 1]
     gain[2] = -(np.sum(inward * polygon, axis=1) + margin)
@@ -121,34 +93,23 @@ def balance_margin(
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
-    from pepper_kin import dynamics
-
-    if loads:
-        wrench = dynamics.base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
-        moments = edge_moments(pepper, polygon, q, v, a, 0.0, loads).min(axis=1)
-        carried = wrench[:, 2] > 0
-        return np.where(carried, moments / np.where(carried, wrench[:, 2], 1.0), -np.inf)
-    lifted = dynamics.base_wrench(pepper, q, v, a)[:, 2] <= 0
-    margin = np.full(len(q), -np.inf)
-    stands = ~lifted
-    if stands.any():
-        margin[stands] = dynamics.tip_over_margin(
-            pepper, q[stands], v[stands], a[stands], polygon, _base(pepper)
-        )
-    return margin
+    wrench = _floor(pepper, q, v, a, loads)
+    moments, lift = _moments(pepper, polygon, q, wrench, 0.0).min(axis=1), wrench[:, 2]
+    return np.where(lift > 0, moments / np.where(lift > 0, lift, 1.0), -np.inf)
 
 
-def _base(pepper: PepperModel) -> str:
-    """Return the frame that the support polygon moves with."""
-    return "base_footprint" if "base_footprint" in pepper.frame_names else pepper.document.root
+def _floor(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads) -> Array:
+    """Return the wrench of the floor, shape (..., 6), of states of shape (..., n)."""
+    wrench = base_wrench(pepper, q, v, a)
+    return wrench + load_wrench(pepper, loads, q, v, a) if loads else wrench
 
 
-def _to_world(pepper: PepperModel, q: Array, points: Array, directions: Array) -> tuple[Array, Array]:
-    """Return points and directions of the base, shape (k, 2), in the world, shape (..., k, 2)."""
-    if not moves_base(pepper):
-        shape = (*q.shape[:-1], *points.shape)
-        return np.broadcast_to(points, shape), np.broadcast_to(directions, shape)
-    x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in BASE_JOINTS)
-    turn = np.stack([np.stack([np.cos(yaw), -np.sin(yaw)], -1), np.stack([np.sin(yaw), np.cos(yaw)], -1)], -2)
-    turned = [np.einsum("...ij,kj->...ki", turn, vectors) for vectors in (points, directions)]
-    return turned[0] + np.stack([x, y], axis=-1)[..., None, :], turned[1]
+def _moments(pepper: PepperModel, polygon: Array, q: Array, wrench: Array, margin: float) -> Array:
+    """Return what `edge_moments` does, of the wrench of the floor, shape (..., 6)."""
+    if moves_base(pepper):  # the wrench about the base's origin, in the base's axes
+        x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in BASE_JOINTS)
+        lift, cosine, sine = wrench[..., 2], np.cos(yaw), np.sin(yaw)
+        n_x, n_y = wrench[..., 3] - y * lift, wrench[..., 4] + x * lift
+        wrench = wrench.copy()
+        wrench[..., 3], wrench[..., 4] = cosine * n_x + sine * n_y, cosine * n_y - sine * n_x
+    return np.einsum("...i,ik->...k", wrench, moment_matrix(polygon, margin))

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin import collision, dynamics, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import AtFrames, load_wrench, loads_of
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -77,9 +79,6 @@ def check(
         InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
             out of range.
     """
-    from pepper_kin import dynamics
-    from pepper_kin.collision.checked_world import checked_world
-
     if trajectory.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
@@ -293,8 +292,6 @@ def _balance_between(
         loads: What is carried.
         margin: Distances at the states [m], shape (T,).
     """
-    from pepper_kin import dynamics
-
     force = dynamics.base_wrench(pepper, *examined.state)[:, 2]
     if loads:
         force = force + load_wrench(pepper, loads, *examined.state)[:, 2]
@@ -314,8 +311,6 @@ def _balance_between(
 
 def _speed(pepper: PepperModel, examined: _Examined, speeds: AtFrames) -> ScalarCheck:
     """Compare the speeds of frames, by Jacobians, with their limits; report the one that uses most."""
-    from pepper_kin import kinematics
-
     found = []
     for frame, limit in speeds:
         jacobian = kinematics.frame_jacobian(pepper, examined.state.position, frame)[:, :3]
@@ -365,8 +360,6 @@ def _clearance(pepper: PepperModel, trajectory: Trajectory, examined: _Examined,
     A distance that shrinks at most with speed v is, between two states h apart, no more than v h / 2 below
     the lesser of its values there.
     """
-    from pepper_kin import collision
-
     count = sample_times(trajectory.duration, examined.step).size
     found = collision.least_clearance(pepper, examined.state.position[:count], scene)
     worst, at = found.distance, found.index

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin import dynamics
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.twin.actuators import ActuatorParameters
@@ -47,8 +48,6 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
     Raises:
         InvalidValueError: for another detail.
     """
-    from pepper_kin import dynamics
-
     check_choice("detail", detail, DETAILS)
     inertia = np.diag(dynamics.mass_matrix(pepper, pepper.neutral()))
     effort = pepper.effort_limits

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin import dynamics
 from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
 from pepper_kin.core.simulation.rollout import Inputs
@@ -289,8 +290,6 @@ class TwinBatch:
 
     def _torque_at_rest(self) -> Array:
         """Return the torques of the actuators at the present states, if these are where they should be."""
-        from pepper_kin import dynamics
-
         n = self._q.size
         held, torque = np.zeros((self.count, self.pepper.n)), np.empty(n)
         if self.feedforward == "gravity":
@@ -311,8 +310,6 @@ class TwinBatch:
         """
         forward = np.zeros_like(q)
         if self.feedforward == "inverse_dynamics":
-            from pepper_kin import dynamics
-
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
         return np.where(self._torque_mode, effort, forward)
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin import dynamics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
@@ -157,8 +158,6 @@ class Integrator:
 
     def gravity_torque(self, q: Array) -> Array:
         """Return g(q) [N m or N], shape (n,)."""
-        from pepper_kin import dynamics
-
         return np.asarray(dynamics.gravity_torque(self._pepper, q))
 
     def present_torque(self, q: Array, v: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin import dynamics
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.exceptions import InvalidValueError
@@ -311,8 +312,6 @@ class Twin:
         """
         forward = self._rest if q.ndim == 1 else np.zeros(q.shape)
         if self.feedforward == "inverse_dynamics":
-            from pepper_kin import dynamics
-
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
         return forward if effort is self._rest else np.where(self._torque_mode, effort, forward)
 

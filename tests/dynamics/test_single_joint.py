@@ -5,7 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.twin.base import BalanceMonitor, OmniBase
+from pepper_kin.twin.base import BalanceMonitor, OmniBase, pepper_base
 from pepper_kin.twin.sensors import SensorSuite
 from pepper_kin.twin.world import World
 
@@ -73,7 +73,7 @@ def test_servo_twin_and_monitor_take_them(robot):
     twin.push("arm", [0.5, 0.2, 0.0])
     run = twin.follow(np.zeros((20, 1)))
     assert run.success
-    assert BalanceMonitor(robot, base_frame="base").assess_run(run).balanced
+    assert BalanceMonitor(robot, pepper_base(), base_frame="base").assess_run(run).balanced
     assert pk.TwinBatch(robot, 3).follow(np.zeros((20, 1))).success.all()
     clearance = pk.collision.clearance(robot, [0.0], pk.Scene().add_sphere("ball", 0.1, (1.0, 0.0, 0.5)))
     assert clearance == pytest.approx(0.85)

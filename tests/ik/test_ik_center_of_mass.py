@@ -1,6 +1,7 @@
 """The center of mass as a task, against a sum over the links and against the tipping margin."""
 
 import math
+import re
 
 import numpy as np
 import pinocchio
@@ -10,9 +11,14 @@ import pepper_kin as pk
 from pepper_kin.dynamics import WHEEL_CONTACTS, tip_over_margin
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.ik.solvers import ALL_SOLVERS
+from pepper_kin.twin.base import BalanceMonitor
 
 PEPPER = pk.load_pepper()
 FLOATING = pinocchio.buildModelFromXML(PEPPER.urdf, pinocchio.JointModelFreeFlyer())
+ARM = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="joint" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
 REACH = pk.ik.HandPosition("left", (-0.1, 0.4, 0.5))
 
 
@@ -25,9 +31,9 @@ def center(q):
     return pinocchio.centerOfMass(FLOATING, FLOATING.createData(), full)[:2]
 
 
-def inside(q, contacts=WHEEL_CONTACTS):
+def inside(q, contacts=WHEEL_CONTACTS, point=None):
     """Distance of the center of mass to the nearest line through two contacts, negative outside."""
-    corners, point = np.array(contacts), center(q)
+    corners, point = np.array(contacts), center(q) if point is None else point
     distances = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         (ux, uy), (wx, wy) = b - a, point - a
@@ -141,7 +147,10 @@ def test_what_is_lacking_is_said():
         (lambda: pk.ik.CenterOfMass((0, 0), hard=1), ["hard of center of mass", "True or False"]),
         (lambda: pk.ik.CenterOfMassOverWheels(math.inf), ["margin of center of mass", "inf"]),
         (lambda: pk.ik.CenterOfMassOverWheels((0.1, 0.2)), ["margin of center of mass", "(2,)"]),
-        (lambda: pk.ik.CenterOfMassOverWheels(0.2), ["margin of center of mass", "0.2000 m", "at most"]),
+        (
+            lambda: pk.ik.CenterOfMassOverWheels(0.2).error(PEPPER, PEPPER.neutral()),
+            ["margin of center of mass", "0.2000 m", "at most"],
+        ),
         (
             lambda: pk.ik.CenterOfMassOverWheels(contacts=((0, 0), (0, 1), (1, 0))),
             ["contacts", "counter-clock"],
@@ -155,6 +164,34 @@ def test_bad_numbers_are_refused_by_name(make, words):
         make()
     for word in words:
         assert word in str(caught.value)
+
+
+def test_contacts_are_those_of_the_robots_own_wheels():
+    """Wheels that stand twice as far out: all margins are those of lines through these places."""
+    wheels = r'(<origin rpy="[^"]*" xyz=")(0.09|-0.17) (0.155|-0.155|0.0|0)( -0.264"/>)'
+    text, count = re.subn(wheels, lambda m: f"{m[1]}{2 * float(m[2])} {2 * float(m[3])}{m[4]}", PEPPER.urdf)
+    assert count == 3
+    wide, corners = pk.load_robot(text), 2 * np.array(WHEEL_CONTACTS)
+    q, still = PEPPER.posture("Stand"), np.zeros(PEPPER.n)
+    expected = inside(q, corners, pk.dynamics.center_of_mass(wide, q)[:2])
+    assert expected > inside(q) + 0.05
+    assert tip_over_margin(wide, q, still, still) == pytest.approx(expected, abs=1e-9)
+    task = pk.ik.CenterOfMassOverWheels(0.175)
+    assert 0 < task.error(wide, q) == pytest.approx(0.175 - expected, abs=1e-9)
+    assert task.on(wide).structure().corners == tuple(corners.ravel())
+    report = BalanceMonitor(wide).assess([0.0, 0.1], [q, q], [still, still], [still, still])
+    np.testing.assert_allclose(report.margin, expected, atol=1e-9)
+
+
+def test_a_robot_without_wheels_is_refused_by_their_names():
+    arm = pk.load_robot(ARM)
+    words = "robot 'arm', which has no links WheelFL_link"
+    with pytest.raises(InvalidValueError, match=f"contacts: got None, .*{words}"):
+        tip_over_margin(arm, [0.0], [0.0], [0.0])
+    with pytest.raises(InvalidValueError, match=f"contacts of center of mass: .*{words}"):
+        pk.ik.solve(arm, pk.ik.CenterOfMassOverWheels(base_frame="base"))
+    with pytest.raises(InvalidValueError, match=f"geometry: .*{words}"):
+        BalanceMonitor(arm, base_frame="base")
 
 
 def test_an_unknown_base_is_refused():

@@ -9,8 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.dynamics import WHEEL_CONTACTS
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.support_polygon import (
+    checked_polygon,
+    distances_inside,
+    inner_radius,
+    inward_normals,
+    wheel_contacts,
+)
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
@@ -20,7 +26,6 @@ from pepper_kin.ik.tasks.symbolic_angles import skew
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, as_targets, words_for_length
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -37,15 +42,15 @@ class CenterOfMassOverWheels(TargetTask):
 
     Attributes:
         target: The margin m [m], shape (), read-only.
-        contacts: Corners in the base's frame [m], shape (k, 2), read-only.
-        normals: n_k, shape (k, 2), read-only.
+        contacts: Corners in the base's frame [m], shape (k, 2), read-only; None for the robot's wheels.
+        normals: n_k, shape (k, 2), read-only; None as the contacts are.
         base_frame: Frame that the contacts move with.
         loads: What the robot carries; a search sets it from its scene.
     """
 
     target: Array
-    contacts: Array
-    normals: Array
+    contacts: Array | None
+    normals: Array | None
     base_frame: str
     loads: Loads
     unit: ClassVar[str] = "m"
@@ -60,23 +65,27 @@ class CenterOfMassOverWheels(TargetTask):
         tolerance: float = POSITION_TOLERANCE,
         *,
         hard: bool = False,
-        contacts: ArrayLike = WHEEL_CONTACTS,
+        contacts: ArrayLike | None = None,
         base_frame: str = "base_footprint",
     ) -> None:
-        corners = as_finite(contacts, f"contacts of {LABEL}", (None, 2))
-        normals, widest = _inward_normals(corners)
-        margins = as_targets(margin, f"margin of {LABEL}", ())
-        if margins.size and margins.max() > widest:
-            allowed = f"at most {widest:.4f} m, more than any point between the contacts has"
-            raise InvalidValueError(f"margin of {LABEL}", f"{margins.max():.4f} m", allowed)
+        margins = read_only(as_targets(margin, f"margin of {LABEL}", ()))
         super().__init__(
-            LABEL, weight=weight, tolerance=tolerance, hard=hard, target=read_only(margins),
-            contacts=read_only(corners), normals=read_only(normals), base_frame=base_frame, loads=(),
+            LABEL, weight=weight, tolerance=tolerance, hard=hard, target=margins, contacts=None, normals=None,
+            base_frame=base_frame, loads=(),
         )  # fmt: skip
+        if contacts is not None:
+            vars(self).update(_polygon(checked_polygon(contacts, f"contacts of {LABEL}"), margins))
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the base's frame."""
+        """Refuse a robot without the base's frame, or whose wheels are not known, or are too near for m."""
         pepper.frame_id(self.base_frame)
+        self.on(pepper)
+
+    def on(self, pepper: PepperModel) -> CenterOfMassOverWheels:
+        """Return the task with the contacts of the robot's wheels, where none were given."""
+        if self.contacts is not None:
+            return self
+        return self.altered(**_polygon(wheel_contacts(pepper, f"contacts of {LABEL}"), self.target))
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return the lack of margin to each side [m], shape (k,)."""
@@ -98,13 +107,18 @@ class CenterOfMassOverWheels(TargetTask):
         change = pose[:3, :3].T @ (
             center_jacobian_of(pepper, self.loads, q) - jacobian[:3] + line @ jacobian[3:]
         )
-        return -self.normals @ change[:2]
+        return -self._polygon_of(pepper)[1] @ change[:2]
 
     def distances(self, pepper: PepperModel, q: Array) -> Array:
         """Return distances to the sides' lines [m], negative outside, shape (k,), at q, shape (n,)."""
         pose = frame_pose(pepper, q, self.base_frame)
         place = pose[:3, :3].T @ (center_of(pepper, self.loads, q) - pose[:3, 3])
-        return np.asarray(np.einsum("ki,ki->k", self.normals, place[:2] - self.contacts))
+        return distances_inside(*self._polygon_of(pepper), place[:2])
+
+    def _polygon_of(self, pepper: PepperModel) -> tuple[Array, Array]:
+        """Return corners [m] and normals, shape (k, 2) each."""
+        own = self.on(pepper)
+        return own.contacts, own.normals  # type: ignore[return-value]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
         """Return in words how much of the margin is lacking, at joint positions q, shape (n,) [rad or m]."""
@@ -119,7 +133,7 @@ class CenterOfMassOverWheels(TargetTask):
         return f"{words_for_length(distance)} inside the wheels"
 
     def _structure(self) -> Structure | None:
-        if self.loads:
+        if self.loads or self.contacts is None:
             return None
         corners = tuple(self.contacts.ravel().tolist())
         return Structure(
@@ -138,15 +152,16 @@ class CenterOfMassOverWheels(TargetTask):
         import casadi
 
         wheels = _of_structure(task)
+        contacts, normals = wheels._polygon_of(motion.pepper)
         center, jacobian = motion.center
         base, other = motion.frames[task.reference]
         turn, line = base[:, :3].T, center - base[:, 3]
         place = (turn @ line)[:2]
-        inward = casadi.DM(wheels.normals)
-        lack = target - (inward @ place - casadi.DM((wheels.normals * wheels.contacts).sum(axis=1)))
+        inward = casadi.DM(normals)
+        lack = target - (inward @ place - casadi.DM((normals * contacts).sum(axis=1)))
         change = (turn @ (jacobian - other[:3, :] + skew(line) @ other[3:, :]))[:2, :]
         slopes = -(inward @ motion.without(change, wheels.moved_by(motion.pepper, task)))
-        rows = [casadi.if_else(lack[k] > 0, 1.0, 0.0) * slopes[k, :] for k in range(len(wheels.normals))]
+        rows = [casadi.if_else(lack[k] > 0, 1.0, 0.0) * slopes[k, :] for k in range(len(normals))]
         return casadi.fmax(lack, 0.0), casadi.vertcat(*rows)
 
 
@@ -159,26 +174,14 @@ def _words_for_margin(margin: float) -> str:
     return words_for_length(margin) if margin >= 0 else f"-{words_for_length(-margin)}"
 
 
-def _inward_normals(corners: Array) -> tuple[Array, float]:
-    """Return the inward unit normals of a convex polygon and a bound on the margin inside: 2 area / girth.
-
-    Args:
-        corners: Corners in the base's frame [m], shape (k, 2), counter-clockwise.
-
-    Returns:
-        The normals, shape (k, 2), of the side that starts at each corner; the bound [m].
+def _polygon(corners: Array, margins: Array) -> dict[str, Array]:
+    """Return contacts, shape (k, 2) [m], and their normals, as attributes of a task.
 
     Raises:
-        InvalidValueError: unless the corners are those of a convex polygon in counter-clockwise order.
+        InvalidValueError: for margins of any shape [m] that no point between the contacts has.
     """
-    sides = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack([-sides[:, 1], sides[:, 0]])
-    reach = np.einsum("ki,kji->kj", normals, corners[None] - corners[:, None])
-    turns = np.einsum("ki,ki->k", normals, np.roll(sides, -1, axis=0))
-    if len(corners) < 3 or np.any(turns <= 0) or np.any(reach < -1e-12):
-        wanted = "corners of a convex polygon, counter-clockwise, shape (k >= 3, 2)"
-        raise InvalidValueError(f"contacts of {LABEL}", corners.tolist(), wanted)
-    lengths = np.linalg.norm(sides, axis=1)
-    x, y = corners.T
-    area = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-    return normals / lengths[:, None], 2 * area / float(lengths.sum())
+    widest = inner_radius(corners)
+    if margins.size and margins.max() > widest:
+        allowed = f"at most {widest:.4f} m, more than any point between the contacts has"
+        raise InvalidValueError(f"margin of {LABEL}", f"{margins.max():.4f} m", allowed)
+    return {"contacts": read_only(corners), "normals": read_only(inward_normals(corners))}

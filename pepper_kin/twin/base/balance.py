@@ -12,10 +12,17 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
+from pepper_kin.dynamics.support_polygon import (
+    WHEELS,
+    checked_polygon,
+    distances_inside,
+    inward_normals,
+    wheel_contacts,
+)
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics import frame_pose
-from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
+from pepper_kin.kinematics.base_geometry import BaseGeometry
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_joint_vectors
 
@@ -103,12 +110,13 @@ class BalanceMonitor:
 
     Args:
         pepper: The robot.
-        geometry: Its wheels; Pepper's by default.  Their contacts must be the corners of a convex polygon, in
-            any order.
+        geometry: Its wheels; those of its description if omitted.  Their contacts must be the corners of a
+            convex polygon, in any order.
         base_frame: Frame that they move with.
 
     Raises:
-        InvalidValueError: for contacts that are not a convex polygon.
+        InvalidValueError: for contacts that are not a convex polygon, or without them for a robot whose
+            wheels are not known.
         UnknownNameError: for a frame that the robot lacks.
     """
 
@@ -120,19 +128,16 @@ class BalanceMonitor:
     ) -> None:
         pepper.frame_id(base_frame)
         self.pepper, self.base_frame = pepper, base_frame
-        wheels = pepper_base() if geometry is None else geometry
-        around = wheels.contacts - wheels.contacts.mean(axis=0)
+        if geometry is None:
+            names = tuple(wheel.removesuffix("_link") for wheel in WHEELS)
+            contacts = wheel_contacts(pepper, "geometry")
+        else:
+            names, contacts = geometry.wheel_names, geometry.contacts
+        around = contacts - contacts.mean(axis=0)
         order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
-        self.wheel_names = tuple(wheels.wheel_names[k] for k in order)
-        self.contacts = read_only(wheels.contacts[order])
-        sides = np.roll(self.contacts, -1, axis=0) - self.contacts
-        turns = (
-            sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
-        )
-        if not (turns > 0).all():
-            raise InvalidValueError("contacts", wheels.contacts.tolist(), "corners of a convex polygon")
-        self._inward = np.column_stack([-sides[:, 1], sides[:, 0]])
-        self._inward /= np.linalg.norm(self._inward, axis=1, keepdims=True)
+        self.wheel_names = tuple(names[k] for k in order)
+        self.contacts = read_only(checked_polygon(contacts[order]))
+        self._inward = inward_normals(self.contacts)
 
     def edge(self, number: int) -> tuple[str, str]:
         """Return the wheels at the ends of an edge, counter-clockwise."""
@@ -240,8 +245,8 @@ class BalanceMonitor:
             world = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / vertical[:, None]
         point = np.einsum("tji,tj->ti", poses[:, :2, :2], world - poses[:, :2, 3])
         point[~pressed] = np.nan
-        offset = point[:, None, :] - self.contacts
-        distances = np.where(pressed[:, None], np.einsum("tki,ki->tk", offset, self._inward), -np.inf)
+        inside = distances_inside(self.contacts, self._inward, point)
+        distances = np.where(pressed[:, None], inside, -np.inf)
         if len(self.contacts) != 3:
             return point, distances, None
         # Force and moments about the base's axes: sum f = f_z, sum f c = f_z point (kept finite at f_z = 0).

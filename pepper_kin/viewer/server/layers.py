@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import ConvexMesh
+from pepper_kin.dynamics.support_polygon import support_polygon
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
-from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets

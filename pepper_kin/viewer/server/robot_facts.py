@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.dynamics.support_polygon import support_polygon
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.viewer.server.layers import LAYERS
 
 _ENDS_WITHOUT_LIMITS = (-10.0, 10.0)

@@ -1,0 +1,96 @@
+"""The support polygon: where a robot's wheels touch the floor, and how far points lie inside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.frozen_arrays import read_only
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.wheels import BASE_JOINTS
+
+pinocchio = lazy_module("pinocchio")
+
+WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")
+"""Links of a description that stand on the floor, counter-clockwise seen from above."""
+
+
+@kept_for_robot(most=32)
+def support_polygon(pepper: PepperModel) -> Array | None:
+    """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
+
+    For Pepper (0.09, 0.155), (-0.17, 0), (0.09, -0.155); None for a robot without `WHEELS`.
+    """
+    if not set(WHEELS) <= set(pepper.frame_names):
+        return None
+    q, model, data = pepper.neutral(), pepper.inner_model, pepper.pinocchio_data
+    for joint in set(BASE_JOINTS) & set(pepper.joint_names):
+        q[pepper.joint_index(joint)] = 0.0
+    pinocchio.framesForwardKinematics(model, data, pepper.to_full(q))
+    return read_only([data.oMf[pepper.frame_id(wheel)].translation[:2] for wheel in WHEELS])
+
+
+def wheel_contacts(pepper: PepperModel, quantity: str = "contacts") -> Array:
+    """Return the `support_polygon` of a robot that has one, shape (3, 2) [m].
+
+    Raises:
+        InvalidValueError: for a robot without `WHEELS`, whose contacts have to be given as the quantity.
+    """
+    polygon = support_polygon(pepper)
+    if polygon is None:
+        allowed = f"those of robot {pepper.name!r}, which has no links {', '.join(WHEELS)}"
+        raise InvalidValueError(quantity, None, allowed)
+    return polygon
+
+
+def checked_polygon(contacts: object, quantity: str = "contacts") -> Array:
+    """Return the corners of a convex polygon [m], shape (k, 2).
+
+    Raises:
+        InvalidValueError: naming the quantity, unless they are those of a convex polygon in counter-clockwise
+            order.
+    """
+    corners = as_finite(contacts, quantity, (None, 2))  # type: ignore[arg-type]
+    sides = np.roll(corners, -1, axis=0) - corners
+    turns = cross(sides, np.roll(sides, -1, axis=0))
+    # Two turns of a star are also to the left at each corner; all corners on one side of each line are not.
+    reach = cross(sides[:, None], corners[None] - corners[:, None])
+    if len(corners) < 3 or np.any(turns <= 0) or np.any(reach < -1e-12):
+        wanted = "corners of a convex polygon, counter-clockwise, shape (k >= 3, 2)"
+        raise InvalidValueError(quantity, corners.tolist(), wanted)
+    return corners
+
+
+def inward_normals(corners: Array) -> Array:
+    """Return the unit vectors that point inward from each edge, which starts at a corner, shape (k, 2)."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    return np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+
+
+def distances_inside(corners: Array, inward: Array, points: Array) -> Array:
+    """Return distances from the lines through the edges [m], negative outside, shape (..., k).
+
+    Args:
+        corners: Of the polygon [m], shape (k, 2).
+        inward: Its `inward_normals`, shape (k, 2).
+        points: In the same coordinates [m], shape (..., 2).
+    """
+    return np.asarray(np.einsum("...ki,ki->...k", points[..., None, :] - corners, inward))
+
+
+def inner_radius(corners: Array) -> float:
+    """Return 2 area / girth of a polygon, shape (k, 2) [m].
+
+    It is the radius of the circle inside a triangle; in no polygon is a point farther from all edges.
+    """
+    beside = np.roll(corners, -1, axis=0)
+    girth = np.linalg.norm(beside - corners, axis=1).sum()
+    return float(cross(corners, beside).sum() / girth)
+
+
+def cross(u: Array, w: Array) -> Array:
+    """Return the z component of the cross product of plane vectors, shape (..., 2)."""
+    return np.asarray(u[..., 0] * w[..., 1] - u[..., 1] * w[..., 0])

@@ -1,0 +1,140 @@
+"""Loading of any robot from URDF."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin.exceptions import ModelError, ModelWarning
+from pepper_kin.model.kinematic_tree import MOMENTS, impossible_inertia, kinematic_tree, tensor_of
+from pepper_kin.model.missing_limits import LimitsLike, with_acceleration_limits
+from pepper_kin.model.neighbors import neighboring_pairs
+from pepper_kin.model.pepper_model import PepperModel
+from pepper_kin.model.semantics import Semantics, parse_srdf
+from pepper_kin.model.urdf_document import UrdfDocument, parse_urdf
+from pepper_kin.model.urdf_source import is_text, mesh_folders, read_source, warned
+from pepper_kin.model.wheels import Wheels, with_wheels
+from pepper_kin.model.xml_source import number_of, positive_of
+
+if TYPE_CHECKING:
+    import xml.etree.ElementTree as ET
+
+ROUNDED_MOMENT = 1e-12
+"""How far below zero rounding may leave a moment of inertia [kg m^2]; it is warned of."""
+
+
+def load_robot(
+    urdf: str | Path,
+    srdf: str | Path | None = None,
+    package_dirs: Sequence[str | Path] = (),
+    *,
+    base: str = "fixed",
+    wheels: Wheels | None = None,
+    acceleration_limits: LimitsLike | None = None,
+) -> PepperModel:
+    """Load any robot of revolute, continuous and prismatic joints.
+
+    Args:
+        urdf: Path of a URDF file, or its text.
+        srdf: Path or text of an SRDF with groups, postures and pairs of links that are not checked for
+            collision, if there is one. Without such pairs, links one joint apart are not checked.
+        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
+            sought too, and file names without a folder beside it.
+        base: "fixed"; "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad] between the
+            world and the root link; or "differential" for the same of a base that goes where it points.
+        wheels: What the base can do: limits of its joints for timing, and the turning radius of a
+            differential one, for which it must be given.
+        acceleration_limits: One number for all joints whose <limit> has no `acceleration` (URDF itself knows
+            none), or limits by joint name [rad/s^2 or m/s^2]; they become part of the description.
+
+    Returns:
+        The same kind of object as `load_pepper` gives.
+
+    Raises:
+        FileFormatError: where a file cannot be read.
+        ModelError: where the description is malformed; names the element.
+        UnknownNameError: for acceleration limits of a joint that there is not.
+        InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
+
+    Warns:
+        ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
+    """
+    with warned(urdf):
+        document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
+        _ = document.shapes  # refuses what is malformed
+    document = with_wheels(document, base, wheels)
+    if acceleration_limits is not None:
+        document = with_acceleration_limits(document, acceleration_limits)
+    semantics = Semantics()
+    if srdf is not None:
+        with warned(srdf):
+            semantics = parse_srdf(read_source(srdf), document)
+        _warn_of_unknown_names(srdf, semantics)
+    if not semantics.disabled_pairs:
+        semantics = replace(semantics, disabled_pairs=neighboring_pairs(document))
+    with warned(urdf):
+        return build_model(document, semantics)
+
+
+def _warn_of_unknown_names(srdf: str | Path, semantics: Semantics) -> None:
+    """Warn of names in an SRDF that the robot lacks: one text may serve variants, or a name may be wrong."""
+    if semantics.unknown:
+        file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
+        warnings.warn(f"{file}SRDF: {semantics.unknown_names()}", ModelWarning, stacklevel=3)
+
+
+def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
+    """Build the model of a document from elsewhere, and Pinocchio's at once, to see whether it can be built.
+
+    Raises:
+        ModelError: where Pinocchio refuses it, or no joint moves.
+    """
+    if all(joint.type == "fixed" for joint in document.joints):
+        raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
+    _refuse_what_is_malformed(document)
+    pepper = PepperModel(document, semantics)
+    pepper.dynamics_model.get()
+    return pepper
+
+
+def _refuse_what_is_malformed(document: UrdfDocument) -> None:
+    """Refuse what Pinocchio's reader would refuse unnamed, or leave out: a link then has no mass.
+
+    Raises:
+        ModelError: naming the joint or link.
+    """
+    kinematic_tree(document)
+    for link in document.tree.findall("link"):
+        for inertial in link.findall("inertial"):
+            mass, inertia = inertial.find("mass"), inertial.find("inertia")
+            missing = ["mass"] if mass is None or mass.get("value") is None else []
+            missing += ["inertia"] if inertia is None else [k for k in MOMENTS if inertia.get(k) is None]
+            if missing:
+                raise ModelError(f"URDF: inertial of link {link.get('name')} has no {', '.join(missing)}")
+            if mass is not None and inertia is not None:
+                _check_inertial(f"link {link.get('name')}", mass, inertia)
+
+
+def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
+    """Refuse numbers that no computation could use, and warn of an inertia that no real body has.
+
+    Raises:
+        ModelError: naming the link and the value.
+
+    Warns:
+        ModelWarning: in the words of `pepper_kin.model.audit`.
+    """
+    positive_of(mass, "value", 0.0, f"mass of {link}")
+    values = [number_of(inertia, key, 0.0, f"inertia of {link}") for key in MOMENTS]
+    for key, value in zip(MOMENTS, values, strict=True):
+        if key[1] == key[2] and value < -ROUNDED_MOMENT:
+            raise ModelError(f"URDF: inertia of {link}: {key} is {value:g} kg m^2, expected at least 0")
+    tensor = tensor_of(values)
+    message = impossible_inertia(np.linalg.eigvalsh(tensor))
+    if message and tensor.any():  # without any inertia it is a mass at a point
+        warnings.warn(f"URDF: {link}: {message}", ModelWarning, stacklevel=6)
