@@ -90,7 +90,7 @@ NO_ROBOT = (
     (6, "planners/", "searches, roadmaps, short-cuts", "on vectors and a validity checker"),
     (10, "ros_messages/", "ROS 2's messages, without ROS;", "only the interfaces use it"),
 )
-"""Packages that know no robot: a row beside which each stands, name and contents."""
+"""Packages that are independent of robots: a row beside which each stands, name and contents."""
 
 
 def packages() -> None:
@@ -99,7 +99,7 @@ def packages() -> None:
     left, right, height, step, top = 50, 620, 52, 74, 56
     y_of = [top + step * k + (44 if k >= INTERFACES else 0) for k in range(len(ROWS))]
     d.layer(20, 20, 620, y_of[INTERFACES] - 48, "The toolkit")
-    d.layer(680, 20, 260, 974, "What knows no robot")
+    d.layer(680, 20, 260, 974, "Independent of robots")
     d.layer(20, y_of[INTERFACES] - 36, 620, 1030 - y_of[INTERFACES], "The interfaces")
     for k, row in enumerate(ROWS):
         y, width = y_of[k], (right - left - 20 * (len(row) - 1)) // len(row)

@@ -334,7 +334,7 @@ def test_heavy_libraries_are_not_loaded_by_importing_a_package(package):
 
 
 def test_the_design_page_has_the_layer_of_every_package():
-    """What knows no robot imports nothing else, the toolkit no interface, and the interfaces may go."""
+    """What is independent of robots imports nothing else, and the toolkit no interface."""
     page = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
     table = page.partition("| package or module | layer | contents |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| `(\w+)(?:/|\.py)` \| ([a-z ]+) \| ", table, re.MULTILINE)
@@ -343,11 +343,11 @@ def test_the_design_page_has_the_layer_of_every_package():
     assert set(layers) == set(ORDER) | {"planners", "urdf"}
     known = {package_of(path) for path in ALL_FILES} - {"__init__"}
     assert set(layers) == known
-    levels = ("no robot", "toolkit", "interface")
+    levels = ("independent", "toolkit", "interface")
     for path in ALL_FILES:
         package = package_of(path)
         for imported in packages_imported(path) & known if package in known else ():
             assert levels.index(layers[imported]) <= levels.index(layers[package]), (path, imported)
     interfaces = {name for name, layer in layers.items() if layer == "interface"}
-    assert {layers[name] for name in set(INTERFACES) - interfaces} == {"no robot"}
+    assert {layers[name] for name in set(INTERFACES) - interfaces} == {"independent"}
     assert interfaces < set(INTERFACES)
