@@ -11,6 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 STYLE = (
     "text{font-family:sans-serif;fill:#1c2b33}rect{rx:6;stroke:#546e7a;stroke-width:1.2}"
+    ".layer{fill:#fafafa;stroke-dasharray:5 4}"
     ".package{fill:#eceff1}.core{fill:#ffe0b2}.reference{fill:#e0f2f1}.step{fill:#e3f2fd}"
     "path{stroke:#37474f;stroke-width:1.4;fill:none;marker-end:url(#head)}"
 )
@@ -32,6 +33,11 @@ class Drawing:
         self.text(x + width // 2, y + 19, title, 14, bold=True)
         for row, line in enumerate(lines):
             self.text(x + width // 2, y + 37 + 15 * row, line, 11)
+
+    def layer(self, x: int, y: int, width: int, height: int, title: str) -> None:
+        """Add the background of several boxes, with its title at the top."""
+        self._parts.append(f'<rect class="layer" x="{x}" y="{y}" width="{width}" height="{height}" rx="6"/>')
+        self.text(x + 110, y + 22, title, 14, bold=True)
 
     def text(self, x: int, y: int, words: str, size: int, *, bold: bool = False) -> None:
         """Add words around a point."""
@@ -67,60 +73,53 @@ ROWS = (
         ("trajectory/  files/", "timing, certificate"),
     ),
     (("motion/", "planning, gestures, optimization"),),
-    (("twin/", "simulation, contacts, sensors"),),
-    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin"), ("jobs/  viewer/", "whole jobs, pages, films")),
-    (("qibullet/  cli", "qiBullet's classes; the commands"),),
+    (("twin/  paper/", "simulation, contacts, sensors"),),
+    (("supervision", "motions on a robot"), ("jobs/  viewer/", "whole jobs, pages, films")),
+    (("cli", "the commands"),),
+    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin"),),
+    (("body_page  qibullet/", "a page; qiBullet's classes"), ("cli_naoqi  cli_ros", "their commands")),
 )
-"""Packages from the top down, side by side where neither imports the other: name and contents."""
+"""Packages from the top down, side by side: name and contents."""
 FROM_CORE = (2, 3, 4, 5, 6, 7)
 """Rows that import `core`."""
+INTERFACES = 10
+"""First row of the interfaces."""
+NO_ROBOT = (
+    (0, "kernels/", "machine code: compiled,", "cached, shipped"),
+    (2, "core/", "each algorithm once, on arrays:", "IK, collision, timing, simulation"),
+    (6, "planners/", "searches, roadmaps, short-cuts", "on vectors and a validity checker"),
+    (10, "ros_messages/", "ROS 2's messages, without ROS;", "only the interfaces use it"),
+)
+"""Packages that are independent of robots: a row beside which each stands, name and contents."""
 
 
 def packages() -> None:
-    """Draw the packages: lower ones import higher ones."""
-    d = Drawing(960, 824)
-    left, right, height, step = 40, 620, 52, 74
+    """Draw the packages in their three layers: lower ones import higher ones."""
+    d = Drawing(960, 1030)
+    left, right, height, step, top = 50, 620, 52, 74, 56
+    y_of = [top + step * k + (44 if k >= INTERFACES else 0) for k in range(len(ROWS))]
+    d.layer(20, 20, 620, y_of[INTERFACES] - 48, "The toolkit")
+    d.layer(680, 20, 260, 974, "Independent of robots")
+    d.layer(20, y_of[INTERFACES] - 36, 620, 1030 - y_of[INTERFACES], "The interfaces")
     for k, row in enumerate(ROWS):
-        y, width = 20 + step * k, (right - left - 20 * (len(row) - 1)) // len(row)
+        y, width = y_of[k], (right - left - 20 * (len(row) - 1)) // len(row)
         for j, (name, words) in enumerate(row):
             d.box(left + j * (width + 20), y, width, height, name, "package", words)
         if k:
             for x in (185, 475) if len(row) + len(ROWS[k - 1]) > 2 else (330,):
-                d.arrow((x, y - step + height), (x, y))
-    d.box(700, 20, 220, 66, "kernels/", "core", "machine code: compiled,", "cached, shipped")
-    d.box(
-        700,
-        168,
-        220,
-        66,
-        "core/",
-        "core",
-        "each algorithm once, on arrays:",
-        "IK, collision, timing, simulation",
-    )
-    d.box(
-        700,
-        464,
-        220,
-        66,
-        "planners/",
-        "core",
-        "searches, roadmaps, short-cuts",
-        "on vectors and a validity checker",
-    )
-    d.arrow((810, 86), (810, 168))
-    d.arrow((810, 234), (810, 464))
+                d.arrow((x, y_of[k - 1] + height), (x, y))
+    for k, name, *lines in NO_ROBOT:
+        d.box(705, y_of[k], 215, 66, name, "core", *lines)
+    for above, below in ((0, 2), (2, 6)):
+        d.arrow((812, y_of[above] + 66), (812, y_of[below]))
     for k in FROM_CORE:
-        y = 20 + step * k + 20
-        d.arrow((700, 201), (660, 201), (660, y), (right, y))
-    d.arrow((700, 502), (right, 502))
+        d.arrow((705, y_of[2] + 33), (660, y_of[2] + 33), (660, y_of[k] + 20), (right, y_of[k] + 20))
+    for k in (6, 10):
+        d.arrow((705, y_of[k] + 40), (right, y_of[k] + 40))
     d.text(
-        480, 780, "An arrow points to a package that imports; packages import only what is above them.", 13
+        480, 1018, "An arrow points to a package that imports; packages import only what is above them.", 13
     )
-    d.text(
-        480, 802, "Orange: independent of robots. The certificate uses dynamics/ and coal, never core/.", 13
-    )
-    d.save("packages.svg", "The packages of pepper_kin and the direction of imports")
+    d.save("packages.svg", "The packages of pepper_kin in their three layers, and the direction of imports")
 
 
 def plan_call() -> None:

@@ -333,11 +333,21 @@ def test_heavy_libraries_are_not_loaded_by_importing_a_package(package):
     assert done.stdout.strip() == "[]"
 
 
-def test_the_design_page_has_a_row_for_every_package():
+def test_the_design_page_has_the_layer_of_every_package():
+    """What is independent of robots imports nothing else, and the toolkit no interface."""
     page = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
-    table = page.partition("| package or module | contents |")[2].partition("\n\n")[0]
-    named = {
-        cell.strip(" `").rstrip("/").removesuffix(".py") for cell in re.findall(r"^\|(.*?)\|", table, re.M)
-    }
-    lines = {name for name in ORDER if name.startswith("cli_")}  # one row for all
-    assert not set(ORDER) - named - lines - {"cli"}
+    table = page.partition("| package or module | layer | contents |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| `(\w+)(?:/|\.py)` \| ([a-z ]+) \| ", table, re.MULTILINE)
+    layers = dict(rows)
+    assert len(rows) == len(layers) == table.count("\n") - 1
+    assert set(layers) == set(ORDER) | {"planners", "urdf"}
+    known = {package_of(path) for path in ALL_FILES} - {"__init__"}
+    assert set(layers) == known
+    levels = ("independent", "toolkit", "interface")
+    for path in ALL_FILES:
+        package = package_of(path)
+        for imported in packages_imported(path) & known if package in known else ():
+            assert levels.index(layers[imported]) <= levels.index(layers[package]), (path, imported)
+    interfaces = {name for name, layer in layers.items() if layer == "interface"}
+    assert {layers[name] for name in set(INTERFACES) - interfaces} == {"independent"}
+    assert interfaces < set(INTERFACES)

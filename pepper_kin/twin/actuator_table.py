@@ -7,8 +7,10 @@ import numpy as np
 from pepper_kin.core.simulation.actuator_model import ActuatorTable
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.twin.actuators import POSITION, TORQUE, ActuatorParameters
+from pepper_kin.twin.actuators import POSITION, QUANTITIES, TORQUE, ActuatorParameters
 
+_SAME = tuple(name for name in ActuatorTable._fields if name in QUANTITIES and name != "strength")
+"""Rows that are quantities as they are."""
 _FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
 
 
@@ -39,9 +41,8 @@ def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> Actuat
         rotor=np.array(actuators.rotor_inertia),
         upper=np.tile(np.minimum(pepper.upper_limits, _FAR), robots),
         lower=np.tile(np.maximum(pepper.lower_limits, -_FAR), robots),
-        stop_stiffness=np.array(actuators.stop_stiffness),
-        stop_damping=np.array(actuators.stop_damping),
         resolution=np.array(actuators.encoder_resolution),
+        **{name: np.array(getattr(actuators, name)) for name in _SAME},
     )
 
 

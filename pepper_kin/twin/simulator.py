@@ -178,8 +178,9 @@ class Simulator:
 
 def has_motor(actuators: ActuatorTable) -> bool:
     """Return whether any joint has more than a servo with a torque limit and stops."""
-    more = (actuators.viscous, actuators.coulomb, actuators.rotor, actuators.resolution, actuators.line)
-    return any(values.any() for values in more) or bool((actuators.stall < actuators.limit).any())
+    more = {*parameters(Variant(motor=True))} - {*parameters(Variant()), "stall"}
+    limited = (actuators.stall < actuators.limit).any()
+    return bool(limited) or any(getattr(actuators, name).any() for name in more)
 
 
 def _aligned(size: int) -> Array:

@@ -11,7 +11,12 @@ MOST_LINES = 260
 FILE = re.compile(
     r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml))\b"
 )
-TO_BE_WRITTEN = {"pepper_kin/ik/tasks/frame_distance.py", "planners/rrt.py"}  # by who follows CONTRIBUTING
+TO_BE_WRITTEN = {  # by who follows CONTRIBUTING
+    "pepper_kin/ik/tasks/frame_distance.py",
+    "pepper_kin/robots.py",
+    "pepper_kin/twin/sensors/inclinometer.py",
+    "planners/rrt.py",
+}
 
 
 def anchors(page):

@@ -12,6 +12,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.twin.sensors import (
     CAMERAS,
     RobotRays,
+    SensorSpecification,
     SensorSuite,
     published_scan,
     sensor_specifications,
@@ -27,7 +28,7 @@ def planar():
 def test_the_data_name_frames_rates_and_sources(pepper):
     sensors = sensor_specifications()
     rates = {name: specification.rate for name, specification in sensors.items()}
-    assert len(sensors) == 25
+    assert len(sensors) >= 25
     assert rates["joint_encoders"] == 50
     assert rates["wheel_odometry"] == 15
     for name in ("imu_torso_gyroscope", "sonar_back", "laser_left", *CAMERAS):
@@ -345,11 +346,22 @@ def test_own_body_is_hidden_only_where_the_sensor_sits(pepper):
     assert headless.distances(q, None, [0, 0, 2.0], down) > all_of > 0.7
 
 
+def test_a_suite_takes_a_sensor_that_pepper_does_not_have(pepper):
+    hand = SensorSpecification("hand", "accelerometer", "l_gripper", 100.0, "m/s^2", "assumed")
+    suite = SensorSuite(pepper, noise=False, specifications={"hand": hand})
+    q = pepper.posture("Stand")
+    upright = pk.kinematics.frame_pose(pepper, q, "l_gripper")[:3, :3].T @ [0, 0, 9.81]
+    np.testing.assert_allclose(suite.read(0.0, q)["hand"].value, upright, atol=1e-12)
+    assert set(suite.names) == {"hand", *SensorSuite(pepper).names}
+
+
 def test_misuse_is_named(pepper):
     with pytest.raises(UnknownNameError, match=r"gps.*joint_encoders"):
         SensorSuite(pepper, sensors=["gps"])
     with pytest.raises(InvalidValueError, match="seed"):
         SensorSuite(pepper, seed=-1)
+    with pytest.raises(InvalidValueError, match=r"name of a specification.*sonar_back.*sonar_bakc"):
+        SensorSuite(pepper, specifications={"sonar_bakc": sensor_specifications()["sonar_back"]})
     with pytest.raises(InvalidValueError, match="rate of sonar_back"):
         replace(sensor_specifications()["sonar_back"], rate=0.0)
     with pytest.raises(InvalidValueError, match="noise of sonar_back"):

@@ -64,7 +64,7 @@ class SensorSuite:
         seed: Seed of all noise and bias, an integer of at least 0.
         sensors: Names of `sensor_specifications()`; by default all but the cameras.
         noise: Whether readings are disturbed; without, they are the truth within the sensor's range.
-        specifications: Specifications in place of Pepper's own, by name.
+        specifications: Specifications in place of Pepper's own, or of more sensors, by name.
         floor: Whether there is a floor at z = 0 besides what the scene holds.
         scene: The world that `observe` measures, where it does not move.
         world: The world that `observe` measures, where it moves; one of the two at most.
@@ -74,7 +74,8 @@ class SensorSuite:
 
     Raises:
         UnknownNameError: for a sensor that there is not, or a frame that the robot lacks.
-        InvalidValueError: for a seed that is no such integer, or both a scene and a world.
+        InvalidValueError: for a seed that is no such integer, both a scene and a world, or a specification
+            under another name than its own.
     """
 
     sensors: Mapping[str, Sensor]
@@ -98,8 +99,8 @@ class SensorSuite:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
         for name, specification in (specifications or {}).items():
-            if name not in known:
-                raise UnknownNameError("sensor", name, known)
+            if name != specification.name:
+                raise InvalidValueError("name of a specification", repr(specification.name), repr(name))
             known[name] = specification
         names = [name for name in known if name not in CAMERAS] if sensors is None else _names(sensors)
         for name in names:
