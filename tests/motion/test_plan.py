@@ -268,6 +268,8 @@ def test_a_plan_that_stays_advises_nothing_that_refuses(pepper):
     start = pepper.posture("Stand")
     plan = pk.plan(pepper, start, start)
     assert plan.advice == "Nothing has to move, so there is nothing to time."
+    assert plan.path.shape == (1, pepper.n)
+    assert plan.length == 0
     assert "retime" not in plan.report()
 
 
