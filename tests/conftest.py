@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import gc
 import io
 import json
 import os
 import platform
+import resource
 import runpy
 import sys
 import threading
@@ -26,6 +29,9 @@ import pepper_kin as pk
 from pepper_kin.cli import main
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+
+LARGE_PROCESS = 600e6
+"""Memory from which on robots forget what is kept for them [bytes]."""
 
 
 class PatientSys:
@@ -142,6 +148,24 @@ def kernel_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
     folder = kept.mkdir("kernels") if kept is not None else tmp_path_factory.mktemp("kernels")
     with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
         yield folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_process() -> Iterator[None]:
+    """Let robots forget what is kept for them after modules that make a process large.
+
+    Up to 64 checkers of scenes are kept for each robot, 2 to 13 MB each, and modules share robots.
+    """
+    yield
+    statm = Path("/proc/self/statm")
+    if statm.exists() and int(statm.read_text().split()[1]) * resource.getpagesize() > LARGE_PROCESS:
+        for thing in gc.get_objects():
+            if isinstance(thing, pk.PepperModel):
+                thing.kept.clear()
+        gc.collect()
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 @pytest.fixture(scope="session")

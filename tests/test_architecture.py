@@ -15,54 +15,13 @@ from pepper_kin import _PACKAGES, __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "arrays",
-    "lazy_names",
-    "forked_children",
-    "exceptions",
-    "status",
-    "atomic_file",
-    "file_reading",
-    "numpy_archive",
-    "server_access",
-    "frozen_arrays",
-    "connection_gate",
-    "http_server",
-    "end_signals",
-    "thread_priority",
-    "qi_library",
-    "proxsuite_library",
-    "plugins",
-    "ros_messages",
-    "model",
-    "symbolic",
-    "kernels",
-    "core",
-    "batch",
-    "kinematics",
-    "dynamics",
-    "collision",
-    "ik",
-    "servo",
-    "base_placement",
-    "trajectory",
-    "files",
-    "motion",
-    "twin",
-    "paper",
-    "supervision",
-    "naoqi",
-    "ros",
-    "jobs",
-    "viewer",
-    "body_page",
-    "qibullet",
-    "cli_terminal",
-    "cli_check",
-    "cli_naoqi",
-    "cli_ros",
-    "cli_show",
-    "cli",
-)
+    "arrays", "lazy_names", "forked_children", "exceptions", "status", "atomic_file", "file_reading",
+    "numpy_archive", "server_access", "frozen_arrays", "connection_gate", "http_server", "end_signals",
+    "thread_priority", "qi_library", "proxsuite_library", "plugins", "ros_messages", "model", "symbolic",
+    "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
+    "trajectory", "files", "motion", "twin", "paper", "supervision", "naoqi", "ros", "jobs", "viewer",
+    "body_page", "qibullet", "cli_terminal", "cli_check", "cli_naoqi", "cli_ros", "cli_show", "cli",
+)  # fmt: skip
 """From the top down: a package may import those before it."""
 APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
 ONLY = {
@@ -151,15 +110,8 @@ def test_imports_point_one_way(path):
 
 
 INTERFACES = (
-    "ros_messages",
-    "qi_library",
-    "naoqi",
-    "ros",
-    "body_page",
-    "qibullet",
-    "cli_naoqi",
-    "cli_ros",
-)
+    "ros_messages", "qi_library", "naoqi", "ros", "body_page", "qibullet", "cli_naoqi", "cli_ros",
+)  # fmt: skip
 """What connects the toolkit with other programs, by entry points: the toolkit works without it."""
 
 

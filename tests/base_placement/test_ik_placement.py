@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.base_placement import PlacementStatus, PlacementTerms, PlacementWeights
+from pepper_kin.base_placement import PlacementStatus, PlacementWeights
 from pepper_kin.base_placement.floor_picture import save_floor_picture
 from pepper_kin.base_placement.moving_base import moving_base
 from pepper_kin.exceptions import InvalidValueError, LimitError
@@ -437,11 +437,3 @@ def test_the_example_of_the_page_runs():
     np.testing.assert_allclose(hand(place.q[0])[:3, 3], in_base(place, names["cup"]), atol=1e-3)
     for term in ("limit_margin", "manipulability", "clearance", "travel"):
         assert f"| `{term}` |" in page
-
-
-def test_values_are_read_only():
-    result = pk.base_placement.place_base(PEPPER, LEFT, candidates=16, collisions=False)
-    for array in (result.places, result.scores, result.reached, result.touching, result.best.q):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1
-    assert isinstance(result.best.terms, PlacementTerms)

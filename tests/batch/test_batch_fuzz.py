@@ -182,27 +182,6 @@ def test_kernels_refuse_what_they_do_not_know(panda):
         batch.kernel("panda", "mass_matrix")
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    axes=st.lists(st.sampled_from([(), (0,), (1,), (5,), (2, 3)]), min_size=3, max_size=3),
-    width=st.sampled_from([N, N, N, N - 1, N + 1, 0]),
-    dtype=st.sampled_from(["float64", "float32", "int32", "bool", "complex128", "object", "U3"]),
-    threads=st.sampled_from([1, 2, 7]),
-)
-def test_kernels_take_or_refuse_any_arrays(panda, axes, width, dtype, threads):
-    """Direct calls: kernels do not broadcast, and say so."""
-    compiled = batch.kernel(panda, "inverse_dynamics")
-    vectors = [np.zeros((*shape, width)).astype(dtype) for shape in axes]
-    wrong = width != N or dtype in ("complex128", "object", "U3") or len({x for x in axes if x}) > 1
-    if wrong:
-        with pytest.raises(InvalidValueError):
-            compiled(*vectors, threads=threads)
-        return
-    found = compiled(*vectors, threads=threads)
-    rest = dynamics.gravity_torque(panda, np.zeros(N))
-    np.testing.assert_allclose(found, np.broadcast_to(rest, found.shape), atol=1e-9)
-
-
 def test_a_point_that_does_not_exist_is_named():
     pepper = pk.load_pepper()
     fall = np.zeros((40, pepper.n))

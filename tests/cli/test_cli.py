@@ -124,13 +124,6 @@ def test_gesture_tells_errors_and_inconsistencies(run, tmp_path):
     assert summary["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
 
 
-def test_help_has_an_example(run):
-    for command in ("demo", "reach", "gesture"):
-        done = run(command, "--help", cwd=".")
-        assert "Example: pepper-kin" in done.stdout
-    assert pk.__version__ == "0.2.0"
-
-
 @pytest.mark.parametrize(
     ("format", "root"), [("urdf", "<robot"), ("srdf", "<robot"), ("sdf", "<sdf"), ("mjcf", "<mujoco")]
 )

@@ -37,8 +37,3 @@ def test_misuse_exits_with_one_line(run, tmp_path, arguments, message):
     assert len(done.stderr.splitlines()) == 1
     assert message in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_help_has_an_example(run, tmp_path):
-    for command in ("gesture", "plot"):
-        assert f"Example: pepper-kin {command}" in run(command, "--help", cwd=tmp_path).stdout

@@ -4,7 +4,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision.dependent_ranges import dependent_ranges
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
 
@@ -46,28 +46,6 @@ def test_an_open_hand_passes_the_pelvis_in_crouch(hands):
 def point_segment_distance(p, a, b):
     t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     return np.linalg.norm(p - a - t * (b - a))
-
-
-def test_clearance_to_a_sphere_is_the_closed_form():
-    """A sphere far from all but the forearm: the distance is point to segment less both radii."""
-    pepper = pk.load_pepper()
-    q = pepper.joint_vector({"LShoulderPitch": 0.2, "LElbowRoll": -0.1, "LElbowYaw": 0.0})
-    shape = next(s for s in pepper.collision_shapes if s.link == "LForeArm")
-    pose = pk.kinematics.frame_pose(pepper, q, "LForeArm") @ shape.transform_shape_to_link
-    half = np.array([0, 0, shape.geometry.length / 2])
-    ends = [pose[:3, :3] @ (s * half) + pose[:3, 3] for s in (-1, 1)]
-    center = pose[:3, 3] + np.array([0.0, 0.2, 0.05])
-    scene = pk.Scene().add_sphere("ball", 0.03, center)
-    expected = point_segment_distance(center, *ends) - shape.geometry.radius - 0.03
-    nearest = min(
-        pk.collision.checker_for(pepper, scene).clearance(q), pk.collision.checker_for(pepper).clearance(q)
-    )
-    to_ball = pk.collision.closest_pair(pepper, q, scene)
-    if to_ball.names == ("LForeArm", "ball"):
-        assert to_ball.distance == pytest.approx(expected, abs=1e-6)
-        assert np.linalg.norm(to_ball.points[0] - to_ball.points[1]) == pytest.approx(expected, abs=1e-5)
-    else:
-        assert nearest <= expected
 
 
 def test_clearance_to_the_only_near_thing():
@@ -121,13 +99,6 @@ def test_dependent_ranges_find_contacts_that_capsules_cannot(values, links):
     assert links in pk.collision.checker_for(pepper).contacts(q)
 
 
-def test_contacts_name_robot_link_and_object():
-    pepper = pk.load_pepper()
-    hand = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "LArm_effector")[:3, 3]
-    scene = pk.Scene().add_box("cup", (0.05, 0.05, 0.1), hand)
-    assert ("l_wrist", "cup") in pk.collision.checker_for(pepper, scene).contacts(pepper.posture("Stand"))
-
-
 def test_batch_shapes():
     pepper = pk.load_pepper()
     q = random_q(pepper, 6).reshape(2, 3, 15)
@@ -146,29 +117,6 @@ def test_scene_is_frozen_and_methods_return_new_ones():
         TABLE.objects = {}
     with pytest.raises(TypeError):
         TABLE.objects["table"] = None
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: TABLE.add_box("table", (1, 1, 1), (0, 0, 0)), "object name: got 'table', .* taken: table"),
-        (lambda: TABLE.add_box("b", (1, 0, 1), (0, 0, 0)), r"box size: got \(1.0, 0.0, 1.0\)"),
-        (lambda: TABLE.add_box("b", (1, 1, 1), (0, np.nan, 0)), "position of 'b': got nan"),
-        (lambda: TABLE.add_sphere("b", -1, (0, 0, 0)), "sphere radius: got -1.0"),
-        (
-            lambda: TABLE.add_box("b", (1, 1), (0, 0, 0)),
-            r"size of 'b': got shape \(2,\), expected shape \(3,\)",
-        ),
-    ],
-)
-def test_bad_objects_are_named(call, message):
-    with pytest.raises(InvalidValueError, match=message):
-        call()
-
-
-def test_unknown_object_is_named():
-    with pytest.raises(UnknownNameError, match="unknown scene object 'chair'; available: table"):
-        TABLE.move("chair", (0, 0, 0))
 
 
 def test_padded_scene_is_nearer_by_the_margin():

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
-from pepper_kin.collision import PointCloud
+from pepper_kin.collision import CollisionChecker, PointCloud
 from pepper_kin.collision.fast import FastChecker
 from pepper_kin.collision.fast.cloud_block import box_around, cloud_block
 from pepper_kin.core.collision.clouds import cloud_at, nearest_squared
@@ -142,7 +142,7 @@ def test_points_of_the_robot_are_left_out(held):
     assert 100 < len(kept) < 400
     for point in points:
         ball = scene.add_sphere("point", 1e-6, point)
-        pairs = pk.collision.contacts(PEPPER, q, ball, within=5.0)
+        pairs = CollisionChecker(PEPPER, ball).contact_points(q, 5.0)  # which is not kept
         apart = min(pair.distance for pair in pairs if "point" in pair.names and pair.distance is not None)
         if abs(apart - 0.03) > 1e-4:
             assert (tuple(point) in kept) == (apart > 0.03)

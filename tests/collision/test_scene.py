@@ -26,6 +26,8 @@ def cup_scene():
     [
         (lambda s: s.add_box("b", (1, 0, 1), (0, 0, 0)), r"box size: got \(1.0, 0.0, 1.0\)"),
         (lambda s: s.add_box("b", (1, np.nan, 1), (0, 0, 0)), "size of 'b': got nan"),
+        (lambda s: s.add_box("b", (1, 1), (0, 0, 0)), r"size of 'b': got shape \(2,\), .* shape \(3,\)"),
+        (lambda s: s.add_box("b", (1, 1, 1), (0, np.nan, 0)), "position of 'b': got nan"),
         (lambda s: s.add_sphere("b", -0.1, (0, 0, 0)), "sphere radius: got -0.1"),
         (lambda s: s.add_sphere("b", "wide", (0, 0, 0)), "radius of 'b': got 'wide'"),
         (lambda s: s.add_cylinder("b", 0.1, np.inf, (0, 0, 0)), "length of 'b': got inf"),

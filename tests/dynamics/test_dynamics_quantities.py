@@ -34,13 +34,6 @@ def test_coriolis_matrix(pepper):
     np.testing.assert_allclose(skew, -skew.T, atol=1e-7)
 
 
-def test_inverse_mass_matrix(pepper):
-    q, _, _ = states(pepper)
-    inverse = pk.dynamics.inverse_mass_matrix(pepper, q)
-    np.testing.assert_array_equal(inverse, inverse.T)
-    np.testing.assert_allclose(pk.dynamics.mass_matrix(pepper, q) @ inverse, np.eye(pepper.n), atol=1e-9)
-
-
 def test_derivatives_by_finite_differences(pepper):
     state = states(pepper)
     for function, derivatives in (

@@ -31,11 +31,10 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    from large_files import FILES
+    from large_files import LARGE
     from reader_cases import READERS
 
-    large = {name: (kind, whole) for name, (kind, whole, _) in FILES.items()}
-    print(json.dumps({"readers": list(READERS), "large": large}), file=answers, flush=True)
+    print(json.dumps({"readers": list(READERS), "large": LARGE}), file=answers, flush=True)
     for line in sys.stdin:
         print(json.dumps(batch(**json.loads(line))), file=answers, flush=True)
 

@@ -18,7 +18,7 @@ import pytest
 
 HERE = Path(__file__).parent
 METHODS = ("of_models_and_scenes", "of_motions", "of_planners", "of_twins")
-"""Groups of public objects whose methods are called (`misuse_methods.py`)."""
+"""Groups of public objects whose methods are called (`misuse_calls.py`)."""
 PACKAGES = (
     "base_placement", "batch", "collision", "dynamics", "files", "ik", "kernels", "kinematics", "model",
     "motion", "planners", "servo", "trajectory", "twin", "twin.base", "twin.sensors", "twin.world",

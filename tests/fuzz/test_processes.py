@@ -17,7 +17,6 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import collision, ik
-from pepper_kin.kernels import store
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="signals and limits of POSIX")
 
@@ -86,16 +85,6 @@ def test_a_writer_that_is_killed_leaves_whole_files(tmp_path, rng, amount, tried
         for path in folder.glob("*.code"):
             assert path.read_bytes()[33:] == rest
     tried("writers killed", rounds)
-
-
-def test_what_a_killed_writer_left_behind_is_cleared(tmp_path, monkeypatch):
-    monkeypatch.setenv("PEPPER_KIN_CACHE", str(tmp_path))
-    store.write_part("a" * 64, b"content")
-    (tmp_path / f"{'b' * 16}-x.tmp").write_bytes(b"half of a part")
-    (tmp_path / f"{'c' * 64}.lock").touch()
-    assert store.read_part("a" * 64) == b"content"
-    assert store.clear_cache() == 3
-    assert list(tmp_path.iterdir()) == []
 
 
 LIMITED = (

@@ -184,9 +184,7 @@ def test_whatever_is_asked_is_answered_or_refused_by_the_library(robots, amount,
     pepper, count, wrong = robots["fixed"], amount(6, 30, 5_000), []
     for _ in range(count):
         path, options = random_path(pepper, rng), random_options(pepper, rng)
-        name = str(
-            rng.choice(["velocity_scale", "acceleration_scale", "torque_scale", "payload", "jerk", "path"])
-        )
+        name = str(rng.choice(EXTREME))
         size = 10.0 ** rng.uniform(-15, 15)
         if name == "payload":
             options["payload"] = {"left": size}

@@ -92,6 +92,9 @@ def test_solved_states_its_errors():
     assert result.status is IKStatus.SOLVED
     report = result.report()
     assert report.startswith("solved: every task is met\n")
+    assert result.blocking_limits == ()
+    assert result.clearance is None
+    assert result.in_collision is None
     found = re.search(rf"left hand: error ([\d.e-]+) (m|cm|mm), point {VECTOR}", report)
     distance = math.dist(hand_point(result.q), point)
     assert length(found[1], found[2]) == pytest.approx(distance, rel=0.06, abs=1e-9)
@@ -117,6 +120,8 @@ def test_unreachable_states_where_the_hand_stops(target, hand):
     check_torque(result, report)
     check_limits(result, report)
     assert "beyond reach" in report
+    assert "even without joint limits" in result.advice
+    assert result.errors[0].value == pytest.approx(math.dist(hand_point(result.q, hand[0].upper()), target))
     assert report.endswith(result.advice)
     assert result.hint == ""
     # No posture out of many comes nearer than the one that is called the closest.
@@ -225,6 +230,7 @@ def test_timed_out_states_how_far_it_came():
     assert result.status is IKStatus.TIMED_OUT
     report = result.report()
     assert report.startswith("not reached: time ran out")
+    np.testing.assert_array_equal(result.q, PEPPER.neutral())
     check_stop(result, report, target)
     check_torque(result, report)
 

@@ -12,7 +12,6 @@ from scipy.optimize import lsq_linear
 
 import pepper_kin as pk
 from pepper_kin.core.inverse_kinematics.box_step import solve_box
-from pepper_kin.ik import IKStatus
 from pepper_kin.ik.fast.compiled_tasks import used_joints
 from pepper_kin.ik.fast.expression import task_function
 from pepper_kin.ik.tasks.structure import known_structures, target_of
@@ -195,20 +194,6 @@ def test_fuzz_limits_and_numbers(point, gaze, seed):
     assert result.success or end <= start + 1e-9
 
 
-def test_random_reachable_targets_are_all_solved():
-    generator = np.random.default_rng(8)
-    targets = [reachable(generator) for _ in range(400)]
-    hands, gazes = (np.array(x) for x in zip(*targets, strict=True))
-    assert pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands), collisions=False).success.all()
-    assert pk.ik.solve_batch(PEPPER, pk.ik.LookAt(gazes), collisions=False).success.all()
-    both = pk.ik.solve_batch(
-        PEPPER, [pk.ik.HandPosition("left", hands), pk.ik.LookAt(gazes)], collisions=False
-    )
-    assert both.success.mean() > 0.99
-    alone = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", hands), restarts=0, collisions=False)
-    assert alone.success.mean() > 0.94
-
-
 def test_same_arguments_same_result_and_a_copy_of_q0():
     hand, gaze = reachable(np.random.default_rng(3))
     tasks = [pk.ik.HandPosition("left", hand), pk.ik.LookAt(gaze)]
@@ -221,25 +206,6 @@ def test_same_arguments_same_result_and_a_copy_of_q0():
     assert first.certificate == second.certificate
     with pytest.raises(ValueError, match="read-only"):
         first.q[0] = 0
-
-
-def test_statuses():
-    assert (
-        pk.ik.solve(PEPPER, pk.ik.HandPosition("left", (0.4, 0.25, 0.9)), collisions=False).status
-        is IKStatus.SOLVED
-    )
-    far = pk.ik.HandPosition("left", (2.0, 0.25, 0.9))
-    assert pk.ik.solve(PEPPER, far, collisions=False).status is IKStatus.CLOSEST_UNREACHABLE
-    behind = pk.ik.solve(
-        PEPPER, pk.ik.HandPosition("left", (-0.15, 0.05, 0.9)), joints="left_arm", collisions=False
-    )
-    assert behind.status is IKStatus.CLOSEST_LIMITS
-    assert pk.ik.solve(PEPPER, far, timeout=1e-9, collisions=False).status is IKStatus.TIMED_OUT
-    wall = pk.Scene().add_box("wall", size=(0.2, 4.0, 3.0), position=(0.45, 0.0, 1.0))
-    hand = pk.ik.HandPosition("left", (0.45, 0.25, 0.9))
-    blocked = pk.ik.solve(PEPPER, hand, scene=wall, restarts=2)
-    assert blocked.status is IKStatus.CLOSEST_COLLISION
-    assert not blocked.in_collision
 
 
 def test_self_collision_is_avoided():

@@ -88,19 +88,6 @@ def test_results_stay_within_limits(solver, hand, gaze, seed, kind):
     assert result.success == all(task.error(PEPPER, result.q) <= task.tolerance for task in tasks)
 
 
-def test_batch_stays_within_limits_beyond_reach():
-    generator = np.random.default_rng(8)
-    tasks = [
-        pk.ik.HandPosition("left", generator.uniform(-3, 3, (300, 3))),
-        pk.ik.HandPosition("right", generator.uniform(-3, 3, (300, 3))),
-        pk.ik.LookAt(generator.uniform(-3, 3, (300, 3))),
-    ]
-    found = pk.ik.solve_batch(PEPPER, tasks, collisions=False)
-    assert np.isfinite(found.q).all()
-    assert np.isfinite(found.errors).all()
-    assert np.all((found.q >= LOW) & (found.q <= HIGH))
-
-
 def test_moving_base_without_bounds_is_not_thrown_about():
     """Joints without bounds have no middle to be put back through."""
     pepper = pk.load_pepper(base="planar")

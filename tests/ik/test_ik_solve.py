@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
@@ -45,23 +43,6 @@ def test_reachable_targets_are_reached(solver, count, gaze):
         if not good:
             missed.append(result.report())
     assert not missed, missed
-
-
-@given(
-    point=st.tuples(*[st.floats(-3, 3)] * 3),
-    gaze=st.tuples(*[st.floats(-3, 3)] * 3),
-    hand=st.sampled_from(["left", "right"]),
-    solver=st.sampled_from(SOLVERS),
-)
-@settings(max_examples=15, deadline=None, derandomize=True)
-def test_never_outside_limits_never_nan(point, gaze, hand, solver):
-    tasks = [pk.ik.HandPosition(hand, point), pk.ik.LookAt(gaze)]
-    result = pk.ik.solve(PEPPER, tasks, solver=solver, restarts=2, max_iterations=40, collisions=False)
-    assert np.isfinite(result.q).all()
-    assert np.all(result.q >= PEPPER.lower_limits)
-    assert np.all(result.q <= PEPPER.upper_limits)
-    assert not result.q.flags.writeable
-    assert result.success == all(error.met for error in result.errors)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -151,20 +151,12 @@ def test_targets_are_copies_and_read_only():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: pk.ik.HandPosition("left", (0.1, math.nan, 0)), ["target of left hand", "nan", "finite"]),
-        (lambda: pk.ik.HandPosition("left", (0.1, math.inf, 0)), ["target of left hand", "inf", "finite"]),
-        (lambda: pk.ik.HandPosition("left", (0.1, 0.2)), ["target of left hand", "(2,)", "(3,)"]),
-        (lambda: pk.ik.HandPosition("left", "there"), ["target of left hand", "'there'", "numbers"]),
-        (lambda: pk.ik.LookAt((math.nan, 0, 0)), ["point of gaze of CameraTop_frame", "nan"]),
         (lambda: pk.ik.Point("left", (0, 0, 0)), ["direction of left hand", "not zero"]),
-        (lambda: pk.ik.AxisAlignment("torso", (1, 0, 0), axis=(0, 0)), ["axis of torso", "(3,)"]),
         (lambda: pk.ik.FrameOrientation("torso", np.ones((3, 3))), ["orientation of torso", "orthonormal"]),
         (lambda: pk.ik.FrameOrientation("torso", np.diag([1, 1, -1])), ["right-handed"]),
         (lambda: pk.ik.FramePose("torso", np.ones((4, 4))), ["target of torso", "last row"]),
-        (lambda: pk.ik.LookAt((1, 0, 1), weight=0), ["weight of gaze", "above 0"]),
         (lambda: pk.ik.LookAt((1, 0, 1), weight=math.inf), ["weight of gaze", "finite"]),
         (lambda: pk.ik.LookAt((1, 0, 1), tolerance=-1), ["tolerance of gaze", "above 0 [rad]"]),
-        (lambda: pk.ik.LookAt((1, 0, 1), tolerance=math.nan), ["tolerance of gaze", "nan"]),
         (lambda: pk.ik.JointPosture((1, 1), joints=("HeadYaw", "HeadYaw")), ["joints of posture", "once"]),
     ],
 )
@@ -177,12 +169,6 @@ def test_bad_numbers_are_refused_by_name(make, words):
 
 def test_unknown_names_are_refused_with_what_there_is():
     pepper = pk.load_pepper()
-    with pytest.raises(UnknownNameError, match="unknown hand 'middle'; available: left, right"):
-        pk.ik.HandPosition("middle", (0, 0, 0))
-    with pytest.raises(UnknownNameError, match=r"unknown frame 'nose'; available: .*CameraTop_frame"):
-        pk.ik.solve(pepper, [pk.ik.FramePosition("nose", (0, 0, 1))], collisions=False)
-    with pytest.raises(UnknownNameError, match="unknown frame 'eye'"):
-        pk.ik.solve(pepper, [pk.ik.LookAt((1, 0, 1), camera="eye")], collisions=False)
     with pytest.raises(UnknownNameError, match=r"unknown joint or group 'Hand' .*; available: KneePitch"):
         pk.ik.solve(pepper, [pk.ik.JointPosture((0.5,), joints=("Hand",))], collisions=False)
     with pytest.raises(

@@ -200,7 +200,3 @@ def test_check_misuse_ends_with_one_line(run, tmp_path, arguments, message):
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert message in done.stderr
-
-
-def test_help_of_the_command_has_an_example(run, tmp_path):
-    assert "Example: pepper-kin check dynamics" in run("check", "dynamics", "--help", cwd=tmp_path).stdout

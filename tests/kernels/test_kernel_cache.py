@@ -50,21 +50,6 @@ def test_second_time_is_read_from_the_cache(folder):
     assert len(files(folder)) == 1
 
 
-def test_another_process_reads_what_this_one_wrote(folder):
-    expected = compile_function(make_function())(POINTS)
-    program = """
-import sys, numpy as np, casadi as ca
-from pepper_kin.kernels import compile_function
-x = ca.SX.sym("x", 3)
-kernel = compile_function(ca.Function("f", [x], [2.0 * ca.sin(x) + x[0]], ["x"], ["y"]))
-assert kernel.from_cache
-sys.stdout.buffer.write(kernel(np.linspace(-2, 2, 30).reshape(10, 3)).tobytes())
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr.decode()
-    np.testing.assert_array_equal(np.frombuffer(done.stdout).reshape(10, 3), expected)
-
-
 def test_each_expression_and_format_has_its_own_file(folder):
     for factor in (2.0, 2.0000000000000004):
         for dtype in ("float64", "float32"):

@@ -79,11 +79,3 @@ def test_the_search_for_a_place_keeps_the_limits():
     assert result.success
     for place in result.placements:
         assert (place.q[:, elbow] >= -0.6 - 1e-9).all()
-
-
-def test_limits_are_read_only():
-    for name in ("lower", "upper", "velocity", "acceleration", "effort"):
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(PEPPER, f"{name}_limits")[0] = 1.0
-    with pytest.raises(AttributeError):
-        PEPPER.upper_limits = np.zeros(15)

@@ -204,12 +204,6 @@ def test_invalid_start_and_goals_have_their_own_status(wall) -> None:  # type: i
     assert str(goal).startswith("goal_invalid: cost inf, 0 iterations, 3 states checked")
 
 
-def test_every_status_has_its_own_advice() -> None:
-    advice = [status.advice for status in Status]
-    assert len(set(advice)) == len(advice)
-    assert all(sentence.endswith(".") for sentence in advice)
-
-
 def test_budget_is_overrun_by_one_batch_at_most(closed_wall, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     now, cost, timeout = [0.0], 1e-3, 3.0
     monkeypatch.setattr("pepper_kin.planners.deadline.perf_counter", lambda: now[0])

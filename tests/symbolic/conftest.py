@@ -60,14 +60,6 @@ def robot(request):
     return loaded(request.param)
 
 
-@pytest.fixture(
-    scope="session", params=["pepper-fixed-locked", "pepper-planar-mimic", "romeo", "talos", "odd"]
-)
-def lawful_robot(request):
-    """For laws, which need no second opinion on every option."""
-    return loaded(request.param)
-
-
 @pytest.fixture(scope="session", params=["pepper-fixed-locked", "pepper-planar-mimic", "panda", "odd"])
 def small_robot(request):
     return loaded(request.param)

@@ -319,14 +319,6 @@ def test_limits_hold_on_coarse_grids_too(pepper, gridpoints, seed):
     assert found.success, found.report()
 
 
-def test_hand_speed_is_used_up(pepper):
-    """The bound that stands for the speed between grid points costs next to nothing."""
-    points = four_points(pepper, 3)
-    trajectory = retime(pepper, points, hand_speed={"left": 0.3}, gridpoints=200)
-    speed = trajectory.check(pepper, hand_speed={"left": 0.3}, collisions=False).hand_speed
-    assert 0.2995 < speed.value <= 0.3 * (1 + 1e-7)
-
-
 def test_timing_needs_no_compiler_and_no_toppra(pepper):
     """Once its machine code is there."""
     retime(pepper, random_path(pepper, 5))

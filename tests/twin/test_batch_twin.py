@@ -158,12 +158,6 @@ def test_one_that_diverges_stops_alone(pepper):
     assert ends.messages == run.messages
 
 
-def test_arrays_are_read_only(pepper):
-    run = TwinBatch(pepper, 2).follow(pepper.posture("Stand")[np.newaxis])
-    with pytest.raises(ValueError, match="read-only"):
-        run.position[0] = 1.0
-
-
 @pytest.mark.parametrize("rows", [[4, 1], np.array([False, True, False, False, True, False, False])])
 @pytest.mark.parametrize("latency", [0.0, 0.006])
 def test_some_robots_are_put_elsewhere_and_the_others_go_on(pepper, rows, latency):

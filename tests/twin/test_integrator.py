@@ -160,73 +160,6 @@ def test_stiff_servos_are_stable_at_every_timestep(h):
     assert np.abs(v[-1]).max() < 1e-3
 
 
-def test_step_solves_the_implicit_equations():
-    """M a + b = tau, with the servo taken at the end of the step: by independent dynamics."""
-    pepper = pk.load_pepper()
-    rng = np.random.default_rng(1)
-    strong = actuator_parameters(pepper).changed(torque_limit=np.inf)
-    h = 2e-3
-    integrator = Integrator(pepper, h, strong)
-    middle = (pepper.lower_limits + pepper.upper_limits) / 2
-    for _ in range(5):
-        q, v, a_ref = middle + 0.2 * rng.normal(size=15), rng.normal(size=15), rng.normal(size=15)
-        q_ref, load = q + 0.01 * a_ref, rng.normal(size=15)
-        q_next, v_next, tau = integrator.step(q, v, q_ref, 0 * v, 0.1 * a_ref, load)
-        a = (v_next - v) / h
-        np.testing.assert_allclose(q_next, q + h * v_next, atol=1e-15)
-        servo_torque = strong.stiffness * (q_ref - q_next) - strong.damping * v_next + 0.1 * a_ref
-        np.testing.assert_allclose(tau, servo_torque, rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(
-            pk.dynamics.newton_euler(pepper, q, v, a), tau + load, rtol=1e-6, atol=1e-6
-        )
-
-
-def test_saturated_servo_gives_its_limit_and_the_others_theirs():
-    pepper = pk.load_pepper()
-    params = actuator_parameters(pepper)
-    integrator = Integrator(pepper, 1e-3, params)
-    q = (pepper.lower_limits + pepper.upper_limits) / 2
-    target = q.copy()
-    target[[5, 8]] += 0.5
-    v = np.zeros(15)
-    for _ in range(30):
-        q_next, v_next, tau = integrator.step(q, v, target, 0 * v, 0 * v)
-        assert np.all(np.abs(tau) <= params.torque_limit)
-        a = (v_next - v) / 1e-3
-        np.testing.assert_allclose(pk.dynamics.newton_euler(pepper, q, v, a), tau, rtol=1e-6, atol=1e-6)
-        servo_torque = params.stiffness * (target - q_next) - params.damping * v_next
-        np.testing.assert_allclose(
-            tau, np.clip(servo_torque, -params.torque_limit, params.torque_limit), rtol=1e-6, atol=1e-6
-        )
-        q, v = q_next, v_next
-    assert q[5] > 0.05
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_any_mix_of_clipped_servos_and_stops_is_solved(seed):
-    """Torques balance, each servo gives its clipped torque, and stops push only from beyond their limit."""
-    pepper = pk.load_pepper()
-    params = actuator_parameters(pepper)
-    rng = np.random.default_rng(seed)
-    h = 10 ** rng.uniform(-4, -2)
-    q = rng.uniform(pepper.lower_limits, pepper.upper_limits)
-    edge = rng.random(15) < 0.4
-    q = np.where(edge, np.where(rng.random(15) < 0.5, pepper.lower_limits, pepper.upper_limits), q)
-    v = 2.0 * rng.normal(size=15)
-    target = q + rng.normal(size=15)
-    q_next, v_next, tau = Integrator(pepper, h, params).step(q, v, target, 0 * v, 0 * v)
-    a = (v_next - v) / h
-    over, under = q_next - pepper.upper_limits, q_next - pepper.lower_limits
-    stop = params.stop_stiffness * (np.maximum(over, 0) + np.minimum(under, 0))
-    total = tau - stop
-    scale = 1 + np.abs(total).max()
-    np.testing.assert_allclose(pk.dynamics.newton_euler(pepper, q, v, a), total, atol=1e-6 * scale)
-    wanted = params.stiffness * (target - q_next) - params.damping * v_next
-    clipped = np.clip(wanted, -params.torque_limit, params.torque_limit)
-    np.testing.assert_allclose(tau, clipped, atol=1e-6 * scale)
-    assert (np.abs(tau) == params.torque_limit).any()
-
-
 def test_saturated_joint_accelerates_uniformly():
     robot = pendulum(axis="0 0 1")
     q, v, tau = simulate(
@@ -267,19 +200,6 @@ def test_stop_passes_its_load_on_to_the_other_joints():
     assert abs(q[j] - pepper.upper_limits[j]) < 1e-3
     assert tau[j] == pytest.approx(params.torque_limit[j])
     assert np.abs(v).max() < 1e-4
-
-
-@pytest.mark.parametrize("hands", ["mimic", "independent"])
-def test_hands_follow_the_equations_too(hands):
-    robot = pk.load_pepper(hands=hands)
-    rng = np.random.default_rng(0)
-    strong = actuator_parameters(robot).changed(torque_limit=np.inf)
-    integrator = Integrator(robot, 1e-3, strong)
-    q = (robot.lower_limits + robot.upper_limits) / 2
-    v = 0.3 * rng.normal(size=robot.n)
-    _, v_next, tau = integrator.step(q, v, q, 0 * v, 0 * v)
-    a = (v_next - v) / 1e-3
-    np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a), tau, rtol=1e-6, atol=1e-5)
 
 
 def test_the_shared_model_is_not_changed():

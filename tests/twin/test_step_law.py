@@ -103,19 +103,6 @@ def test_modes_with_friction_and_loads(mode):
     balance(*followed(robot, 80, load=load, actuators=weak), load)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_strong_friction_with_rough_loads(seed):
-    """Joints that stick, slip and turn round all the time, against torques of all sizes."""
-    robot = pk.load_pepper()
-    rng = np.random.default_rng(seed)
-    params = actuator_parameters(robot, "motor").changed(
-        coulomb_friction=10 ** rng.uniform(-2, 1, 15), latency=0.0
-    )
-    load = 10 ** rng.uniform(-1, 1.5) * rng.normal(size=(25, 15))
-    twin = Twin(robot, 2e-3, actuators=params)
-    balance(twin, twin.follow(np.tile(robot.posture("Stand"), (25, 1)), load=load), load)
-
-
 OTHER = """
 <robot name="crane"><link name="world"/>
   <link name="a"><inertial><origin xyz="0 0 0.1"/><mass value="3"/>

@@ -71,6 +71,15 @@ def pepper():
     return pk.load_pepper()
 
 
+@pytest.fixture
+def server(pepper):
+    from pepper_kin.viewer.server import ViewerServer
+
+    server = ViewerServer(pepper, port=0)
+    yield server
+    server.close()
+
+
 @pytest.fixture(scope="session")
 def until():
     """Wait until a page meets a condition; playwright's own waiting needs eval, which pages forbid."""

@@ -14,7 +14,6 @@ from PIL import Image
 
 import pepper_kin as pk
 from pepper_kin.viewer import JointMotion, Viewer
-from pepper_kin.viewer.server import ViewerServer
 
 pytestmark = pytest.mark.browser
 
@@ -35,13 +34,6 @@ INK = """(id) => {
     return [red, ink, height];
 }"""
 WRIST = "pepperKin.parts.scene.place('l_wrist')"
-
-
-@pytest.fixture
-def server(pepper):
-    server = ViewerServer(pepper, port=0)
-    yield server
-    server.close()
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 import pepper_kin as pk
-from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.coarsening import coarsened
 from pepper_kin.viewer.server.layers import INERTIA, SPHERES, VISUAL, layers_of
 from pepper_kin.viewer.server.sketches import sketches_of
@@ -36,13 +35,6 @@ LOOSE = """() => {
 @pytest.fixture(scope="module")
 def layers(pepper):
     return layers_of(pepper, Targets(pepper))
-
-
-@pytest.fixture
-def server(pepper):
-    server = ViewerServer(pepper, port=0)
-    yield server
-    server.close()
 
 
 def box_of(drawables, link):

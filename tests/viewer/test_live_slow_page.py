@@ -11,18 +11,10 @@ import time
 from urllib.parse import urlsplit
 
 import numpy as np
-import pytest
 
 import pepper_kin as pk
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.body_poses import POSES
-
-
-@pytest.fixture
-def server(pepper):
-    server = ViewerServer(pepper, port=0)
-    yield server
-    server.close()
 
 
 def opened(url):
