@@ -56,7 +56,8 @@ found["ik_status"], found["ik_q"] = np.array(solved), np.array(where)
 free = [p for p in postures(3, 8 * counts["plans"]) if not pk.collision.in_collision(pepper, p, scene)]
 planned, lengths = [], []
 for k in range(counts["plans"]):
-    plan = pk.plan(pepper, free[2 * k % len(free)], free[(2 * k + 1) % len(free)], scene, seed=k, timeout=30.0)
+    start, goal = free[2 * k % len(free)], free[(2 * k + 1) % len(free)]
+    plan = pk.plan(pepper, start, goal, scene, seed=k, timeout=30.0)
     planned.append(plan.status.value)
     lengths.append(plan.length if plan.success else 0.0)
 found["plan_status"], found["plan_length"] = np.array(planned), np.array(lengths)
