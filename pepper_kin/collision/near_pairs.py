@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
-from pepper_kin.core.collision.distances import NearTable, ShapeTable, find_near, slopes
+from pepper_kin.core.collision.distances import CARRIER, NearTable, find_near, near_points, slopes
 from pepper_kin.core.kinematic_tree import place_joints
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -81,7 +81,7 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, within: float, scene: Scene | 
 def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPairs:
     """Return the pairs nearer than a distance for a checker that is at hand; see `near_pairs`.
 
-    Pairs of capsules, spheres and boxes of which one is no box are measured in machine code, all at once;
+    Pairs of capsules, spheres, boxes, cylinders and half-spaces are measured in machine code, all at once;
     coal measures the others that may be near, and those whose cores meet.
 
     Args:
@@ -90,20 +90,12 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
         distance: Pairs at this distance or farther are left out [m].
     """
     tables, count = _tables_of(checker), checker.pair_count
-    full = np.array(checker.pepper.to_full(q))
-    poses, axes = np.empty((len(tables.joints), 12)), np.empty((len(tables.joints), 3))
-    place_joints(tables.joints, full, poses, axes)
-    near = NearTable(
-        np.empty(count, dtype=np.int64),
-        np.empty(count),
-        np.empty((count, 2, 3)),
-        np.empty((count, 3)),
-        np.empty(count, dtype=np.int64),
-    )
-    found, distances, points, normals, undecided = near
-    size, rest = find_near(
-        poses, ShapeTable(tables.shapes, tables.pairs, checker._shapes.paddings), distance, near
-    )
+    table, full = tables.near, np.array(checker.pepper.to_full(q))
+    poses, axes = np.empty((len(table.joints), 12)), np.empty((len(table.joints), 3))
+    place_joints(table.joints, full, poses, axes)
+    near = near_points(table, count, count)
+    found, distances, points, normals, undecided = near[:5]
+    size, rest = find_near(poses, table, distance, True, near)
     if rest:
         for index, apart, result in _by_coal(checker, full, undecided[:rest].tolist(), distance):
             found[size], distances[size], normals[size] = index, apart, -result.normal
@@ -112,7 +104,7 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     order = np.lexsort((found[:size], distances[:size]))
     indices, points, normals = found[order], points[order], normals[order]
     gradients = np.empty((size, full.size))
-    slopes(tables.joints, poses, axes, tables.sides[indices], points, normals, gradients)
+    slopes(table, poses, axes, indices, points, normals, gradients)
     pepper = checker.pepper
     return NearPairs(
         names=tuple([tables.names[index] for index in indices.tolist()]),
@@ -178,21 +170,14 @@ class _Tables:
     """What of a checker's shapes and pairs never changes.
 
     Attributes:
-        joints: See `joint_table`.
-        shapes: See `shape_row`, one a shape.
-        pairs: See `pair_row`, one a pair.
+        near: The shapes and pairs.
         names: The owners of each pair.
-        sides: Which of each pair the coordinates of Pinocchio's model move: 1 the first alone, -1 the second
-            alone, else 0.
         movers: Which joints move the two of each pair against one another.
         cores: Length of the straight part of each pair, see `NearPairs`.
     """
 
-    joints: Array
-    shapes: Array
-    pairs: NDArray[np.int64]
+    near: NearTable
     names: tuple[tuple[str, str], ...]
-    sides: NDArray[np.int64]
     movers: NDArray[np.bool_]
     cores: Array
 
@@ -208,29 +193,16 @@ def _tables_of(checker: CollisionChecker) -> _Tables:
 
 
 def _make_tables(checker: CollisionChecker) -> _Tables:
-    from pepper_kin.collision.fast.joint_table import joint_table
-    from pepper_kin.collision.fast.shape_table import pair_row, shape_row
-    from pepper_kin.core.collision.distances import SHAPE
+    from pepper_kin.collision.fast.near_table import near_table
 
-    model, pepper, (first, second) = checker.pepper.inner_model, checker.pepper, checker._shapes.pairs
-    objects = [body.geometry_object for body in checker._shapes.bodies]
-    shapes = np.array([shape_row(item) for item in objects], dtype=float).reshape(-1, SHAPE)
-    kinds, listed = shapes[:, 0].astype(int).tolist(), list(zip(first.tolist(), second.tolist(), strict=True))
-    moved = np.zeros((model.njoints, model.nv), dtype=np.int64)
-    for joint in range(1, model.njoints):
-        moved[joint] = moved[model.parents[joint]]
-        moved[joint, model.joints[joint].idx_v] = 1
-    bodies = shapes[:, 1].astype(int)
-    sides = moved[bodies[first]] - moved[bodies[second]]
-    cores = np.array([_core(item.geometry) for item in objects])
-    owners = [body.owner for body in checker._shapes.bodies]
+    near, bodies, (first, second) = near_table(checker), checker._shapes.bodies, checker._shapes.pairs
+    moved = near.above[near.shapes[:, CARRIER].astype(int)]
+    cores = np.array([_core(body.geometry_object.geometry) for body in bodies])
+    owners = [body.owner for body in bodies]
     return _Tables(
-        joints=joint_table(pepper),
-        shapes=shapes,
-        pairs=np.array([pair_row(a, b, kinds) for a, b in listed], dtype=np.int64).reshape(-1, 4),
-        names=tuple([(owners[a], owners[b]) for a, b in listed]),
-        sides=sides,
-        movers=(sides != 0) @ (np.abs(pepper.full_map) > 0),
+        near=near,
+        names=tuple([(owners[a], owners[b]) for a, b in zip(first.tolist(), second.tolist(), strict=True)]),
+        movers=(moved[first] != moved[second]) @ (np.abs(checker.pepper.full_map) > 0),
         cores=np.minimum(cores[first], cores[second]),
     )
 

@@ -50,7 +50,7 @@ def rows_at(q, block, count=64):
     """Rows of `near_rows` at q: slopes, shortages, depths."""
     call = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)(near_rows.address)
     rows, q = np.empty((count, PEPPER.n + 2)), np.array(q)
-    found = call(q.ctypes.data, rows.ctypes.data, count, block.ctypes.data)
+    found = call(q.ctypes.data, rows.ctypes.data, count, block[0].ctypes.data)
     return rows[:found, :-2], rows[:found, -2], rows[:found, -1]
 
 
@@ -64,7 +64,7 @@ def test_near_shapes_are_those_that_coal_measures(seed):
         .add_sphere("ball", 0.1, (0.4, 0.3, 1.0))
     )
     checker = checker_for(PEPPER, scene)
-    block, touching = proximity_block(checker, APART), 0
+    block, touching = proximity_block(checker, APART, 64), 0
     for q in generator.uniform(LOW, HIGH, (100, PEPPER.n)):
         _, shortages, depths = rows_at(q, block)
         expected = pairs_within(checker, q, APART)
@@ -81,7 +81,7 @@ def test_near_shapes_are_those_that_coal_measures(seed):
 
 def test_slopes_are_derivatives_of_the_shortages():
     generator = np.random.default_rng(1)
-    block, looked_at = proximity_block(checker_for(PEPPER, random_scene(generator)), APART), 0
+    block, looked_at = proximity_block(checker_for(PEPPER, random_scene(generator)), APART, 64), 0
     for q in generator.uniform(LOW, HIGH, (60, PEPPER.n)):
         slopes, shortages, _ = rows_at(q, block)
         for joint in range(PEPPER.n):

@@ -1,4 +1,9 @@
-"""Distances, nearest points and their slopes of all pairs of shapes at once."""
+"""Distances of convex shapes, their nearest points, and how the joints change these distances.
+
+Shapes are convex cores grown by a radius: boxes, of which segments and points are the flat ones, cylinders,
+hulls of points, and half-spaces.  Distances are signed: where cores overlap, minus how far these have to
+part.
+"""
 
 from __future__ import annotations
 
@@ -7,94 +12,59 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.core.collision.gjk import _nearest_in_hull
+from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
 from pepper_kin.core.kinematic_tree import compose
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
-SEGMENT, BOX, PLANE, BOXED = 0, 1, 2, 3
-"""Kinds of shapes, as cores: a segment or point, a box, a half-space, something within a box."""
+PLANE = 5
+"""Kind of a half-space, beside those of `layout`: it ends at the upper face of its box."""
 
-SHAPE = 19
-"""Numbers of a shape: kind, joint, the core's pose there (12), half lengths (3), radius, reach from the
-center."""
+KIND, CARRIER, PLACE, HALF, RADIUS, REACH, FIRST, COUNT, SHAPE = 0, 1, 2, 14, 17, 18, 19, 20, 21
+"""Columns of a shape, and their number: kind, joint, pose of the core there (12), half lengths (3), radius,
+reach from the center with it (infinite for PLANE), first vertex and number of vertices of HULL."""
 
-MEASURED, BOUNDED, BY_BALLS, BY_HEIGHT = 0, 1, 2, 3
-"""How a pair is compared: its distance is computed here; only a lower bound is, by a box around the one, by
-balls around both, or by the height of the one's ball above the other, a half-space."""
-
-CROSSING = 1e-6
-"""Cores nearer than this count as crossing [m]: coal computes the direction in which to part them."""
+MEETING = 1e-6
+"""Cores nearer than this meet: they are parted along axes of the separating axis theorem [m]."""
 
 SLACK = 1e-5
 """Coal's distances may be too small by this [m]."""
 
+STEPS, ENOUGH = 40, 1e-9
+"""Steps towards the nearest points of cores that are no segments and boxes, and which part of the squared
+distance may be left."""
 
-@compiled
-def _lower_bound(first: Array, pose: Array, second: Array, other: Array, how: int) -> float:
-    """Return a lower bound of the distance of two shapes that are not measured [m].
-
-    Args:
-        first: Numbers of the first, shape (SHAPE,).
-        pose: Pose of its core in the world, shape (12,).
-        second: Numbers of the second, shape (SHAPE,).
-        other: Pose of its core in the world, shape (12,).
-        how: BOUNDED, BY_BALLS or BY_HEIGHT.
-    """
-    if how == BOUNDED:
-        return nearest_to_box(pose, first[16], other, second[14:17])[1] - first[17]
-    x, y, z = pose[0] - other[0], pose[1] - other[1], pose[2] - other[2]
-    if how == BY_HEIGHT:
-        return x * other[9] + y * other[10] + z * other[11] - first[18]
-    return math.sqrt(x * x + y * y + z * z) - first[18] - second[18]
-
-
-@compiled
-def _nearest(first: Array, pose: Array, second: Array, other: Array, points: Array) -> float:
-    """Write the nearest points of two cores, the first a segment, and return their distance [m].
-
-    Args:
-        first: Numbers of the first, shape (SHAPE,).
-        pose: Pose of its core in the world, shape (12,).
-        second: Numbers of the second, a segment or a box, shape (SHAPE,).
-        other: Pose of its core in the world, shape (12,).
-        points: Written, in the world, shape (2, 3) [m].
-    """
-    if second[0] == SEGMENT:
-        s, t = nearest_on_segments(pose, first[16], other, second[16])
-        for i in range(3):
-            points[0, i], points[1, i] = pose[i] + s * pose[9 + i], other[i] + t * other[9 + i]
-    else:
-        s, _ = nearest_to_box(pose, first[16], other, second[14:17])
-        for i in range(3):
-            points[0, i], points[1, i] = pose[i] + s * pose[9 + i], other[i]
-        for axis in range(3):
-            along, u = 0.0, other[3 + 3 * axis : 6 + 3 * axis]
-            for i in range(3):
-                along += (points[0, i] - other[i]) * u[i]
-            along = clamp(along, second[14 + axis])
-            for i in range(3):
-                points[1, i] += along * u[i]
-    x, y, z = points[0, 0] - points[1, 0], points[0, 1] - points[1, 1], points[0, 2] - points[1, 2]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-class ShapeTable(NamedTuple):
-    """Shapes and pairs of them.
-
-    Attributes:
-        shapes: A row of SHAPE numbers for each shape, shape (k, SHAPE).
-        pairs: First and second shape, how they are compared, whether results swap the two, shape (m, 4).
-        paddings: How far the two of each pair reach beyond their shapes together, shape (m,) [m].
-    """
-
-    shapes: Floats2
-    pairs: Ints2
-    paddings: Floats1
+SCRATCH = 64
+"""Doubles of workspace that `measure` needs: those of `gjk`, and the points of two cores at four corners."""
+_CORNERS = 40
 
 
 class NearTable(NamedTuple):
+    """The shapes of a robot and a scene, and the pairs of them that are compared.
+
+    Attributes:
+        joints: See `core.kinematic_tree`, shape (njoints, JOINT).
+        above: 1 where a joint is moved by a coordinate of the tree, shape (njoints, njoints - 1).
+        shapes: Shape (s, SHAPE).
+        vertices: Of the hulls, in the frames of their cores [m], shape (v, 3).
+        pairs: Two shapes, a segment first if there is one and a half-space second; and whether they change
+            places in results; shape (m, 3).
+        reaches: Distance of the two's centers from which on they cannot meet, shape (m,) [m].
+        keep: How far the two shall stay apart, shape (m,) [m].
+    """
+
+    joints: Floats2
+    above: Floats2
+    shapes: Floats2
+    vertices: Floats2
+    pairs: Ints2
+    reaches: Floats1
+    keep: Floats1
+
+
+class NearPoints(NamedTuple):
     """What `find_near` writes, for m pairs at most.
 
     Attributes:
@@ -103,6 +73,9 @@ class NearTable(NamedTuple):
         points: Their nearest points in the world, shape (m, 2, 3) [m].
         normals: Unit vectors from the second to the first, in the world, shape (m, 3).
         undecided: Places of pairs that may be nearer and have to be measured otherwise, shape (m,).
+        placed: Poses of the cores in the world, shape (s, 12); those that no joint moves are there before.
+        near: Workspace, shape (3, 3).
+        work: Workspace, shape (SCRATCH + s,).
     """
 
     found: Ints1
@@ -110,11 +83,259 @@ class NearTable(NamedTuple):
     points: Floats3
     normals: Floats2
     undecided: Ints1
+    placed: Floats2
+    near: Floats2
+    work: Floats1
 
 
-@compiled("Tuple(int64, int64)(float64[:, ::1], ShapeTable, float64, NearTable)")
-def find_near(poses: Floats2, table: ShapeTable, distance: float, result: NearTable) -> tuple[int, int]:
-    """Find the pairs nearer than a distance, and those that only coal can measure.
+def near_points(table: NearTable, most: int, undecided: int) -> NearPoints:
+    """Return memory for results of at most so many pairs, and so many that are undecided."""
+    return NearPoints(
+        np.empty(most, np.int64), np.empty(most), np.empty((most, 2, 3)), np.empty((most, 3)),
+        np.empty(undecided, np.int64), table.shapes[:, PLACE:HALF].copy(), np.empty((3, 3)),
+        np.empty(SCRATCH + len(table.shapes)),
+    )  # fmt: skip
+
+
+@compiled(lean=True)
+def is_segment(shape: Floats1) -> bool:
+    """Whether the core of a shape, shape (SHAPE,), is a segment along z or a point."""
+    return shape[KIND] == BOX and shape[HALF] == 0.0 and shape[HALF + 1] == 0.0
+
+
+@compiled(lean=True)
+def _farthest(
+    shape: Floats1, pose: Floats1, vertices: Floats2, u: float, v: float, w: float, point: Floats1
+) -> float:
+    """Write the point, shape (3,), of a core that lies farthest along (u, v, w); return (u, v, w) . it.
+
+    The product counts from the core's center.
+    """
+    a = u * pose[3] + v * pose[4] + w * pose[5]
+    b = u * pose[6] + v * pose[7] + w * pose[8]
+    c = u * pose[9] + v * pose[10] + w * pose[11]
+    if shape[KIND] == HULL:
+        first, best = int(shape[FIRST]), 0
+        height = -math.inf
+        for i in range(first, first + int(shape[COUNT])):
+            along = a * vertices[i, 0] + b * vertices[i, 1] + c * vertices[i, 2]
+            if along > height:
+                height, best = along, i
+        x, y, z = vertices[best, 0], vertices[best, 1], vertices[best, 2]
+    else:
+        # Along a face, any of its points will do: the middle.
+        flat = 1e-6 * (abs(u) + abs(v) + abs(w))
+        x = shape[HALF] * (0.0 if abs(a) <= flat else 1.0 if a > 0.0 else -1.0)
+        y = shape[HALF + 1] * (0.0 if abs(b) <= flat else 1.0 if b > 0.0 else -1.0)
+        z = shape[HALF + 2] * (0.0 if abs(c) <= flat else 1.0 if c > 0.0 else -1.0)
+        if shape[KIND] == CYLINDER:
+            across = math.sqrt(a * a + b * b)
+            x, y = (shape[HALF] * a / across, shape[HALF] * b / across) if across > flat else (0.0, 0.0)
+    for i in range(3):
+        point[i] = pose[i] + x * pose[3 + i] + y * pose[6 + i] + z * pose[9 + i]
+    return a * x + b * y + c * z
+
+
+@compiled(lean=True)
+def _part(
+    first: Floats1,
+    pose: Floats1,
+    second: Floats1,
+    other: Floats1,
+    vertices: Floats2,
+    far: float,
+    near: Floats2,
+) -> float:
+    """Write the axis that parts two cores best, and their points that are deepest along it; see `measure`.
+
+    Of the axes of the separating axis theorem for the boxes around them (Gottschalk, Lin and Manocha,
+    OBBTree, 1996), and the line of the centers across the axis of a cylinder.
+
+    Returns:
+        How far the cores are apart along that axis, below zero where they overlap [m].
+    """
+    p, q, n, best = near[0], near[1], near[2], -math.inf
+    x, y, z = pose[0] - other[0], pose[1] - other[1], pose[2] - other[2]
+    for k in range(17):
+        if k < 3:
+            u, v, w = pose[3 + 3 * k], pose[4 + 3 * k], pose[5 + 3 * k]
+        elif k < 6:
+            u, v, w = other[3 * k - 6], other[3 * k - 5], other[3 * k - 4]
+        elif k < 15:
+            i, j = 3 + 3 * ((k - 6) // 3), 3 + 3 * ((k - 6) % 3)
+            u = pose[i + 1] * other[j + 2] - pose[i + 2] * other[j + 1]
+            v = pose[i + 2] * other[j] - pose[i] * other[j + 2]
+            w = pose[i] * other[j + 1] - pose[i + 1] * other[j]
+        else:
+            if (first if k == 15 else second)[KIND] != CYLINDER:
+                continue
+            axis = pose if k == 15 else other
+            along = x * axis[9] + y * axis[10] + z * axis[11]
+            u, v, w = x - along * axis[9], y - along * axis[10], z - along * axis[11]
+        length = math.sqrt(u * u + v * v + w * w)
+        if length < 1e-6:
+            continue
+        length = (1.0 if u * x + v * y + w * z >= 0.0 else -1.0) / length
+        u, v, w = u * length, v * length, w * length
+        apart = u * x + v * y + w * z
+        apart -= _farthest(first, pose, vertices, -u, -v, -w, p)
+        apart -= _farthest(second, other, vertices, u, v, w, q)
+        if apart > best + 1e-9:
+            best = apart
+            n[0], n[1], n[2] = u, v, w
+        if best > far:
+            break
+    _farthest(first, pose, vertices, -n[0], -n[1], -n[2], p)
+    _farthest(second, other, vertices, n[0], n[1], n[2], q)
+    return best
+
+
+@compiled(lean=True)
+def _approach(
+    first: Floats1, pose: Floats1, second: Floats1, other: Floats1, vertices: Floats2, far: float,
+    near: Floats2, scratch: Floats1,
+) -> None:  # fmt: skip
+    """Write the nearest points of two cores, nearly the same where they meet; see `measure`.
+
+    By Gilbert, Johnson and Keerthi (1988), as `gjk.nearer_than`, with both cores' points at each corner.
+    """
+    p, q, corners, weights = near[0], near[1], scratch[_CORNERS:], scratch[12:]
+    count = 0
+    for i in range(3):
+        p[i], q[i] = pose[i], other[i]
+    for _ in range(STEPS):
+        x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+        square = x * x + y * y + z * z
+        if count == 4 or (count > 0 and square < MEETING * MEETING):
+            break
+        one, two = corners[6 * count :], corners[6 * count + 3 :]
+        _farthest(first, pose, vertices, -x, -y, -z, one)
+        _farthest(second, other, vertices, x, y, z, two)
+        u, v, w = one[0] - two[0], one[1] - two[1], one[2] - two[2]
+        along = x * u + y * v + z * w
+        if (along > 0.0 and along * along > far * far * square) or (
+            count > 0 and square - along <= ENOUGH * square
+        ):
+            break
+        scratch[3 * count], scratch[3 * count + 1], scratch[3 * count + 2] = u, v, w
+        weights[count] = 1.0 if count == 0 else 0.0
+        count = _nearest_in_hull(scratch, count + 1)
+        if count < 0:
+            break
+        for i in range(3):
+            p[i] = q[i] = 0.0
+        place = 0
+        for k in range(count):
+            # The corners that are left are in order: find the points that belong to each.
+            while (
+                corners[6 * place] - corners[6 * place + 3] != scratch[3 * k]
+                or corners[6 * place + 1] - corners[6 * place + 4] != scratch[3 * k + 1]
+                or corners[6 * place + 2] - corners[6 * place + 5] != scratch[3 * k + 2]
+            ):
+                place += 1
+            for i in range(6):
+                corners[6 * k + i] = corners[6 * place + i]
+            for i in range(3):
+                p[i] += weights[k] * corners[6 * k + i]
+                q[i] += weights[k] * corners[6 * k + 3 + i]
+            place += 1
+
+
+@compiled(lean=True)
+def measure(
+    first: Floats1, pose: Floats1, second: Floats1, other: Floats1, vertices: Floats2, far: float,
+    near: Floats2, scratch: Floats1,
+) -> float:  # fmt: skip
+    """Write the nearest points of two cores and the direction from the second to the first.
+
+    Where they overlap, the points are those that are deepest.
+
+    Args:
+        first: A shape, shape (SHAPE,), a segment if one of the two is.
+        pose: Pose of its core in the world, shape (12,).
+        second: Another, a half-space if one of the two is.
+        other: Pose of its core in the world, shape (12,).
+        vertices: Of the hulls, shape (v, 3).
+        far: Cores that are known to be farther apart than this are not measured more closely, at least 0 [m].
+        near: Written: both points in the world [m], and the direction, a unit vector, shape (3, 3).
+        scratch: Workspace, shape (SCRATCH,).
+
+    Returns:
+        The signed distance of the cores [m].
+    """
+    p, q, n = near[0], near[1], near[2]
+    if second[KIND] == PLANE:
+        gap = -second[HALF + 2]
+        n[0], n[1], n[2] = other[9], other[10], other[11]
+        _farthest(first, pose, vertices, -n[0], -n[1], -n[2], p)
+        for i in range(3):
+            gap += (p[i] - other[i]) * n[i]
+        for i in range(3):
+            q[i] = p[i] - gap * n[i]
+        return gap
+    if is_segment(first) and second[KIND] == BOX:
+        if is_segment(second):
+            along, across = nearest_on_segments(pose, first[HALF + 2], other, second[HALF + 2])
+            for k in range(3):
+                p[k], q[k] = pose[k] + along * pose[9 + k], other[k] + across * other[9 + k]
+        else:
+            along, _ = nearest_to_box(pose, first[HALF + 2], other, second[HALF:RADIUS])
+            for k in range(3):
+                p[k], q[k] = pose[k] + along * pose[9 + k], other[k]
+            for axis in range(3):
+                across = 0.0
+                for k in range(3):
+                    across += (p[k] - other[k]) * other[3 + 3 * axis + k]
+                across = clamp(across, second[HALF + axis])
+                for k in range(3):
+                    q[k] += across * other[3 + 3 * axis + k]
+    else:
+        if first[KIND] == BOX and second[KIND] == BOX:
+            apart = _part(first, pose, second, other, vertices, far, near)
+            if apart <= 0.0 or apart > far:
+                return apart
+        _approach(first, pose, second, other, vertices, far, near, scratch)
+    x, y, z = p[0] - q[0], p[1] - q[1], p[2] - q[2]
+    gap = math.sqrt(x * x + y * y + z * z)
+    if gap <= MEETING:
+        return _part(first, pose, second, other, vertices, far, near)
+    n[0], n[1], n[2] = x / gap, y / gap, z / gap
+    return gap
+
+
+@compiled(lean=True)
+def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1, reach: float) -> bool:
+    """Whether two shapes whose distance is not computed here may be nearer than a distance [m]."""
+    if second[KIND] == PLANE:
+        height = -second[HALF + 2]
+        for i in range(3):
+            height += (pose[i] - other[i]) * other[9 + i]
+        return height - first[REACH] < reach + SLACK
+    if not is_segment(first):
+        return True
+    apart = nearest_to_box(pose, first[HALF + 2], other, second[HALF:RADIUS])[1]
+    return not apart - first[RADIUS] - second[RADIUS] >= reach + SLACK
+
+
+@compiled(lean=True)
+def _is_known(shape: Floats1) -> bool:
+    """Whether a core is the whole shape, and `measure` exact."""
+    return shape[KIND] == BOX or shape[KIND] == CYLINDER or shape[KIND] == PLANE
+
+
+@compiled(lean=True)
+def _turn(table: NearTable, poses: Floats2, k: int, turned: Floats1, placed: Floats2) -> None:
+    """Write the axes of a core, whose center is written, once; `turned`, shape (s,), marks it."""
+    if turned[k] == 0.0 and table.shapes[k, CARRIER] > 0.0:
+        compose(poses[int(table.shapes[k, CARRIER])], table.shapes[k, PLACE:HALF], placed[k])
+    turned[k] = 1.0
+
+
+@compiled("Tuple(int64, int64)(float64[:, ::1], NearTable, float64, boolean, NearPoints)", lean=True)
+def find_near(
+    poses: Floats2, table: NearTable, distance: float, exact: bool, result: NearPoints
+) -> tuple[int, int]:
+    """Find the pairs nearer than what they keep and a distance.
 
     The distance of two cores with nearest points a and b, grown by r_a and r_b, is |a - b| - r_a - r_b, also
     below zero, where that is how far they have to part; the nearest points are a - r_a n and b + r_b n with
@@ -123,83 +344,109 @@ def find_near(poses: Floats2, table: ShapeTable, distance: float, result: NearTa
     Args:
         poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
         table: The shapes and pairs.
-        distance: Farther pairs are left out [m].
+        distance: Farther pairs, and those that the result has no room for, are left out [m].
+        exact: Whether pairs are left undecided of which only coal knows the distance.
         result: Written.
 
     Returns:
         How many are found, and how many are undecided.
     """
-    shapes, pairs, paddings = table.shapes, table.pairs, table.paddings
-    found, distances, points, normals = result.found, result.distances, result.points, result.normals
-    placed = np.empty((shapes.shape[0], 12))
+    shapes, pairs, placed = table.shapes, table.pairs, result.placed
     for k in range(shapes.shape[0]):
-        compose(poses[int(shapes[k, 1])], shapes[k, 2:14], placed[k])
-    near = np.empty((2, 3))
+        shape, pose = shapes[k], poses[int(shapes[k, CARRIER])]
+        for i in range(3 if shape[CARRIER] > 0.0 else 0):
+            placed[k, i] = pose[i] + shape[2] * pose[3 + i] + shape[3] * pose[6 + i] + shape[4] * pose[9 + i]
+    near, scratch, turned = result.near, result.work, result.work[SCRATCH:]
+    for k in range(turned.size):
+        turned[k] = 0.0
     count, undecided = 0, 0
     for k in range(pairs.shape[0]):
-        a, b, how = pairs[k, 0], pairs[k, 1], pairs[k, 2]
-        first, second, reach = shapes[a], shapes[b], distance + paddings[k]
-        apart = _lower_bound(first, placed[a], second, placed[b], BY_BALLS)
-        if how != BY_HEIGHT and apart >= reach + SLACK:
+        a, b, reach = pairs[k, 0], pairs[k, 1], distance + table.keep[k]
+        x, y, z = placed[a, 0] - placed[b, 0], placed[a, 1] - placed[b, 1], placed[a, 2] - placed[b, 2]
+        if x * x + y * y + z * z > (table.reaches[k] + reach + SLACK) ** 2:
             continue
-        if how != MEASURED:
-            if not _lower_bound(first, placed[a], second, placed[b], how) >= reach + SLACK:
+        _turn(table, poses, a, turned, placed)
+        _turn(table, poses, b, turned, placed)
+        first, second = shapes[a], shapes[b]
+        if exact and not (_is_known(first) and _is_known(second)):
+            if _may_be_near(first, placed[a], second, placed[b], reach):
                 result.undecided[undecided] = k
                 undecided += 1
             continue
-        gap = _nearest(first, placed[a], second, placed[b], near)
-        if gap - first[17] - second[17] >= reach:
+        far = reach + first[RADIUS] + second[RADIUS]
+        gap = measure(first, placed[a], second, placed[b], table.vertices, far, near, scratch)
+        if gap >= far or count == result.found.size:
             continue
-        if gap < CROSSING:
+        if exact and gap < MEETING and second[KIND] != PLANE:
             result.undecided[undecided] = k
             undecided += 1
             continue
-        found[count] = k
-        distances[count] = gap - first[17] - second[17] - paddings[k]
-        side, sign = pairs[k, 3], 1.0 - 2.0 * pairs[k, 3]
+        result.found[count] = k
+        result.distances[count] = gap - first[RADIUS] - second[RADIUS]
+        side, sign = pairs[k, 2], 1.0 - 2.0 * pairs[k, 2]
         for i in range(3):
-            n = (near[0, i] - near[1, i]) / gap
-            normals[count, i] = sign * n
-            points[count, side, i] = near[0, i] - first[17] * n
-            points[count, 1 - side, i] = near[1, i] + second[17] * n
+            result.normals[count, i] = sign * near[2, i]
+            result.points[count, side, i] = near[0, i] - first[RADIUS] * near[2, i]
+            result.points[count, 1 - side, i] = near[1, i] + second[RADIUS] * near[2, i]
         count += 1
     return count, undecided
 
 
-@compiled(
-    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, :, ::1], "
-    "float64[:, ::1], float64[:, ::1])"
-)
-def slopes(
-    joints: Array, poses: Array, axes: Array, sides: Ints2, points: Array, normals: Array,
-    gradients: Array,
+@compiled(lean=True)
+def write_slopes(
+    table: NearTable, poses: Floats2, axes: Floats2, pair: tuple[int, int], points: Floats2, n: Floats1,
+    gradient: Floats1,
 ) -> None:  # fmt: skip
-    """Write the derivatives of distances by the coordinates of `pinocchio_model`.
+    """Write the derivatives of the distance of two shapes by the coordinates of `pinocchio_model`.
 
-    With n the normal, p the nearest point of the body that a joint moves, o and u the joint's origin and
-    axis: +-n . (u x (p - o)), or +-n . u where it slides, with - for the second body.
+    With n the normal, p the nearest point of the shape that a joint moves, o and u the joint's origin and
+    axis: +-n . (u x (p - o)), or +-n . u where it slides, with - for the second shape.
 
     Args:
-        joints: See `joint_table`, shape (njoints, JOINT).
+        table: The joints and shapes.
+        poses: Of the joints in the world, of which origins are read, shape (njoints, 12).
+        axes: Of the joints in the world, shape (njoints, 3).
+        pair: The shapes.
+        points: Their nearest points in the world, shape (2, 3) [m].
+        n: From the second to the first, in the world, shape (3,).
+        gradient: Written, shape (njoints - 1,) [m/rad or 1].
+    """
+    first, second = int(table.shapes[pair[0], CARRIER]), int(table.shapes[pair[1], CARRIER])
+    for j in range(gradient.size):
+        # What carries both moves both alike, and leaves their distance as it is.
+        side = table.above[first, j] - table.above[second, j]
+        gradient[j] = 0.0
+        if side == 0.0:
+            continue
+        u, o, p = axes[j + 1], poses[j + 1], points[0 if side > 0.0 else 1]
+        if table.joints[j + 1, 1] > 0.0:
+            slope = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
+        else:
+            x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+            slope = n[0] * (u[1] * z - u[2] * y) + n[1] * (u[2] * x - u[0] * z) + n[2] * (u[0] * y - u[1] * x)
+        gradient[j] = side * slope
+
+
+@compiled(
+    "void(NearTable, float64[:, ::1], float64[:, ::1], int64[::1], float64[:, :, ::1], float64[:, ::1], "
+    "float64[:, ::1])"
+)
+def slopes(
+    table: NearTable, poses: Floats2, axes: Floats2, found: Ints1, points: Floats3, normals: Floats2,
+    gradients: Floats2,
+) -> None:  # fmt: skip
+    """Write the derivatives of distances of k pairs; see `write_slopes`.
+
+    Args:
+        table: The joints, shapes and pairs.
         poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
         axes: Of the joints in the world, shape (njoints, 3).
-        sides: 1 where a joint moves the first body alone, -1 the second, else 0, shape (k, njoints - 1).
+        found: Places among the pairs, shape (k,).
         points: Nearest points in the world, shape (k, 2, 3) [m].
         normals: From the second to the first body, in the world, shape (k, 3).
         gradients: Written, shape (k, njoints - 1) [m/rad or 1].
     """
-    for k in range(sides.shape[0]):
-        n = normals[k]
-        for j in range(sides.shape[1]):
-            gradients[k, j] = 0.0
-            if sides[k, j] == 0:
-                continue
-            u, o, p = axes[j + 1], poses[j + 1], points[k, 0 if sides[k, j] > 0 else 1]
-            if joints[j + 1, 1] > 0.0:
-                slope = n[0] * u[0] + n[1] * u[1] + n[2] * u[2]
-            else:
-                x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
-                slope = (
-                    n[0] * (u[1] * z - u[2] * y) + n[1] * (u[2] * x - u[0] * z) + n[2] * (u[0] * y - u[1] * x)
-                )
-            gradients[k, j] = sides[k, j] * slope
+    for k in range(found.size):
+        side = table.pairs[found[k], 2]
+        ends = table.pairs[found[k], side], table.pairs[found[k], 1 - side]
+        write_slopes(table, poses, axes, ends, points[k], normals[k], gradients[k])

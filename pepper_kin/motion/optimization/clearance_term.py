@@ -8,23 +8,28 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision import Scene
+from pepper_kin.collision import Scene, checker_for
+from pepper_kin.core.collision.distances import (
+    CARRIER,
+    HALF,
+    KIND,
+    RADIUS,
+    REACH,
+    SCRATCH,
+    SHAPE,
+    NearTable,
+    write_slopes,
+)
+from pepper_kin.core.collision.layout import BOX, CLOUD, HULL, OTHER
 from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.core.kinematic_tree import JOINT
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.motion.optimization.bodies_of import bodies_of
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving, whole_states
-from pepper_kin.motion.optimization.near_rows import (
-    Bodies,
-    NearRows,
-    NearWorkspace,
-    differentiate,
-    find_near_rows,
-    place_axes,
-)
+from pepper_kin.motion.optimization.near_rows import NearRows, NearWorkspace, find_near_rows, place_axes
 from pepper_kin.motion.optimization.term_memory import (
     MEMORY_SIZE,
     floats_of,
@@ -46,9 +51,8 @@ _POSE = 16
 
 _N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
 (
-    _FLOOR, _JOINTS, _REST, _FRAME, _CORES, _RADIUS, _REACH, _CARRIED, _JOINT_FRAME, _JOINT_AXIS, _SLIDES,
-    _PAIRS, _GAP, _COLUMNS, _WORKSPACE,
-) = range(7, 37, 2)  # fmt: skip
+    _FLOOR, _JOINTS, _REST, _TREE, _ABOVE, _SHAPES, _VERTICES, _PAIRS, _REACHES, _KEEP, _COLUMNS, _WORKSPACE,
+) = range(7, 31, 2)  # fmt: skip
 
 
 class _Prepared(NamedTuple):
@@ -71,26 +75,57 @@ class _Prepared(NamedTuple):
 def _prepared(
     pepper: PepperModel, scene: Scene, margin: float, moving: bytes, only_moving: bool
 ) -> _Prepared:
-    bodies, frames = bodies_of(pepper, scene, margin)
+    table, frames = _table_of(pepper, scene, margin), _frames(pepper)
     poses, moved = kernel(pepper, "frame_poses", frames) if frames else None, np.frombuffer(moving, np.int64)
     # d/dq = (d/dq_full) E, where mimic joints follow by q_full = E q + e.
     columns = np.ascontiguousarray(pepper.full_map[:, moved])
     if only_moving:
-        apart = bodies.carried[bodies.pairs[:, 0]] != bodies.carried[bodies.pairs[:, 1]]
-        places = np.flatnonzero((apart & (columns != 0).any(axis=1)).any(axis=1))
-        bodies = bodies._replace(pairs=bodies.pairs[places], gap=bodies.gap[places])
+        carried = table.above[table.shapes[:, CARRIER].astype(int)]
+        apart = carried[table.pairs[:, 0]] != carried[table.pairs[:, 1]]
+        table = _among(table, (apart & (columns != 0).any(axis=1)).any(axis=1))
     address, scratch = 0, 0
     if poses:
         scratch = poses.work_size
         address = poses.address_of("batch", inputs=pepper.n, outputs=_POSE * len(frames), work=scratch)
     memory, kept = memory_of(
         [pepper.n, margin, address, scratch, len(frames), 1.0, 0.0],
-        [np.zeros(0), moved, np.zeros(pepper.n), *bodies, columns, np.zeros(0)],
+        [np.zeros(0), moved, np.zeros(pepper.n), *table, columns, np.zeros(0)],
     )
-    most, joints, count = min(MOST_PAIRS, len(bodies.pairs)), len(bodies.slides), len(bodies.frame)
-    # Poses twice, whole states, positions, cores, squares, rows; axes, words, a pair, work.
-    each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 8 * most + 4
-    return _Prepared(memory, most, (each, 7 * joints + 52 + scratch), (poses, kept))
+    most, joints, count = min(MOST_PAIRS, len(table.pairs)), len(table.joints), len(table.shapes)
+    # Poses twice, whole states, positions, cores, squares, rows; joints, words, a pair, work.
+    each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 11 * most + 4
+    return _Prepared(memory, most, (each, 16 * joints + 49 + SCRATCH + scratch), (poses, kept))
+
+
+def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
+    """Return the pairs that move against each other, and what they keep; clouds and meshes as their boxes."""
+    from pepper_kin.collision.fast.near_table import near_table
+
+    table = near_table(checker_for(pepper, scene))
+    shapes, (first, second) = table.shapes.copy(), table.pairs[:, :2].T
+    boxed = np.isin(shapes[:, KIND], (HULL, CLOUD))
+    shapes[boxed, KIND] = BOX
+    shapes[boxed, REACH] = np.linalg.norm(shapes[boxed, HALF:RADIUS], axis=1) + shapes[boxed, RADIUS]
+    carriers, known = shapes[:, CARRIER], shapes[:, KIND] != OTHER
+    table = table._replace(shapes=shapes, keep=np.full(len(table.pairs), margin))
+    return _among(table, known[first] & known[second] & (carriers[first] != carriers[second]))
+
+
+def _among(table: NearTable, chosen: Array) -> NearTable:
+    """Return a table of some of the pairs, a mask of shape (m,)."""
+    places = np.flatnonzero(chosen)
+    return table._replace(pairs=table.pairs[places], reaches=table.reaches[places], keep=table.keep[places])
+
+
+@kept_for_robot(most=16)
+def _frames(pepper: PepperModel) -> tuple[str, ...]:
+    """Return for each joint of Pinocchio's model a frame that lies in it."""
+    model, found = pepper.inner_model, dict[int, str]()
+    for name in pepper.frame_names:
+        frame = model.frames[pepper.frame_id(name)]
+        if frame.placement.isIdentity(1e-12):
+            found.setdefault(frame.parentJoint, name)
+    return tuple([found[joint] for joint in range(1, model.njoints)])
 
 
 class ClearanceTerm(FlooredTerm):
@@ -146,14 +181,13 @@ class ClearanceTerm(FlooredTerm):
 
 
 @compiled
-def _bodies_in(memory: Floats1) -> Bodies:
-    frame, pairs, slides = words_of(memory, _FRAME), words_of(memory, _PAIRS), words_of(memory, _SLIDES)
-    count, joints = frame.size, slides.size
-    return Bodies(
-        frame, floats_of(memory, _CORES).reshape((count, 16)), floats_of(memory, _RADIUS),
-        floats_of(memory, _REACH), words_of(memory, _CARRIED).reshape((count, joints)),
-        words_of(memory, _JOINT_FRAME), floats_of(memory, _JOINT_AXIS).reshape((joints, 6)), slides,
-        pairs.reshape((pairs.size // 2, 2)), floats_of(memory, _GAP),
+def _table_in(memory: Floats1) -> NearTable:
+    tree, pairs, shapes = floats_of(memory, _TREE), words_of(memory, _PAIRS), floats_of(memory, _SHAPES)
+    joints, vertices = tree.size // JOINT, floats_of(memory, _VERTICES)
+    return NearTable(
+        tree.reshape((joints, JOINT)), floats_of(memory, _ABOVE).reshape((joints, joints - 1)),
+        shapes.reshape((shapes.size // SHAPE, SHAPE)), vertices.reshape((vertices.size // 3, 3)),
+        pairs.reshape((pairs.size // 3, 3)), floats_of(memory, _REACHES), floats_of(memory, _KEEP),
     )  # fmt: skip
 
 
@@ -165,13 +199,9 @@ def _search_near(
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
-    n, frames, bodies = int(memory[_N]), int(memory[_FRAMES]), _bodies_in(memory)
-    scratch, used, size, joints = (
-        floats_of(memory, _WORKSPACE),
-        np.zeros(1, np.int64),
-        bodies.frame.size,
-        bodies.slides.size,
-    )
+    n, frames, table = int(memory[_N]), int(memory[_FRAMES]), _table_in(memory)
+    scratch, used = floats_of(memory, _WORKSPACE), np.zeros(1, np.int64)
+    size, joints = table.shapes.shape[0], table.joints.shape[0]
     poses = take(scratch, used, count * frames * _POSE)
     whole, work = take(scratch, used, count * n), take(scratch, used, int(memory[_WORK]) + 8)
     words = words_at(take(scratch, used, 8).ctypes.data, 8)
@@ -179,14 +209,15 @@ def _search_near(
     near_workspace = NearWorkspace(
         take(scratch, used, 12 * frames * count).reshape((frames, 12, count)),
         take(scratch, used, 12 * size * count).reshape((size, 12, count)),
-        take(scratch, used, 3 * count).reshape((3, count)), take(scratch, used, 32).reshape((2, 16)),
-        take(scratch, used, 4),
-        take(scratch, used, 6 * joints).reshape((joints, 6)), take(scratch, used, joints),
+        take(scratch, used, 3 * count).reshape((3, count)), take(scratch, used, 24).reshape((2, 12)),
+        take(scratch, used, 9).reshape((3, 3)), take(scratch, used, SCRATCH),
+        take(scratch, used, 12 * joints).reshape((joints, 12)),
+        take(scratch, used, 3 * joints).reshape((joints, 3)), take(scratch, used, joints - 1),
     )  # fmt: skip
     near = NearRows(
         take(scratch, used, count * most).reshape((count, most)),
         words_at(take(scratch, used, count * most).ctypes.data, count * most).reshape((count, most)),
-        take(scratch, used, 6 * count * most).reshape((count, most, 6)),
+        take(scratch, used, 9 * count * most).reshape((count, most, 3, 3)),
         words_at(take(scratch, used, count).ctypes.data, count),
     )  # fmt: skip
     placed = poses.reshape((count, frames, 4, 4))
@@ -197,7 +228,7 @@ def _search_near(
         whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
         flat = poses.reshape((count, _POSE * frames))
         evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
-    find_near_rows(placed, bodies, influence, near, near_workspace)
+    find_near_rows(placed, table, influence, near, near_workspace)
     memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
     for i in range(q.size):
         last[i] = q[i]
@@ -246,13 +277,13 @@ def _write_slopes(
 ) -> None:
     """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
     floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
-    bodies, moving, axes = _bodies_in(memory), words_of(memory, _JOINTS).size, scratch.axes
-    most, gradient = near.distance.shape[1], scratch.gradient
+    table, moving, gradient = _table_in(memory), words_of(memory, _JOINTS).size, scratch.gradient
+    most, origins, axes = near.distance.shape[1], scratch.poses, scratch.axes
     for k in range(near.found.size):
         floor = floors[k] if k < floors.size else 0.0
         scale = sign / (INFLUENCE - floor)
         if near.found[k] > 0:
-            place_axes(poses, k, bodies, axes)
+            place_axes(poses, k, table, origins, axes)
         for r in range(most):
             begin = (k * most + r) * moving
             own = slopes[begin : begin + moving]
@@ -260,7 +291,8 @@ def _write_slopes(
                 own[j] = 0.0
             if r >= near.found[k]:
                 continue
-            differentiate(bodies, near, k, r, axes, gradient)
+            ends, points = table.pairs[near.pair[k, r]], near.points[k, r]
+            write_slopes(table, origins, axes, (ends[0], ends[1]), points, points[2], gradient)
             for c in range(gradient.size):
                 if gradient[c] != 0.0:
                     add_row(own, scale * gradient[c], columns[c * moving : (c + 1) * moving])
@@ -274,7 +306,7 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
     floors, moving = floats_of(memory, _FLOOR), words_of(memory, _JOINTS).size
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
-    most = min(MOST_PAIRS, floats_of(memory, _GAP).size)
+    most = min(MOST_PAIRS, floats_of(memory, _KEEP).size)
     poses, near, scratch = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
     if what != VALUES and what != ROWS:
         return _move_floors(memory, near.distance, what)

@@ -5,37 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from pepper_kin.core.collision.distances import CARRIER, HALF, KIND, PLACE, RADIUS, REACH, NearTable, measure
+from pepper_kin.core.collision.layout import CYLINDER
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
-from pepper_kin.motion.optimization.nearest import CYLINDER, HALF, KIND, nearest_points
-
-
-class Bodies(NamedTuple):
-    """Bodies on links and in the world, and the joints that carry them; B bodies, J joints, P pairs.
-
-    Attributes:
-        frame: Number of the frame that a body is fixed to, -1 for the world, shape (B,).
-        cores: Their cores in that frame, shape (B, 16); see `nearest`.
-        radius: Radii around the cores [m], shape (B,).
-        reach: Radii of the bodies' bounding spheres about their centers [m], shape (B,).
-        carried: 1 where a joint moves a body, else 0, shape (B, J).
-        joint_frame: Number of the frame that a joint moves, shape (J,).
-        joint_axis: Its axis in that frame, and a point of the axis [m], shape (J, 6).
-        slides: 1 where it is prismatic, else 0, shape (J,).
-        pairs: Bodies to compare, shape (P, 2).
-        gap: Distance that each pair keeps [m], shape (P,).
-    """
-
-    frame: Ints1
-    cores: Floats2
-    radius: Floats1
-    reach: Floats1
-    carried: Ints2
-    joint_frame: Ints1
-    joint_axis: Floats2
-    slides: Ints1
-    pairs: Ints2
-    gap: Floats1
 
 
 class NearRows(NamedTuple):
@@ -44,13 +17,14 @@ class NearRows(NamedTuple):
     Attributes:
         distance: Their distances less the gaps that they keep, ascending, shape (K, R) [m].
         pair: Their places among the pairs, shape (K, R).
-        points: Their nearest points, shape (K, R, 6) [m].
+        points: The nearest points of their cores, and the direction from the second to the first, shape
+            (K, R, 3, 3) [m].
         found: How many there are, shape (K,).
     """
 
     distance: Floats2
     pair: Ints2
-    points: Floats3
+    points: Floats4
     found: Ints1
 
 
@@ -63,9 +37,11 @@ class NearWorkspace(NamedTuple):
             points or segments.
         square: Squared distances of two bodies' centers, and of each one's center to the other's core, shape
             (3, K).
-        pair: The two cores that are compared at a state, shape (2, 16).
-        guess: Where the last two were nearest, see `nearest_points`, shape (4,).
-        axes: See `place_axes`, shape (J, 6).
+        pair: Poses of the two cores that are compared at a state, shape (2, 12).
+        near: Points and direction of these, see `measure`, shape (3, 3).
+        work: Workspace of `measure`.
+        poses: Poses of the joints at a state, of which only the origins are written, shape (J + 1, 12).
+        axes: Their axes, shape (J + 1, 3).
         gradient: Shape (J,).
     """
 
@@ -73,42 +49,43 @@ class NearWorkspace(NamedTuple):
     cores: Floats3
     square: Floats2
     pair: Floats2
-    guess: Floats1
+    near: Floats2
+    work: Floats1
+    poses: Floats2
     axes: Floats2
     gradient: Floats1
 
 
 @compiled(lean=True)
 def find_near_rows(
-    poses: Floats4, bodies: Bodies, influence: float, near: NearRows, scratch: NearWorkspace
+    poses: Floats4, table: NearTable, influence: float, near: NearRows, scratch: NearWorkspace
 ) -> None:
     """Write the nearest pairs at each state.
 
     Bounding spheres, and the sphere of one against the other's core, are compared at all states side by side.
 
     Args:
-        poses: World poses of the frames at K states, shape (K, F, 4, 4).
-        bodies: The bodies.
+        poses: World poses of the frames that the joints move at K states, shape (K, J, 4, 4).
+        table: The shapes and pairs.
         influence: Distances beyond this do not count [m]; rows that are left have this distance.
         near: Written.
         scratch: Workspace.
     """
-    distance, pairs = near.distance, bodies.pairs
+    distance, pairs, shapes = near.distance, table.pairs, table.shapes
     states, most = distance.shape
-    reach, radius, gap = bodies.reach, bodies.radius, bodies.gap
     square, first, second = scratch.square, scratch.pair[0], scratch.pair[1]
-    _place_cores(poses, bodies, scratch)
+    _place_cores(poses, table, scratch)
     for k in range(states):
         near.found[k] = 0
         for i in range(most):
             distance[k, i] = influence
     for p in range(len(pairs)):
-        a, b = pairs[p, 0], pairs[p, 1]
-        balls, ours = reach[a] + reach[b] + gap[p], reach[a] + radius[b] + gap[p]
-        theirs = radius[a] + reach[b] + gap[p]
-        if _are_far(bodies, scratch, a, b, (balls + influence, ours + influence, theirs + influence)):
+        a, b, gap = pairs[p, 0], pairs[p, 1], table.keep[p]
+        one, other = shapes[a], shapes[b]
+        balls, ours = one[REACH] + other[REACH] + gap, one[REACH] + other[RADIUS] + gap
+        theirs, radii = one[RADIUS] + other[REACH] + gap, one[RADIUS] + other[RADIUS] + gap
+        if _are_far(table, scratch, a, b, (balls + influence, ours + influence, theirs + influence)):
             continue
-        scratch.guess[0] = 0.0
         for k in range(states):
             width = distance[k, most - 1]
             if (
@@ -117,53 +94,57 @@ def find_near_rows(
                 or square[2, k] >= (theirs + width) ** 2
             ):
                 continue
-            _fetch(bodies, scratch.cores, a, k, first)
-            _fetch(bodies, scratch.cores, b, k, second)
-            (x, y, z), (u, v, w) = nearest_points(first, second, scratch.guess)
-            apart = math.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) - radius[a] - radius[b] - gap[p]
+            _fetch(one, scratch.cores[a], k, first)
+            _fetch(other, scratch.cores[b], k, second)
+            far = max(radii + width, 0.0)
+            apart = (
+                measure(one, first, other, second, table.vertices, far, scratch.near, scratch.work) - radii
+            )
             if apart < distance[k, most - 1]:
-                _insert(near, k, apart, p, (x, y, z, u, v, w))
+                _insert(near, k, apart, p, scratch.near)
 
 
 @compiled(lean=True)
 def _are_far(
-    bodies: Bodies, scratch: NearWorkspace, a: int, b: int, widths: tuple[float, float, float]
+    table: NearTable, scratch: NearWorkspace, a: int, b: int, widths: tuple[float, float, float]
 ) -> bool:
-    """Write the squared distances of two bodies at all states; return whether one shows that they are far."""
+    """Write the squared distances of two shapes at all states; return whether one shows that they are far."""
     balls, ours, theirs = widths
     one, other, square = scratch.cores[a], scratch.cores[b], scratch.square
     if _square_between(one, other, square[0]) >= balls * balls:
         return True
-    if _square_outside(one, other, bodies.cores[b], square[1], square[0]) >= ours * ours:
+    if _square_outside(one, other, table.shapes[b], square[1], square[0]) >= ours * ours:
         return True
-    return _square_outside(other, one, bodies.cores[a], square[2], square[0]) >= theirs * theirs
+    return _square_outside(other, one, table.shapes[a], square[2], square[0]) >= theirs * theirs
 
 
 @compiled(lean=True)
-def _fetch(bodies: Bodies, cores: Floats3, b: int, k: int, core: Floats1) -> None:
-    """Copy the core of a body in the world at a state."""
+def _is_thin(shape: Floats1) -> bool:
+    """Whether the axes x and y of a core do not matter: they are not placed."""
+    return shape[HALF] == 0.0 and shape[HALF + 1] == 0.0
+
+
+@compiled(lean=True)
+def _fetch(shape: Floats1, core: Floats2, k: int, pose: Floats1) -> None:
+    """Copy the pose of a shape's core, shape (12, K), at a state; axes that are not placed are zero."""
+    is_thin = _is_thin(shape)
     for i in range(12):
-        core[i] = cores[b, i, k]
-    for i in range(12, 16):
-        core[i] = bodies.cores[b, i]
+        pose[i] = 0.0 if is_thin and 3 <= i < 9 else core[i, k]
 
 
 @compiled(lean=True)
-def _insert(
-    near: NearRows, k: int, apart: float, p: int, points: tuple[float, float, float, float, float, float]
-) -> None:
+def _insert(near: NearRows, k: int, apart: float, p: int, points: Floats2) -> None:
     """Put a pair in its place among the nearest of a state."""
     distance, most = near.distance, near.distance.shape[1]
     place = min(near.found[k], most - 1)
     while place > 0 and distance[k, place - 1] > apart:
         distance[k, place], near.pair[k, place] = distance[k, place - 1], near.pair[k, place - 1]
-        for i in range(6):
-            near.points[k, place, i] = near.points[k, place - 1, i]
+        for i in range(9):
+            near.points[k, place, i // 3, i % 3] = near.points[k, place - 1, i // 3, i % 3]
         place -= 1
     distance[k, place], near.pair[k, place] = apart, p
-    x, y, z, u, v, w = points
-    near.points[k, place, 0], near.points[k, place, 1], near.points[k, place, 2] = x, y, z
-    near.points[k, place, 3], near.points[k, place, 4], near.points[k, place, 5] = u, v, w
+    for i in range(9):
+        near.points[k, place, i // 3, i % 3] = points[i // 3, i % 3]
     near.found[k] = min(near.found[k] + 1, most)
 
 
@@ -187,7 +168,7 @@ def _square_outside(one: Floats2, core: Floats2, local: Floats1, square: Floats1
     Args:
         one: Core whose center is taken, at all states, shape (12, K).
         core: The other core.
-        local: Half sizes and kind of that, see `nearest`.
+        local: That shape, see `NearTable`.
         square: Written, shape (K,).
         between: Squared distances of the two centers, shape (K,).
     """
@@ -241,8 +222,8 @@ def _outside_solid(
 
 
 @compiled(lean=True)
-def _place_cores(poses: Floats4, bodies: Bodies, scratch: NearWorkspace) -> None:
-    """Write the cores of all bodies in the world, states side by side."""
+def _place_cores(poses: Floats4, table: NearTable, scratch: NearWorkspace) -> None:
+    """Write the cores of all shapes in the world, states side by side."""
     frames, cores = scratch.frames, scratch.cores
     states, count = poses.shape[0], frames.shape[0]
     for k in range(states):
@@ -251,16 +232,17 @@ def _place_cores(poses: Floats4, bodies: Bodies, scratch: NearWorkspace) -> None
                 row = poses[k, f, i]
                 frames[f, i, k], frames[f, 3 + i, k] = row[3], row[0]
                 frames[f, 6 + i, k], frames[f, 9 + i, k] = row[1], row[2]
-    for b in range(bodies.frame.size):
-        local, f, core = bodies.cores[b], bodies.frame[b], cores[b]
-        is_point = local[HALF] == 0.0 and local[HALF + 1] == 0.0
+    for b in range(table.shapes.shape[0]):
+        shape, core = table.shapes[b], cores[b]
+        f, is_thin = int(shape[CARRIER]) - 1, _is_thin(shape)
         for column in range(4):
-            if is_point and 0 < column < 3:
+            if is_thin and 0 < column < 3:
                 continue
-            x, y, z = local[3 * column], local[3 * column + 1], local[3 * column + 2]
+            at = PLACE + 3 * column
+            x, y, z = shape[at], shape[at + 1], shape[at + 2]
             for i in range(3):
                 if f < 0:
-                    _fill(core[3 * column + i], local[3 * column + i])
+                    _fill(core[3 * column + i], shape[at + i])
                 else:
                     _turn(frames[f], i, (x, y, z), core[3 * column + i])
                     if column == 0:
@@ -289,37 +271,11 @@ def _turn(frame: Floats2, i: int, vector: tuple[float, float, float], values: Fl
 
 
 @compiled(lean=True)
-def place_axes(poses: Floats4, k: int, bodies: Bodies, axes: Floats2) -> None:
-    """Write the axes of all joints and a point of each in the world at a state, shape (J, 6)."""
-    for j in range(bodies.slides.size):
-        f, own = bodies.joint_frame[j], bodies.joint_axis[j]
+def place_axes(poses: Floats4, k: int, table: NearTable, origins: Floats2, axes: Floats2) -> None:
+    """Write origins, shape (J + 1, 12), and axes, shape (J + 1, 3), of all joints in the world at a state."""
+    for j in range(1, axes.shape[0]):
         for i in range(3):
-            row = poses[k, f, i]
-            axes[j, i] = row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
-            axes[j, 3 + i] = row[3] + row[0] * own[3] + row[1] * own[4] + row[2] * own[5]
-
-
-@compiled(lean=True)
-def differentiate(bodies: Bodies, near: NearRows, k: int, r: int, axes: Floats2, gradient: Floats1) -> None:
-    """Write d(distance)/dq_j = n . (dp_a/dq_j - dp_b/dq_j), n the direction from b to a, shape (J,)."""
-    a, b = bodies.pairs[near.pair[k, r], 0], bodies.pairs[near.pair[k, r], 1]
-    p = near.points[k, r]
-    x, y, z = p[0] - p[3], p[1] - p[4], p[2] - p[5]
-    length = math.sqrt(x * x + y * y + z * z)
-    scale = 1.0 / length if length >= 1e-12 else 0.0
-    x, y, z = scale * x, scale * y, scale * z
-    for j in range(gradient.size):
-        # What carries both moves both alike, and leaves their distance as it is.
-        sign = float(bodies.carried[a, j] - bodies.carried[b, j])
-        gradient[j] = 0.0
-        if sign == 0.0:
-            continue
-        axis, side = axes[j], 0 if sign > 0.0 else 3
-        if bodies.slides[j] != 0:
-            part = x * axis[0] + y * axis[1] + z * axis[2]
-        else:
-            u, v, w = p[side] - axis[3], p[side + 1] - axis[4], p[side + 2] - axis[5]
-            part = x * (axis[1] * w - axis[2] * v)
-            part += y * (axis[2] * u - axis[0] * w)
-            part += z * (axis[0] * v - axis[1] * u)
-        gradient[j] = sign * part
+            row = poses[k, j - 1, i]
+            origins[j, i], axes[j, i] = row[3], 0.0
+            for m in range(3):
+                axes[j, i] += row[m] * table.joints[j, 14 + m]
