@@ -205,7 +205,7 @@ class StaticLimits:
         """What is held, in words that may be empty."""
         return carried_words(self.carrying)
 
-    def said(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
+    def violation(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
         """Return a sentence on the limit that a posture exceeds most; empty where it can be held.
 
         Args:
