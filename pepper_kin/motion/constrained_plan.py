@@ -69,11 +69,10 @@ def plan_constrained(
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
         costs: Soft costs that are made small together with the length, see `plan_costed`.
-        joints: Names of joints and groups that may move. None: those in which start and goals differ.
-        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that, or where no path keeps it.
-        least_margin: As of `plan`.
-        seed: Seed of all random choices.
+        joints: As of `plan`.
+        margin: As of `plan` [m].
+        least_margin: As of `plan` [m].
+        seed: As of `plan`.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
         balance: As of `plan`.
         payload: As of `plan`.

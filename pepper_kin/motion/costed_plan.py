@@ -71,12 +71,11 @@ def plan_costed(
         scene: The world around the robot.
         costs: Expressions (`PathCost`), and tasks with a finite tolerance, whose price is the square of the
             error in tolerances.
-        joints: Joints that may move: names of joints and groups. None: those in which start and goals
-            differ; give more where others can lower the cost.
-        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that, or where no path keeps it.
-        least_margin: As of `plan`.
-        seed: Seed of all random choices.
+        joints: As of `plan`; give more than those in which start and goals differ where others can lower
+            the cost.
+        margin: As of `plan` [m].
+        least_margin: As of `plan` [m].
+        seed: As of `plan`.
         timeout: Time budget [s].
         balance: As of `plan`.
         payload: As of `plan`.

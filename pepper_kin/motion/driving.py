@@ -36,9 +36,9 @@ _NO_LEGS = "No goal can be driven to with the body held as at an end or in a nam
 _NO_SPLINE = "A path was found, but no spline along it keeps clear."
 
 
-_Said: TypeAlias = Callable[[], tuple[PlanStatus, str]]
-"""What is to be said of a search; looking for what was in its way takes longer than many searches."""
-_Curve: TypeAlias = tuple[CubicPath | None, int, _Said]
+_Outcome: TypeAlias = Callable[[], tuple[PlanStatus, str]]
+"""Status and message of a search, on request: to find what was in its way takes longer than many searches."""
+_Curve: TypeAlias = tuple[CubicPath | None, int, _Outcome]
 
 
 def plan_drive(request: PlanRequest, ends: Ends) -> Plan:
@@ -68,18 +68,18 @@ def plan_drive(request: PlanRequest, ends: Ends) -> Plan:
             for begin, end in legs:
                 left = request.deadline - time.perf_counter()
                 left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time as well
-                curve, states, said = _Leg(request, begin + shift, end + shift, base, free).curve(left)
+                curve, states, outcome = _Leg(request, begin + shift, end + shift, base, free).curve(left)
                 checked += states
                 if curve is None:
-                    longest, why = (states, said) if states >= longest else (longest, why)
+                    longest, why = (states, outcome) if states >= longest else (longest, why)
                     break
                 curves.append(curve)
-                gave = gave or said()[1]
+                gave = gave or outcome()[1]
                 shift[base[2]] += (_end(curve) - end - shift)[base[2]]
             if len(curves) == len(legs):
                 path = _in_turn(curves)
                 points = np.vstack([path.coefficients[:, 0], _end(path)])
-                words = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}.{gave}"
+                words = f"Drive of {_length(path, base):.2f} m{_leg_words(legs, base)}.{gave}"
                 return ended.solved(checks.exact, points, words, curve=path, states_checked=checked)
     status, message = (PlanStatus.NO_PATH_IN_TIME, _NO_LEGS + reason) if why is None else why()
     return ended(status, message, states_checked=checked)
@@ -131,7 +131,7 @@ def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> li
     return [(a, b) for a, b in legs if np.abs(a - b).max() > _SAME]
 
 
-def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
+def _leg_words(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
     """Return what ends of legs, shape (n,) each, say of the body; base: places of its joints, shape (3,)."""
     if len(legs) == 1:
         return " with the body held"
@@ -162,18 +162,18 @@ class _Leg(NamedTuple):
     free: NDArray[np.int64]
 
     def curve(self, timeout: float) -> _Curve:
-        """Return the curve, or None; the number of states asked about; and what is to be said of it."""
+        """Return the curve, or None; the number of states asked about; and status and message, on request."""
         drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
         began, states = time.perf_counter(), 0
         margins, ends = self.request.options.margins, Ends(self.begin, self.end[None], moving)
         for problem, share in falling_problems(self.request.checks, ends, margins, COARSE):
             left = max(share * timeout - (time.perf_counter() - began), 1e-3)
-            curve, checked, said = self._driven(problem, left) if drives else self._moved(problem, left)
+            curve, checked, outcome = self._driven(problem, left) if drives else self._moved(problem, left)
             states += checked
             if curve is not None:
                 return curve, states, partial(_solved, relaxation_sentence(problem, curve, margins[0]))
-        return None, states, said
+        return None, states, outcome
 
     def _moved(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the body's motion with the base held."""
@@ -202,8 +202,8 @@ class _Leg(NamedTuple):
                 curve = _driven(closer, found.curve, wheels, spacing)
                 if closer.is_clear(curve, closer.relaxed_margins):
                     return curve, checked, _solved
-            said = partial(_no_spline, closer, found.curve)
-        return None, checked, said
+            outcome = partial(_no_spline, closer, found.curve)
+        return None, checked, outcome
 
 
 def _solved(words: str = "") -> tuple[PlanStatus, str]:

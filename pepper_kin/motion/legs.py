@@ -200,11 +200,10 @@ def plan_legs(
         start: Start configuration [rad or m], shape (n,), which meets the constraints of the first leg.
         legs: What to do, one after the other.
         scene: The world around the robot, until a leg changes it.
-        joints: Joints that may move: names of joints and groups. None: those in which the ends of a leg
-            differ.
-        margin: Distance requested to the scene and to the robot itself [m].
-        least_margin: As of `plan`, for all legs.
-        seed: Seed of all random choices.
+        joints: As of `plan`, for legs that name none.
+        margin: As of `plan`, for all legs [m].
+        least_margin: As of `plan`, for all legs [m].
+        seed: As of `plan`.
         timeout: Time budget [s], shared by the legs.
         balance: As of `plan`, for all legs.
         payload: As of `plan`, for all legs.

@@ -51,12 +51,13 @@ from pepper_kin.planners.smooth import schoenberg_spline
 from pepper_kin.planners.tree import grown
 from pepper_kin.planners.tree_growth import (
     FOUND,
+    GOAL,
     ROUND,
+    WAY_POINTS,
+    PathEnds,
     Trees,
     first_round,
     take_trees,
-    trace,
-    way_point_count,
     with_capacity,
 )
 from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
@@ -121,9 +122,7 @@ class PlanningState(NamedTuple):
     Attributes:
         space: Box, metric and validity of the k joints that move, of which the memory is `check.moving`.
         check: Checks of whole configurations.
-        start: Start, shape (k,).
-        goals: Goals, shape (m, k).
-        order: Goals in the order in which they are tried, shape (m,).
+        ends: Start, shape (k,), and goals, shape (m, k).
         compare: Whether the path may end at another goal where that is nearer.
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
@@ -139,9 +138,7 @@ class PlanningState(NamedTuple):
 
     space: SearchSpace
     check: MotionCheck
-    start: Floats1
-    goals: Floats2
-    order: Ints1
+    ends: PathEnds
     compare: bool
     free: Ints1
     limits: Floats2
@@ -182,16 +179,16 @@ def _compare_goals(state: PlanningState, key: np.uint64) -> None:
     shorten(space, line, math.inf, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, SHORTCUTS_TO_COMPARE, False)
     size = line.counters[SIZE]
     measure(line.points, size, space.weights, line.lengths[0])
-    order, tried = state.order, 0
+    goals, order, tried = state.ends.goals, state.ends.order, 0
     for k in range(order.size):
         if k != state.found.goal[0]:
             order[tried] = k
             tried += 1
     route = Route(line.points[:size], line.lengths[0][:size])
     gain = GAIN_OF_OTHER * line.lengths[0, size - 1]
-    last = shortest_end(space, route, state.goals, order[:tried], gain, line.rows, line.counters)
+    last = shortest_end(space, route, goals, order[:tried], gain, line.rows, line.counters)
     if last >= 0:
-        _copy_row(state.goals[order[0]], line.points[last + 1])
+        _copy_row(goals[order[0]], line.points[last + 1])
         state.found.goal[0], line.counters[SIZE] = order[0], last + 2
 
 
@@ -243,14 +240,11 @@ def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np
     space, trees, line, found = state.space, state.trees, state.line, state.found
     if blocked(state.check, state.margins[0], state.margins[1]):
         return False
-    if first_round(space, trees, seconds, state.start, state.goals, state.order, key, ROUND) != FOUND:
+    ended = first_round(space, trees, seconds, state.ends, line.points, line.lengths[0], key, ROUND)
+    if ended != FOUND or trees.counters[WAY_POINTS] == 0:
         return False
-    count = way_point_count(trees)
-    if count > line.points.shape[0]:
-        return False
-    found.goal[0] = trace(space, trees, line.points[:count], line.lengths[0][:count])
-    line.counters[SIZE] = count
-    if state.compare and state.goals.shape[0] > 1:
+    found.goal[0], line.counters[SIZE] = trees.counters[GOAL], trees.counters[WAY_POINTS]
+    if state.compare and state.ends.goals.shape[0] > 1:
         _compare_goals(state, shortcut_key)
     size = found.size[0] = line.counters[SIZE]
     for k in range(size):
@@ -394,8 +388,8 @@ class PathSearch:
             order = np.argsort(problem.metric.distance(problem.moving_start, goals), kind="stable")
         margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
         return PlanningState(
-            space, check, problem.moving_start, goals, order, compare, problem.free, problem.limits,
-            problem.reach, margins, relaxed, problem.strictly, *workspace,
+            space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,
+            problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
         )  # fmt: skip
 
     def _run(self, state: PlanningState, stage: int) -> tuple[int, PlanningState]:

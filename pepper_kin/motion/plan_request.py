@@ -229,9 +229,9 @@ def _load_code_of(kind: str) -> None:
     if kind in ("aorrtc", "costs"):
         from pepper_kin.planners.rejoin import shortest_end
         from pepper_kin.planners.shortcut import drop_flat, shorten
-        from pepper_kin.planners.tree_growth import first_path, grow
+        from pepper_kin.planners.tree_growth import first_round, grow
 
-        load_code(first_path, grow, drop_flat, shorten, shortest_end)
+        load_code(first_round, grow, drop_flat, shorten, shortest_end)
     if kind in ("costs", "constraints"):
         from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
         from pepper_kin.planners.transition_rrt import grow as grow_by_cost
