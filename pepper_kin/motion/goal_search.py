@@ -530,7 +530,7 @@ class TaskGoalSearch:
     def _search(
         self, ready: CompiledTasks, buffers: SearchBuffers, arrays: tuple[NDArray[Any], ...]
     ) -> GoalSearch:
-        """Return what compiled functions take, and start the clock; arrays: those from `inputs` on."""
+        """Return what compiled functions take, and start the clock; arrays: shapes as from `inputs` on."""
         row, n = arrays[0][0], self._start.size
         row[:n] = self._start
         finite = ready.read(self._tasks, row, buffers.tolerance)

@@ -84,7 +84,7 @@ DONE, SEARCH_ENDED, OUT_OF_TIME, TOO_MANY_POINTS, LEAVES_LIMITS, NOT_CLEAR = ran
 _NODES, _POINTS = 4096, 512  # of a workspace: nodes of each tree, points of a line
 
 
-class FoundPath(NamedTuple):
+class PlannerPath(NamedTuple):
     """The path of a search.
 
     Attributes:
@@ -148,7 +148,7 @@ class PlanningState(NamedTuple):
     strictly: bool
     trees: Trees
     line: Polyline
-    found: FoundPath
+    found: PlannerPath
     spline: Spline
 
 
@@ -292,7 +292,7 @@ class _Workspace(NamedTuple):
 
     trees: Trees
     line: Polyline
-    found: FoundPath
+    found: PlannerPath
     spline: Spline
 
 
@@ -309,7 +309,7 @@ def _workspace(n: int, k: int) -> Iterator[_Workspace]:
         if trees.states.shape[1] < _NODES:
             trees = with_capacity(trees, _NODES)
         line, count = new_polyline(np.empty((_POINTS, k))), np.zeros((3, 1), np.int64)
-        found = FoundPath(np.empty((_POINTS, k)), count[0], count[1], np.empty(1))
+        found = PlannerPath(np.empty((_POINTS, k)), count[0], count[1], np.empty(1))
         points, breaks, coefficients = np.empty((MOST + 1, n)), np.empty(MOST + 1), np.empty((MOST, 4, n))
         workspace = _Workspace(trees, line, found, Spline(points, breaks, coefficients, count[2]))
     yield workspace
