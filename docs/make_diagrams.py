@@ -128,7 +128,7 @@ def plan_call() -> None:
     left, width = 40, 270
     steps = [
         ("plan(pepper, start, tasks, scene)", "motion/planning.py", "checks its arguments"),
-        ("goals", "motion/task_goals.py", "IK from many starts, collision-free"),
+        ("goals", "motion/goal_search.py", "IK from many starts, collision-free"),
         ("search", "planners/rrt_connect.py", "two trees until they meet"),
         ("short-cut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
         ("examine", "motion/examination.py", "collision-free, by motion bounds"),

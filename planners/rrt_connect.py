@@ -36,10 +36,10 @@ from .tree_growth import (
     TRIED,
     WAY_POINTS,
     WIDTH,
-    FirstPath,
+    PathEnds,
     Trees,
     diagonal_of,
-    first_path,
+    first_round,
     grow,
     leave_trees,
     narrow,
@@ -113,7 +113,7 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
     """
-    load_code(first_path)
+    load_code(first_round)
     deadline = Deadline(timeout)
     seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
@@ -164,9 +164,10 @@ class Search:
     def _first_round(self, deadline: Deadline, max_iterations: int) -> int:
         """Plant both trees and let them grow as far as machine code goes by itself."""
         problem, left = self._problem, deadline.left
-        order = self._make_space(problem.goals)
-        path = FirstPath(problem.start, problem.goals, order, *_workspace(problem.n))
-        ended: int = first_path.native(self._space, self._trees, left, path, self._key, max_iterations)
+        ends = PathEnds(problem.start, problem.goals, self._make_space(problem.goals))
+        ended: int = first_round.native(
+            self._space, self._trees, left, ends, *_workspace(problem.n), self._key, max_iterations
+        )
         return ended
 
     def resumed(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:

@@ -327,12 +327,12 @@ def power_basis(knots: Floats1, control: Floats2, coefficients: Floats3) -> None
             coefficients[j, 3, i] = ((third - second) / width - bend) / width
 
 
-def _invalid_segments(validator: MotionValidator, curve: SmoothPath, asked: BoolArray) -> BoolArray:
-    """Return which of the pieces asked about hold an invalid state, shape (k,)."""
+def _invalid_segments(validator: MotionValidator, curve: SmoothPath, which: BoolArray) -> BoolArray:
+    """Return which of the chosen pieces hold an invalid state, shape (k,)."""
     widths = np.diff(curve.breaks)
     counts = np.maximum(2, np.ceil(widths / validator.resolution).astype(int))
     invalid = np.zeros(widths.size, dtype=bool)
-    chosen = np.flatnonzero(asked)
+    chosen = np.flatnonzero(which)
     s = [curve.breaks[i] + widths[i] * np.arange(counts[i] + 1) / counts[i] for i in chosen]
     owner = np.repeat(chosen, counts[chosen] + 1)
     # At most one step of rounding past the end, which evaluation tolerates.

@@ -230,7 +230,7 @@ def _nearest(space: SearchSpace, forest: Forest, side: int, state: FloatArray) -
 
 
 @compiled
-def _dearest(space: SearchSpace, cost: Surface, forest: Forest, a: FloatArray, b: FloatArray) -> float:
+def _highest_price(space: SearchSpace, cost: Surface, forest: Forest, a: FloatArray, b: FloatArray) -> float:
     """Return the highest price on an edge, its start left out."""
     count = step_count(distance(a, b, space.weights), _PRICED * space.resolution)
     between, highest = forest.rows[_BETWEEN], 0.0
@@ -274,7 +274,7 @@ def grow(
         share = 1.0 if apart < space.reach else space.reach / apart
         for i in range(n):
             state[i] = origin[i] + (rows[_SAMPLE, i] - origin[i]) * share
-        highest = _dearest(space, cost, forest, origin, state)
+        highest = _highest_price(space, cost, forest, origin, state)
         rise = highest - forest.prices[side, near]
         if rise > 0.0:
             if not uniform(key, first + n) < math.exp(-rise / heat[_HEAT]):
@@ -292,7 +292,7 @@ def grow(
         if apart > _NEAR * space.reach:
             continue
         allowed = max(forest.prices[side, new], forest.prices[1 - side, goal]) + heat[_HEAT]
-        if _dearest(space, cost, forest, state, target) > allowed:
+        if _highest_price(space, cost, forest, state, target) > allowed:
             continue
         steps = step_count(apart, space.resolution)
         if last_valid_step(space, state, target, steps, counters) == steps:

@@ -33,7 +33,7 @@ GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
 ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
 TRIED, GREW = DRAWN + 1, DRAWN + 3  # samples and extensions, of each tree
 MOMENT = GREW + 2  # two numbers of the clock
-WAY_POINTS, GOAL = MOMENT + 2, MOMENT + 3  # of the path that `first_path` wrote, and the goal it leads to
+WAY_POINTS, GOAL = MOMENT + 2, MOMENT + 3  # of the path that `first_round` wrote, and the goal it leads to
 _COUNTERS = GOAL + 1
 
 # Rows of `rows`; the last one is two.
@@ -453,28 +453,43 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
     return GOING_ON
 
 
+class PathEnds(NamedTuple):
+    """The ends of a path.
+
+    Attributes:
+        start: Shape (n,).
+        goals: Shape (k, n).
+        order: Goals in the order in which they are tried, shape (k,).
+    """
+
+    start: Floats1
+    goals: Floats2
+    order: Ints1
+
+
 @compiled(
-    "int64(SearchSpace, Trees, float64, float64[::1], float64[:, ::1], int64[::1], uint64, int64)", lean=True
+    "int64(SearchSpace, Trees, float64, PathEnds, float64[:, ::1], float64[::1], uint64, int64)", lean=True
 )
 def first_round(
     space: SearchSpace,
     trees: Trees,
     seconds: float,
-    start: Floats1,
-    goals: Floats2,
-    order: Ints1,
+    ends: PathEnds,
+    points: Floats2,
+    lengths: Floats1,
     key: np.uint64,
     iterations: int,
 ) -> int:
-    """Plant both trees and grow them in the space's box, unless it is far wider than the ends are apart.
+    """Plant both trees, and grow them in the space's box unless it is far wider than the ends are apart.
 
     Args:
         space: Box, metric and validity.
-        trees: The trees, without nodes.
+        trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
+            way-points that were written and that of the goal.
         seconds: Time budget [s]; the trees grow for a time slice at most.
-        start: Shape (n,).
-        goals: Shape (k, n).
-        order: Goals in the order in which they are tried, shape (k,).
+        ends: Start and goals.
+        points: Receives the way-points of the path that is found, where they fit, shape (m, n).
+        lengths: Receives the length of the path up to each, shape (m,) [length unit of the metric].
         key: Of the stream of random numbers.
         iterations: Greatest number of samples; those of a round at most.
 
@@ -482,62 +497,31 @@ def first_round(
         What `plant` and `grow` return.  GOING_ON without any samples: no goal is valid, or searches near the
         ends come first.
     """
+    counters = trees.counters
+    ended = _grow_first(space, trees, seconds, ends, key, iterations)
+    if ended == FOUND:
+        count = way_point_count(trees)
+        if count <= lengths.size:
+            counters[WAY_POINTS] = count
+            counters[GOAL] = trace(space, trees, points[:count], lengths[:count])
+    return ended
+
+
+@compiled(lean=True)
+def _grow_first(
+    space: SearchSpace, trees: Trees, seconds: float, ends: PathEnds, key: np.uint64, iterations: int
+) -> int:
+    """Plant both trees and grow them; see `first_round`."""
     place = trees.counters[MOMENT:]
     end = seconds_now(space.clock, place) + seconds
-    ended = plant(space, trees, seconds, start, goals, order, 0)
+    ended = plant(space, trees, seconds, ends.start, ends.goals, ends.order, 0)
     if ended != GOING_ON or trees.counters[GOAL_SIZE] == 0:
         return ended
     region = trees.rows[SHIFTED:]
-    for i in range(start.size):
+    for i in range(ends.start.size):
         region[0, i], region[1, i] = space.lower[i], space.lower[i] + space.extent[i]
     narrower = narrow(space, trees, WIDTH, 0.0, region)
     if narrower and distance(region[0], region[1], space.weights) < SMALL * _diagonal(space):
         return GOING_ON
     left = end - seconds_now(space.clock, place)
     return grow(space, trees, min(left, TIME_SLICE), key, min(iterations, ROUND))
-
-
-class FirstPath(NamedTuple):
-    """The ends of a search, and workspace for the path that its first round may find.
-
-    Attributes:
-        start: Shape (n,).
-        goals: Shape (k, n).
-        order: Goals in the order in which they are tried, shape (k,).
-        points: Receives way-points, shape (m, n).
-        lengths: Receives the length of the path up to each, shape (m,) [length unit of the metric].
-    """
-
-    start: Floats1
-    goals: Floats2
-    order: Ints1
-    points: Floats2
-    lengths: Floats1
-
-
-@compiled("int64(SearchSpace, Trees, float64, FirstPath, uint64, int64)", lean=True)
-def first_path(
-    space: SearchSpace, trees: Trees, seconds: float, path: FirstPath, key: np.uint64, iterations: int
-) -> int:
-    """Run `first_round`; write the path that it finds, where it fits.
-
-    Args:
-        space: Box, metric and validity.
-        trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
-            way-points that were written and that of the goal.
-        seconds: Time budget [s].
-        path: The ends, and workspace for the path.
-        key: Of the stream of random numbers.
-        iterations: Greatest number of samples.
-
-    Returns:
-        What `first_round` returns.
-    """
-    counters = trees.counters
-    ended = first_round(space, trees, seconds, path.start, path.goals, path.order, key, iterations)
-    if ended == FOUND:
-        count = way_point_count(trees)
-        if count <= path.lengths.size:
-            counters[WAY_POINTS] = count
-            counters[GOAL] = trace(space, trees, path.points[:count], path.lengths[:count])
-    return ended

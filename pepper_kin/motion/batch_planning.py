@@ -6,8 +6,8 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.frozen_arrays import FrozenArrays
-from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.path_costs import PathCost
+from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
 
@@ -34,47 +33,23 @@ Outcome = tuple["Plan | None", "Exception | None"]
 
 
 @dataclass(frozen=True, eq=False)
-class PlanProblem(FrozenArrays):
-    """What `plan` is asked, as a value; see there.
+class PlanProblem(PlanOptions, FrozenArrays):
+    """What `plan` takes, as a value; see there.
 
     Attributes:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration, several, or IK tasks.
         scene: The world around the robot; problems in one world should share one object.
-        planner: The planner's name.
-        joints: Joints that may move, by names of joints and groups.
-        constraints: IK tasks kept along the whole path.
-        costs: Soft costs.
-        margin: Distance requested to all things [m].
-        least_margin: Distance that the curve has to keep from the scene [m].
-        seed: Seed of all random choices.
-        timeout: Time budget [s].
-        gap: Of "aorrtc": where it stops.
-        balance: Distance of the center of mass from the edges of the wheels' triangle [m].
-        payload: Masses held [kg].
-        smooth: Whether to make the motion to execute, too.
     """
 
     pepper: PepperModel
     start: ArrayLike
     goal: ArrayLike | Sequence[Any]
     scene: Scene | None = None
-    planner: str = field(default="rrt_connect", kw_only=True)
-    joints: str | Sequence[str] | None = field(default=None, kw_only=True)
-    constraints: Sequence[Task | TaskGroup] | None = field(default=None, kw_only=True)
-    costs: Sequence[PathCost | Task | TaskGroup] | None = field(default=None, kw_only=True)
-    margin: float = field(default=0.01, kw_only=True)
-    least_margin: float = field(default=0.0, kw_only=True)
-    seed: int = field(default=0, kw_only=True)
-    timeout: float = field(default=5.0, kw_only=True)
-    gap: float | None = field(default=None, kw_only=True)
-    balance: float | None = field(default=None, kw_only=True)
-    payload: Mapping[str, float] | None = field(default=None, kw_only=True)
-    smooth: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Copy arrays; whether they are right is asked by `plan`."""
+        """Copy arrays; `plan` examines them."""
         for name in ("start", "goal"):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
@@ -84,8 +59,7 @@ class PlanProblem(FrozenArrays):
 
     def solve(self) -> Plan:
         """Return what `plan` returns, and raise what it raises."""
-        asked = {one.name: getattr(self, one.name) for one in fields(self) if one.kw_only}
-        return plan(self.pepper, self.start, self.goal, self.scene, **asked)
+        return plan(self.pepper, self.start, self.goal, self.scene, **self.keywords())
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +119,8 @@ def plan_batch(
         InvalidValueError: for something else than a problem, or a number of processes below 1.
     """
     begin = time.perf_counter()
-    asked = tuple(problems)
-    for number, problem in enumerate(asked):
+    requested = tuple(problems)
+    for number, problem in enumerate(requested):
         if not isinstance(problem, PlanProblem):
             raise InvalidValueError(f"problems[{number}]", repr(problem), "a PlanProblem")
     count = os.cpu_count() or 1 if processes is None else processes
@@ -154,9 +128,9 @@ def plan_batch(
         raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")
     from pepper_kin.motion.planning_process import helpers  # pipes and processes take long to import
 
-    run = _Run(asked, _chunks(asked, count), progress)
+    run = _BatchRun(requested, _chunks(requested, count), progress)
     run.all(helpers(min(count, len(run.waiting)) - 1))
-    plans, errors = zip(*run.outcomes, strict=True) if asked else ((), ())
+    plans, errors = zip(*run.outcomes, strict=True) if requested else ((), ())
     return PlanBatch(plans, errors, time.perf_counter() - begin)
 
 
@@ -176,7 +150,7 @@ def _outcome(problem: PlanProblem) -> Outcome:
         return None, error
 
 
-class _Run:
+class _BatchRun:
     """One call: this thread takes pieces from the front, one thread for each helper from the back."""
 
     def __init__(

@@ -362,8 +362,6 @@ _ASK_ADDRESS = int(ctypes.cast(_ask, ctypes.c_void_p).value or 0)
 def _load_code() -> None:
     """Load, or compile, what planning needs, before any clock starts."""
     from pepper_kin.core.collision.check import check_many
-    from pepper_kin.motion.course import run
-    from pepper_kin.motion.goal_search import search_nearby
     from pepper_kin.planners.deadline import load_code
 
-    load_code(check_many, sound_ends, search_nearby, run)
+    load_code(check_many, sound_ends)

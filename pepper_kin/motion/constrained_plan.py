@@ -15,25 +15,16 @@ from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
-from pepper_kin.motion.constraints import as_constraints, manifold_of, with_constraints
+from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
-from pepper_kin.motion.goals import (
-    STAYS,
-    fault_of_start,
-    free_joints,
-    goal_with_loads,
-    goals_of,
-    is_there,
-    load_code_for,
-)
-from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
+from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
+from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
-from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import PathProblem, checked_start
-from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, plan_request
+from pepper_kin.motion.plan_result import Plan, PlanStatus
+from pepper_kin.motion.problem import Ends, PathProblem
 from pepper_kin.trajectory.path import as_cubic_path
 
 PLANNER = "cbirrt"
@@ -78,11 +69,10 @@ def plan_constrained(
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
         costs: Soft costs that are made small together with the length, see `plan_costed`.
-        joints: Names of joints and groups that may move. None: those in which start and goals differ.
-        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that, or where no path keeps it.
-        least_margin: As of `plan`.
-        seed: Seed of all random choices.
+        joints: As of `plan`.
+        margin: As of `plan` [m].
+        least_margin: As of `plan` [m].
+        seed: As of `plan`.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
         balance: As of `plan`.
         payload: As of `plan`.
@@ -95,60 +85,63 @@ def plan_constrained(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
-    statics = static_limits(pepper, balance, payload, scene)
-    tasks = as_constraints(pepper, constraints, statics.carrying)
-    priced = None if costs is None else PathCosts.of(pepper, costs)
-    q_start = checked_start(pepper, start, margin, timeout)
-    margins = margin, checked_least(margin, least_margin)
-    checks = checks_for(pepper, scene, statics)
-    asked = with_constraints(goal_with_loads(pepper, goal, statics.carrying), tasks)
-    load_code_for(checks, asked, "constraints")
-    ended = Ending(pepper, begin := time.perf_counter(), seed, PLANNER, margin)
-    fault = _off(pepper, tasks, q_start, "start") or fault_of_start(checks, q_start, margins[1])
+    options = PlanOptions(
+        constraints=constraints, costs=costs, joints=joints, margin=margin, least_margin=least_margin,
+        seed=seed, timeout=timeout, balance=balance, payload=payload,
+    )  # fmt: skip
+    return constrained_path(pepper, start, goal, scene, options)
+
+
+def constrained_path(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    options: PlanOptions,
+) -> Plan:
+    """Return what `plan_constrained` does, from a start [rad or m], shape (n,), to a goal."""
+    request = plan_request(pepper, start, goal, scene, options, PLANNER)
+    checks, ended, tasks, q_start = request.checks, request.ended, request.constraints, request.start
+    fault = _off(pepper, tasks, q_start, "start")
+    fault = fault or fault_of_start(checks, q_start, options.least_margin)
     if fault is not None:
         return ended(*fault)
-    goals, ik, fault = goals_of(checks, q_start, asked, joints, margins, seed, begin + timeout)
+    goals, ik, fault = goals_of(request)
     faults = [_off(pepper, tasks, q, "goal") for q in goals]
     goals = goals[[k for k, off in enumerate(faults) if off is None]]
     if not len(goals):
         return ended(*(fault or next(off for off in faults if off is not None)), ik=ik)
-    free = free_joints(pepper, joints, q_start, goals)
+    free = free_joints(pepper, options.joints, q_start, goals)
     if is_there(q_start, goals):
-        said: dict[str, Any] = {"ik": ik, "constraint_errors": largest_errors(pepper, q_start[None], tasks)}
-        return ended.solved(checks.exact, q_start[None], STAYS, **said)
+        errors = largest_errors(pepper, q_start[None], tasks)
+        return ended.solved(checks.exact, q_start[None], STAYS, ik=ik, constraint_errors=errors)
     manifold, states = manifold_of(pepper, tasks, q_start, free), 0
-    for problem, share in falling_problems(checks, q_start, goals, free, margins):
-        left = max(share * timeout - (time.perf_counter() - begin), 1e-3)
-        result = planners.cbirrt(problem.search_problem, manifold, seed=seed, timeout=left)
+    for problem, share in falling_problems(checks, Ends(q_start, goals, free), options.margins):
+        left = request.left(share)
+        result = planners.cbirrt(problem.search_problem, manifold, seed=request.seed, timeout=left)
         states += result.states_checked
         if result.path is not None:
             break
-    said = {"ik": ik, "states_checked": states}
+    more: dict[str, Any] = {"ik": ik, "states_checked": states}
     if result.path is None:
-        whole = replace(result, states_checked=states, time=time.perf_counter() - begin)
-        return ended(*why_no_path(problem, whole, seed, manifold), **said)
-    along = _Along(checks, problem, manifold, tasks, seed, timeout / 2)
+        whole = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        return ended(*why_no_path(problem, whole, request.seed, manifold), **more)
+    along = _Along(request, problem, manifold)
     path = along.shortest(result.path)
-    if priced is not None:
-        path, figures, before = along.cheapest(result.path, priced, path)
-        said["costs"] = () if figures is None else priced.said(figures, before)
-    return along.ended(ended, path, said, margin, result.path)
+    if request.costs is not None:
+        path, figures, before = along.cheapest(result.path, request.costs, path)
+        more["costs"] = () if figures is None else request.costs.along(figures, before)
+    return along.ended(path, more, result.path)
 
 
 class _Along:
     """From a path on a manifold to the plan that is returned."""
 
     def __init__(
-        self,
-        checks: Checks,
-        problem: PathProblem,
-        manifold: planners.ConstraintManifold,
-        tasks: Sequence[Task],
-        seed: int,
-        timeout: float,
+        self, request: PlanRequest, problem: PathProblem, manifold: planners.ConstraintManifold
     ) -> None:
-        self._checks, self._problem, self._manifold, self._tasks = checks, problem, manifold, tasks
-        self._seed, self._timeout = seed, timeout
+        self._request, self._problem, self._manifold = request, problem, manifold
+        self._seed, self._timeout = request.seed, request.options.timeout / 2
 
     def shortest(self, path: planners.Path) -> Array | None:
         """Shorten and round a path; return way-points whose spline is valid, shape (m, n), or None."""
@@ -210,26 +203,23 @@ class _Along:
         """Return way-points of the first path whose spline is clear, held, and keeps the constraints."""
         return constrained_waypoints(self._problem, self._manifold, paths)
 
-    def ended(
-        self, ended: Ending, path: Array | None, said: dict[str, Any], margin: float, found: planners.Path
-    ) -> Plan:
+    def ended(self, path: Array | None, more: dict[str, Any], found: planners.Path) -> Plan:
         """Return the plan of way-points, if there are any and their spline keeps the constraints.
 
         Args:
-            ended: Makes the plan.
             path: Way-points, shape (m, n).
-            said: Other fields of the plan.
-            margin: The one requested [m].
+            more: Other fields of the plan.
             found: The path that the search found.
         """
-        tasks, exact = self._tasks, self._checks.exact
-        errors = () if path is None else largest_errors(self._checks.pepper, path, tasks)
+        tasks, checks, ended = self._request.constraints, self._request.checks, self._request.ended
+        errors = () if path is None else largest_errors(checks.pepper, path, tasks)
         if path is None or not _keeps(tasks, errors):
             message = NO_SPLINE + narrowest(self._problem, found)
-            return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**said, "costs": ()})
-        curve = as_cubic_path(self._checks.pepper, path)
-        words = _words(tasks, path, errors) + relaxation_sentence(self._problem, curve, margin)
-        return ended.solved(exact, path, words, curve, constraint_errors=errors, **said)
+            return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**more, "costs": ()})
+        curve = as_cubic_path(checks.pepper, path)
+        words = _words(tasks, path, errors)
+        words += relaxation_sentence(self._problem, curve, self._request.options.margin)
+        return ended.solved(checks.exact, path, words, curve, constraint_errors=errors, **more)
 
 
 def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:

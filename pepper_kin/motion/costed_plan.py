@@ -15,16 +15,14 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import checks_for
-from pepper_kin.motion.driving import refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of, goal_with_loads, load_code_for
-from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
+from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
-from pepper_kin.motion.pipeline import way_along
-from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import PathProblem, checked_start
-from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.motion.path_search import PathSearch
+from pepper_kin.motion.plan_request import PlanOptions, plan_request, refuse_what_cannot_drive
+from pepper_kin.motion.plan_result import Plan, PlanStatus
+from pepper_kin.motion.problem import PathProblem
 from pepper_kin.motion.waypoints import way_through
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -73,12 +71,11 @@ def plan_costed(
         scene: The world around the robot.
         costs: Expressions (`PathCost`), and tasks with a finite tolerance, whose price is the square of the
             error in tolerances.
-        joints: Joints that may move: names of joints and groups. None: those in which start and goals
-            differ; give more where others can lower the cost.
-        margin: Distance that is kept to the scene and to the robot itself [m]; less where start or goal are
-            nearer than that, or where no path keeps it.
-        least_margin: As of `plan`.
-        seed: Seed of all random choices.
+        joints: As of `plan`; give more than those in which start and goals differ where others can lower
+            the cost.
+        margin: As of `plan` [m].
+        least_margin: As of `plan` [m].
+        seed: As of `plan`.
         timeout: Time budget [s].
         balance: As of `plan`.
         payload: As of `plan`.
@@ -91,35 +88,46 @@ def plan_costed(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
-    priced = PathCosts.of(pepper, costs)
+    options = PlanOptions(
+        costs=costs, joints=joints, margin=margin, least_margin=least_margin, seed=seed, timeout=timeout,
+        balance=balance, payload=payload,
+    )  # fmt: skip
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
-    q_start = checked_start(pepper, start, margin, timeout)
-    margins = margin, checked_least(margin, least_margin)
-    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
-    goal = goal_with_loads(pepper, goal, checks.statics.carrying)
-    load_code_for(checks, goal, "costs")
-    begin = time.perf_counter()
-    ended = Ending(pepper, begin, seed, PLANNER, margin)
-    ends = ends_of(ended, checks, q_start, goal, joints, margins, begin + timeout)
+    return costed_path(pepper, start, goal, scene, options)
+
+
+def costed_path(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    options: PlanOptions,
+) -> Plan:
+    """Return what `plan_costed` does, from a start [rad or m], shape (n,), to a goal."""
+    request = plan_request(pepper, start, goal, scene, options)
+    checks, ended, costs = request.checks, request.ended, request.costs
+    assert costs is not None
+    ends = ends_of(request)
     if isinstance(ends, Plan):
         return ends
-    ik, states = ends.ik, 0
-    for problem, share in falling_problems(checks, q_start, ends.goals, ends.free, margins, kept=ends.kept):
-        found = _Search(problem, priced, seed, (begin + share * timeout, begin + timeout))
-        states += found.states_checked
-        if found.first is not None:
+    states = 0
+    for problem, share in falling_problems(checks, ends, options.margins):
+        deadlines = ended.begin + share * options.timeout, request.deadline
+        search = _CheapSearch(problem, costs, request.seed, deadlines)
+        states += search.states_checked
+        if search.first is not None:
             break
-    said: dict[str, Any] = {"ik": ik, "states_checked": states}
-    if found.first is None:
-        whole = replace(found.result, states_checked=states, time=time.perf_counter() - begin)
-        return ended(*why_no_path(problem, whole, seed), **said)
-    path, figures, before = found.cheapest()
+    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states}
+    if search.first is None:
+        whole = replace(search.result, states_checked=states, time=time.perf_counter() - ended.begin)
+        return ended(*why_no_path(problem, whole, request.seed), **more)
+    path, figures, before = search.cheapest()
     if path is None or figures is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, found.first), **said)
-    said["costs"] = priced.said(figures, before)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, search.first), **more)
+    more["costs"] = costs.along(figures, before)
     curve = as_cubic_path(pepper, path)
-    message = words(path, figures, before) + relaxation_sentence(problem, curve, margin)
-    return ended.solved(checks.exact, path, message, curve, **said)
+    message = words(path, figures, before) + relaxation_sentence(problem, curve, options.margin)
+    return ended.solved(checks.exact, path, message, curve, **more)
 
 
 def words(path: Array, found: Figures, before: Figures | None) -> str:
@@ -131,7 +139,7 @@ def words(path: Array, found: Figures, before: Figures | None) -> str:
     return f"{text}, without regard to them {before.integrals.sum():.3g} m on a way {shorter:.0f} % shorter."
 
 
-class _Search:
+class _CheapSearch:
     """Paths of one problem, from the first that is found to the cheapest.
 
     Attributes:
@@ -165,7 +173,7 @@ class _Search:
         """
         problem, first = self._problem, self.first
         assert first is not None
-        way = way_along(problem, first, seed=self._seed, timeout=self._left)
+        way = PathSearch(problem, self._seed, self._left).along(first)
         plain = None if way is None else way.points
         before = None if plain is None else self._figures(plain)
         lowered = [self._descended(path, FIRST_STEPS) for path in self._paths(first)]

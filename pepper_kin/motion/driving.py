@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.wheels import BASE_JOINTS, Wheels
+from pepper_kin.model.wheels import Wheels
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
-from pepper_kin.motion.pipeline import way_along
-from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, PathProblem
+from pepper_kin.motion.path_search import PathSearch
+from pepper_kin.motion.plan_request import PlanRequest, base_places
+from pepper_kin.motion.plan_result import Plan, PlanStatus
+from pepper_kin.motion.problem import COARSE, Ends, PathProblem
 from pepper_kin.planners.smooth import power_basis
 from pepper_kin.trajectory.path import CubicPath
 
@@ -37,65 +36,25 @@ _NO_LEGS = "No goal can be driven to with the body held as at an end or in a nam
 _NO_SPLINE = "A path was found, but no spline along it keeps clear."
 
 
-_Said: TypeAlias = Callable[[], tuple[PlanStatus, str]]
-"""What is to be said of a search; looking for what was in its way takes longer than many searches."""
-_Curve: TypeAlias = tuple[CubicPath | None, int, _Said]
+_Outcome: TypeAlias = Callable[[], tuple[PlanStatus, str]]
+"""Status and message of a search, on request: to find what was in its way takes longer than many searches."""
+_Curve: TypeAlias = tuple[CubicPath | None, int, _Outcome]
 
 
-@kept_for_robot(most=64)
-def base_places(pepper: PepperModel) -> NDArray[np.int64]:
-    """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
-    if pepper.wheels is None or not pepper.wheels.differential:
-        return np.empty(0, np.int64)
-    places = np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
-    places.setflags(write=False)
-    return places
-
-
-def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
-    """Return whether the base of a robot that goes where it points is among joints, shape (k,), that move."""
-    base = base_places(pepper)
-    return bool(base.size and np.isin(base, free).any())
-
-
-def refuse_what_cannot_drive(
-    pepper: PepperModel, joints: str | Sequence[str] | None, planner: str, constrained: bool
-) -> None:
-    """Refuse options that would let a differential base go sideways.
-
-    Raises:
-        InvalidValueError: for constraints or another planner while the base may move.
-    """
-    if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
-        return
-    if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
-        what = "constraints or costs" if constrained else "planner"
-        raise InvalidValueError(
-            what, "given, while the differential base may move", f"joints= without {', '.join(BASE_JOINTS)}"
-        )
-
-
-def plan_drive(
-    ended: Ending, checks: Checks, start: Array, goals: Array, free: NDArray[np.int64],
-    margins: tuple[float, float], deadline: float,
-) -> Plan:  # fmt: skip
+def plan_drive(request: PlanRequest, ends: Ends) -> Plan:
     """Plan to goals that the base has to drive to: with the body held, which moves before, after, or both.
 
     It is held as at the start, as at the goal, at zero, or in a posture that the robot has a name for, the
     first of these that is free at both ends and all along the drive.
 
     Args:
-        ended: Makes the plan.
-        checks: The robot in its scene.
-        start: Start configuration, shape (n,).
-        goals: Goals that are valid, shape (m, n), the best first.
-        free: Places of the joints that move, shape (k,).
-        margins: Distance requested, and to be kept from the scene [m].
-        deadline: On the clock of `time.perf_counter` [s].
+        request: What was asked for.
+        ends: Where it starts, and goals that are valid, the best first.
     """
+    checks, ended, start, free = request.checks, request.ended, ends.start, ends.free
     base, checked = base_places(checks.pepper), 0
     longest, why, reason = 0, None, ""
-    for goal in goals:
+    for goal in ends.goals:
         bodies = _held(checks, start, goal, base, free)
         for way, body in enumerate(bodies):
             legs = _legs(start, goal, base, body)
@@ -107,21 +66,20 @@ def plan_drive(
             shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
             gave = ""
             for begin, end in legs:
-                left = deadline - time.perf_counter()
+                left = request.deadline - time.perf_counter()
                 left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time as well
-                leg = _Leg(checks, begin + shift, end + shift, base, free, margins, ended.seed)
-                curve, states, said = leg.curve(left)
+                curve, states, outcome = _Leg(request, begin + shift, end + shift, base, free).curve(left)
                 checked += states
                 if curve is None:
-                    longest, why = (states, said) if states >= longest else (longest, why)
+                    longest, why = (states, outcome) if states >= longest else (longest, why)
                     break
                 curves.append(curve)
-                gave = gave or said()[1]
+                gave = gave or outcome()[1]
                 shift[base[2]] += (_end(curve) - end - shift)[base[2]]
             if len(curves) == len(legs):
                 path = _in_turn(curves)
                 points = np.vstack([path.coefficients[:, 0], _end(path)])
-                words = f"Drive of {_length(path, base):.2f} m{_said(legs, base)}.{gave}"
+                words = f"Drive of {_length(path, base):.2f} m{_leg_words(legs, base)}.{gave}"
                 return ended.solved(checks.exact, points, words, curve=path, states_checked=checked)
     status, message = (PlanStatus.NO_PATH_IN_TIME, _NO_LEGS + reason) if why is None else why()
     return ended(status, message, states_checked=checked)
@@ -173,7 +131,7 @@ def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> li
     return [(a, b) for a, b in legs if np.abs(a - b).max() > _SAME]
 
 
-def _said(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
+def _leg_words(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
     """Return what ends of legs, shape (n,) each, say of the body; base: places of its joints, shape (3,)."""
     if len(legs) == 1:
         return " with the body held"
@@ -197,57 +155,55 @@ def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
 class _Leg(NamedTuple):
     """A drive with the body held, or a motion of the body with the base held; as `plan_drive` says."""
 
-    checks: Checks
+    request: PlanRequest
     begin: Array
     end: Array
     base: NDArray[np.int64]
     free: NDArray[np.int64]
-    margins: tuple[float, float]
-    seed: int
 
     def curve(self, timeout: float) -> _Curve:
-        """Return the curve, or None; the number of states asked about; and what is to be said of it."""
+        """Return the curve, or None; the number of states asked about; and status and message, on request."""
         drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
         began, states = time.perf_counter(), 0
-        goal = self.end[None]
-        for problem, share in falling_problems(self.checks, self.begin, goal, moving, self.margins, COARSE):
+        margins, ends = self.request.options.margins, Ends(self.begin, self.end[None], moving)
+        for problem, share in falling_problems(self.request.checks, ends, margins, COARSE):
             left = max(share * timeout - (time.perf_counter() - began), 1e-3)
-            curve, checked, said = self._driven(problem, left) if drives else self._moved(problem, left)
+            curve, checked, outcome = self._driven(problem, left) if drives else self._moved(problem, left)
             states += checked
             if curve is not None:
-                return curve, states, partial(_solved, relaxation_sentence(problem, curve, self.margins[0]))
-        return None, states, said
+                return curve, states, partial(_solved, relaxation_sentence(problem, curve, margins[0]))
+        return None, states, outcome
 
     def _moved(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the body's motion with the base held."""
         problem = problem.finer()
-        result = planners.rrt_connect(problem.search_problem, seed=self.seed, timeout=timeout)
+        result = planners.rrt_connect(problem.search_problem, seed=self.request.seed, timeout=timeout)
         if result.path is None:
-            return None, result.states_checked, partial(why_no_path, problem, result, self.seed)
-        way = way_along(problem, result.path, seed=self.seed, timeout=timeout)
+            return None, result.states_checked, partial(why_no_path, problem, result, self.request.seed)
+        way = PathSearch(problem, self.request.seed, timeout).along(result.path)
         if way is None:
             return None, result.states_checked, partial(_no_spline, problem, result.path)
         return way.curve, result.states_checked, _solved
 
     def _driven(self, problem: PathProblem, timeout: float) -> _Curve:
         """Return the base's drive with the body held."""
-        wheels, checked = self.checks.pepper.wheels, 0
+        wheels, checked = self.request.checks.pepper.wheels, 0
         assert wheels is not None
         for closer in (problem, problem.finer()):
             found = planners.car_connect(
                 closer.search_problem, _WIDER * wheels.turning_radius, backward=wheels.backward,
-                seed=self.seed, timeout=timeout,
+                seed=self.request.seed, timeout=timeout,
             )  # fmt: skip
             checked += found.states_checked
             if found.curve is None:
-                return None, checked, partial(why_no_path, closer, found, self.seed)
+                return None, checked, partial(why_no_path, closer, found, self.request.seed)
             for spacing in SPACINGS:
                 curve = _driven(closer, found.curve, wheels, spacing)
                 if closer.is_clear(curve, closer.relaxed_margins):
                     return curve, checked, _solved
-            said = partial(_no_spline, closer, found.curve)
-        return None, checked, said
+            outcome = partial(_no_spline, closer, found.curve)
+        return None, checked, outcome
 
 
 def _solved(words: str = "") -> tuple[PlanStatus, str]:

@@ -1,11 +1,19 @@
-"""Goals of a motion: configurations that meet tasks, touch nothing and can be held, in machine code."""
+"""Goals of a motion that are given as tasks: configurations that meet them, touch nothing and can be held.
+
+Tasks are solved from many starts, and the solutions examined together, in machine code; `TaskGoalSearch`
+provides its arrays, which are kept for the next search, and goes farther away where no goal is near.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.collision.curve_check import MotionCheck, _check_states, _held, blocked, kept_margins
@@ -23,9 +31,20 @@ from pepper_kin.core.inverse_kinematics.search import (
     SearchOptions,
     TaskTables,
 )
+from pepper_kin.frozen_arrays import read_only
+from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
+from pepper_kin.ik.certificate import CertificateInputs
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.fast.compiled_tasks import CompiledTasks, SearchBuffers, compiled_tasks
+from pepper_kin.ik.fast.search import STATUSES, search_compiled
+from pepper_kin.ik.priorities import equally_weighted, is_ordered
+from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
-from pepper_kin.planners.sampling import uniform
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.sampling import stream_key, uniform
 
 GOALS = 4
 """Solutions that are kept at most."""
@@ -42,6 +61,23 @@ decides it."""
 
 APART = 0.1
 """Solutions that differ by less than this in every joint count as one [rad or m]."""
+
+ROUNDS = (48, 160, 512)
+"""Starts of one round after the other, where starts near q0 lead to no goal."""
+
+ROUND_FOR_LESS = 0
+"""From this round on a solution nearer to something than the margin will do."""
+
+ROUND_FOR_CARE = 2
+"""Before this round a way clear of collisions is looked for, which is slow."""
+
+CAREFUL_STARTS = 2
+"""Further starts of a search that keeps clear all the way, which is slow."""
+
+NEAR_RESTARTS, STEPS = 32, 150
+"""Further starts of the search from q0, and steps from each start."""
+
+_STREAM = 17  # of the numbers that postures are drawn from
 
 # How a call ends.
 FOUND, NONE, START_AT_FAULT, UNSOLVED, STOPPED = range(5)
@@ -372,3 +408,200 @@ def take_known(search: GoalSearch) -> int:
     search.order[0] = 0
     _examine(search, 1)
     return _ended(search) if search.counts[GOAL_COUNT] > 0 else take_spare(search)
+
+
+class TaskGoals(NamedTuple):
+    """Configurations that meet tasks.
+
+    Attributes:
+        goals: The best first, shape (m, n), m of 1 to 4.
+        ik: The result of inverse kinematics for the first.
+        kept: What `Checks.margins` returns for them and the start [m].
+    """
+
+    goals: Array
+    ik: IKResult
+    kept: tuple[float, float]
+
+
+_Kept: TypeAlias = tuple[SearchBuffers, tuple[NDArray[Any], ...]]
+_spare: WeakKeyDictionary[CompiledTasks, list[_Kept]] = WeakKeyDictionary()
+"""Arrays that a search has left to the next one of the same tasks: buffers, and those of a `GoalSearch`."""
+
+
+def _arrays_of(ready: CompiledTasks) -> _Kept:
+    """Return arrays to use; append them to `_spare` afterwards."""
+    try:
+        return _spare.setdefault(ready, []).pop()
+    except IndexError:
+        buffers, most = ready.buffers(), 1 + max(ROUNDS)
+        n, size = ready.tables.effort.size, buffers.answer.size
+        return buffers, (
+            np.empty((BLOCK, ready.width)), np.empty((BLOCK, size)), np.empty((most, n)), np.empty(most),
+            np.empty(most, np.int64), np.empty((BLOCK, n)), np.empty((1 + GOALS, n)), np.empty((GOALS, n)),
+            np.empty(2), np.empty(5, np.int64),
+        )  # fmt: skip
+
+
+def load_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> None:
+    """Load, or compile, what `clear_goals` runs for tasks of the fast solver, groups taken apart."""
+    compiled_tasks(pepper, equally_weighted(tuple(tasks)))
+    load_code(search_nearby, search_anywhere, take_known, take_spare)
+
+
+def clear_goals(
+    checks: Checks,
+    start: Array,
+    tasks: Sequence[Task | TaskGroup],
+    joints: str | Sequence[str] | None,
+    margin: float,
+    seed: int,
+    timeout: float,
+) -> TaskGoals | None:
+    """Return solutions of tasks that touch nothing and can be held; None where none was found this way.
+
+    Solutions from starts ever farther away are examined together.  Those with the margin to the scene are
+    preferred to nearer ones without.
+
+    Args:
+        checks: The robot in its scene.
+        start: Where the motion starts, shape (n,).
+        tasks: Tasks of classes that the fast solver has code for.
+        joints: Joints that may move: joints and groups; None for all.
+        margin: Distance to the scene that is preferred [m].
+        seed: Draws the starts.
+        timeout: Time budget [s]; it is looked at between rounds.
+
+    Returns:
+        The goals; None as well where the start touches something or cannot be held.
+    """
+    parts = tuple(flatten_tasks(checks.pepper, tasks))
+    movable = None if joints is None else movable_joints(checks.pepper, joints)
+    return TaskGoalSearch(checks, start, parts, movable, margin, seed, timeout).goals()
+
+
+class TaskGoalSearch:
+    """Solutions of tasks from many starts, examined together; see `clear_goals`.
+
+    Args:
+        checks: The robot in its scene.
+        start: Where the motion starts [rad or m], shape (n,).
+        parts: Tasks of classes that the fast solver has code for.
+        movable: Which joints may move, shape (n,); None for all.
+        margin: Distance to the scene that is preferred [m].
+        seed: Draws the starts.
+        timeout: Time budget [s].
+    """
+
+    def __init__(
+        self,
+        checks: Checks,
+        start: Array,
+        parts: tuple[Task, ...],
+        movable: NDArray[np.bool_] | None,
+        margin: float,
+        seed: int,
+        timeout: float,
+    ) -> None:
+        self._checks, self._start, self._parts, self._movable = checks, start, parts, movable
+        self._tasks, self._margin, self._seed = equally_weighted(parts), margin, seed
+        self._timeout = timeout
+
+    def goals(self) -> TaskGoals | None:
+        """Return the goals, if there are some."""
+        ready = compiled_tasks(self._checks.pepper, self._tasks)
+        kept = _arrays_of(ready)
+        search = self._search(ready, *kept)
+        status = self._checks.run(search_nearby, search, False)
+        if status == UNSOLVED and is_ordered(self._parts) and not self._timed_out(search):
+            status = self._in_order(search)
+        round_ = 0
+        while status not in (FOUND, START_AT_FAULT, UNSOLVED, STOPPED) and round_ < len(ROUNDS):
+            if time.perf_counter() > self._deadline:
+                break
+            status = self._widened(search, round_)
+            round_ += 1
+        if status == STOPPED:
+            ready.check(kept[0])
+        result = self._result(search) if status == FOUND else None
+        _spare[ready].append(kept)
+        return result
+
+    def _search(
+        self, ready: CompiledTasks, buffers: SearchBuffers, arrays: tuple[NDArray[Any], ...]
+    ) -> GoalSearch:
+        """Return what compiled functions take, and start the clock; arrays: shapes as from `inputs` on."""
+        row, n = arrays[0][0], self._start.size
+        row[:n] = self._start
+        finite = ready.read(self._tasks, row, buffers.tolerance)
+        further = buffers.options(
+            SearchBudget(self._seed, 0, STEPS, np.inf, thorough=False), finite, ready.tables.task_joints
+        )
+        check, _ = self._checks.of_configurations(), search_nearby.native
+        # Code is loaded by now, and perhaps compiled: that is not searching.
+        self._begin = time.perf_counter()
+        self._deadline = self._begin + self._timeout
+        first = SearchOptions(
+            further.tolerance, further.first, further.advance, NEAR_RESTARTS, STEPS, False, finite,
+            further.clock, self._deadline, further.signals,
+        )  # fmt: skip
+        bounds = ready.bounds if self._movable is None else ready.bounds_of(self._movable)
+        search = GoalSearch(
+            ready.tables, bounds, first, further, check, self._margin, LEAST_MARGIN, *arrays
+        )  # fmt: skip
+        search.ends[0] = self._start
+        return search
+
+    def _timed_out(self, search: GoalSearch) -> bool:
+        status = search.answers[0, search.answers.shape[1] - EXTRA + STATUS]
+        return STATUSES[int(status)] is IKStatus.TIMED_OUT
+
+    def _in_order(self, search: GoalSearch) -> int:
+        """Go on from what `solve` finds where tasks yield to others; return as `search_nearby`."""
+        checks, timeout = self._checks, max(self._deadline - time.perf_counter(), 1e-3)
+        joints = None
+        if self._movable is not None:
+            joints = [checks.pepper.joint_names[k] for k in np.flatnonzero(self._movable)]
+        found = solve(
+            checks.pepper, self._parts, self._start, collisions=False, seed=self._seed, joints=joints,
+            timeout=timeout,
+        )  # fmt: skip
+        if not found.success:
+            return UNSOLVED
+        search.found[0] = found.q
+        return int(checks.run(search_nearby, search, True))
+
+    def _widened(self, search: GoalSearch, number: int) -> int:
+        """Look farther away, in one of the rounds; return as `search_nearby`."""
+        if number == ROUND_FOR_CARE:
+            status = self._carefully(search)
+            if status == FOUND:
+                return status
+        key, near = stream_key(self._seed, _STREAM + number), number >= ROUND_FOR_LESS
+        return int(self._checks.run(search_anywhere, search, key, ROUNDS[number], near))
+
+    def _carefully(self, search: GoalSearch) -> int:
+        """Look for a goal that is come to along a way clear of collisions."""
+        pepper, checks = self._checks.pepper, self._checks
+        budget = SearchBudget(self._seed, CAREFUL_STARTS, STEPS, self._deadline)
+        collisions = Collisions(pepper, checks.exact.scene)
+        found = search_compiled(pepper, self._tasks, self._start, self._movable, budget, collisions)
+        search.counts[SPENT] += found.restarts
+        if found.status is not IKStatus.SOLVED:
+            return int(checks.run(take_spare, search))
+        search.found[0], search.order[0] = found.q, 0
+        return int(checks.run(take_known, search))
+
+    def _result(self, search: GoalSearch) -> TaskGoals:
+        """Return the goals that were found."""
+        count, checks, counts = int(search.counts[GOAL_COUNT]), self._checks, search.counts.tolist()
+        goals = search.ends[1 : 1 + count].copy()
+        q = read_only(goals[0].copy())
+        inputs = CertificateInputs(
+            checks.pepper, self._parts, self._start, self._movable, checks.exact.scene, q
+        )
+        ik = IKResult(
+            IKStatus.SOLVED, q, counts[STEPS_TAKEN], counts[RESTARTED] + counts[SPENT],
+            time.perf_counter() - self._begin, "fast", seed=self._seed, evidence=inputs.certificate,
+        )  # fmt: skip
+        return TaskGoals(goals, ik, (float(search.kept[0]), float(search.kept[1])))

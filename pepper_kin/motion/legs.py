@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,8 +19,8 @@ from pepper_kin.ik import Task, TaskGroup, solutions
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import shown
 from pepper_kin.motion.constraints import as_constraints, with_constraints
-from pepper_kin.motion.goals import are_tasks
 from pepper_kin.motion.path_costs import PathCost
+from pepper_kin.motion.plan_request import PlanOptions, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 from pepper_kin.motion.problem import checked_start
@@ -200,11 +200,10 @@ def plan_legs(
         start: Start configuration [rad or m], shape (n,), which meets the constraints of the first leg.
         legs: What to do, one after the other.
         scene: The world around the robot, until a leg changes it.
-        joints: Joints that may move: names of joints and groups. None: those in which the ends of a leg
-            differ.
-        margin: Distance requested to the scene and to the robot itself [m].
-        least_margin: As of `plan`, for all legs.
-        seed: Seed of all random choices.
+        joints: As of `plan`, for legs that name none.
+        margin: As of `plan`, for all legs [m].
+        least_margin: As of `plan`, for all legs [m].
+        seed: As of `plan`.
         timeout: Time budget [s], shared by the legs.
         balance: As of `plan`, for all legs.
         payload: As of `plan`, for all legs.
@@ -220,10 +219,10 @@ def plan_legs(
     legs = _checked(legs)
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
-    search = _Search(
-        pepper, legs, kept, joints, begin + timeout,
-        {"margin": margin, "least_margin": least_margin, "balance": balance, "payload": payload},
-    )  # fmt: skip
+    options = PlanOptions(
+        joints=joints, margin=margin, least_margin=least_margin, balance=balance, payload=payload
+    )
+    search = _LegSearch(pepper, legs, kept, begin + timeout, options)
     best: list[tuple[Plan, Scene]] = []
     for attempt in range(ATTEMPTS):
         found = search.attempt(
@@ -238,24 +237,22 @@ def plan_legs(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _LegSearch:
     """A search through all legs.
 
     Attributes:
         pepper: The robot.
         legs: What to do.
         kept: The constraints of each leg.
-        joints: Joints that may move on legs that name none.
         deadline: When planning has to end, on the clock of `time.perf_counter` [s].
-        options: Of `plan`, the same for all legs.
+        options: The same for all legs; `joints` where a leg names none.
     """
 
     pepper: PepperModel
     legs: list[Leg]
     kept: list[tuple[Task, ...]]
-    joints: str | Sequence[str] | None
     deadline: float
-    options: dict[str, Any]
+    options: PlanOptions
 
     def attempt(self, start: Array, scene: Scene, seed: int, select: bool) -> list[tuple[Plan, Scene]]:
         """Return the plan and the world of each leg up to the first that fails.
@@ -271,11 +268,12 @@ class _Search:
         for k, leg in enumerate(self.legs):
             world = _scene_of(leg, k, world, q)
             left = self.deadline - time.perf_counter()
-            one = plan(
-                self.pepper, q, self._goal_of(k, q, world, seed, select), world, joints=self._joints_of(leg),
-                constraints=self.kept[k] or None, costs=leg.costs if len(leg.costs) else None,
-                seed=seed, timeout=max(left / (count - k), 0.01), **self.options,
+            options = replace(
+                self.options, joints=self._joints_of(leg), constraints=self.kept[k] or None,
+                costs=leg.costs if len(leg.costs) else None, seed=seed, timeout=max(left / (count - k), 0.01),
             )  # fmt: skip
+            goal = self._goal_of(k, q, world, seed, select)
+            one = plan(self.pepper, q, goal, world, **options.keywords())
             found.append((one, world))
             if one.goal is None:
                 break
@@ -283,7 +281,7 @@ class _Search:
         return found
 
     def _joints_of(self, leg: Leg) -> str | Sequence[str] | None:
-        return self.joints if leg.joints is None else leg.joints
+        return self.options.joints if leg.joints is None else leg.joints
 
     def _goal_of(self, k: int, q: Array, world: Scene, seed: int, select: bool) -> Any:
         """Return the goal of leg k, which begins at q [rad or m], shape (n,).
@@ -302,11 +300,11 @@ class _Search:
         goal = with_constraints(leg.goal, [task for task in more if task not in self.kept[k]])
         if not (select and are_tasks(goal)) or k + 1 == len(self.legs) or self.legs[k + 1].scene is None:
             return goal
-        asked = with_constraints(goal, self.kept[k])
-        for margin in dict.fromkeys((self.options["margin"], self.options["least_margin"])):
+        tasks = with_constraints(goal, self.kept[k])
+        for margin in dict.fromkeys(self.options.margins):
             try:
                 solved = solutions(
-                    self.pepper, asked, q, count=_SOLUTIONS, scene=world, margin=margin, seed=seed,
+                    self.pepper, tasks, q, count=_SOLUTIONS, scene=world, margin=margin, seed=seed,
                     joints=self._joints_of(leg),
                 )  # fmt: skip
             except InvalidValueError:  # tasks that the fast solver has no code for
@@ -318,8 +316,8 @@ class _Search:
 
     def _can_begin(self, k: int, world: Scene, q: Array) -> bool:
         """Return whether leg k can begin at q [rad or m], shape (n,), in the world before its change."""
-        scene, balance = _scene_of(self.legs[k], k, world, q), self.options["balance"]
-        carried = loads_of(self.pepper, scene, self.options["payload"])
+        scene, balance = _scene_of(self.legs[k], k, world, q), self.options.balance
+        carried = loads_of(self.pepper, scene, self.options.payload)
         held = StaticLimits(self.pepper, checked_balance(self.pepper, balance), carried).hold(q[None])
         return bool(held[0]) and not bool(in_collision(self.pepper, q, scene))
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
@@ -20,6 +19,7 @@ from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, hull_of
 from pepper_kin.motion.problem import (
     RESOLUTION,
+    Ends,
     PathProblem,
     checked_margin,
     held_by,
@@ -53,23 +53,20 @@ def checked_least(margin: float, least: float) -> float:
 
 
 def falling_problems(
-    checks: Checks, start: Array, goals: Array, free: NDArray[np.int64], margins: tuple[float, float],
-    resolution: float = RESOLUTION, kept: tuple[float, float] | None = None,
-) -> Iterator[tuple[PathProblem, float]]:  # fmt: skip
+    checks: Checks, ends: Ends, margins: tuple[float, float], resolution: float = RESOLUTION
+) -> Iterator[tuple[PathProblem, float]]:
     """Yield the problem at margins that fall, and the share of the time at which the search of each ends.
 
     Margins that make no difference, since start or goal do not keep them, are left out.
 
     Args:
         checks: The robot in its scene.
-        start: Start configuration, shape (n,).
-        goals: Goal configurations, shape (m, n).
-        free: Places of the joints that move, shape (k,).
+        ends: Start and goals, with what they keep of the margin requested.
         margins: The margin requested, and what must be kept [m].
         resolution: See `path_problem`.
-        kept: See there, at the margin requested.
     """
     margin, least = margins
+    start, goals, free, _, kept = ends
     last = max(least, min(margin, LEAST_SEARCHED))
     before = path_problem(checks, start, goals, free, margin, resolution, least, kept)
     if max(before.margins) <= last:
@@ -77,9 +74,9 @@ def falling_problems(
         return
     yield before, FIRST_SHARE
     smaller = [*(share * margin for share in _SMALLER if share * margin > last), last]
-    for number, asked in enumerate(smaller, start=1):
+    for number, margin in enumerate(smaller, start=1):
         problem = replace(
-            path_problem(checks, start, goals, free, asked, resolution, least), margins_relaxed=True
+            path_problem(checks, start, goals, free, margin, resolution, least), margins_relaxed=True
         )
         if problem.margins != before.margins or number == len(smaller):
             yield problem, FIRST_SHARE + (1.0 - FIRST_SHARE) * number / len(smaller)

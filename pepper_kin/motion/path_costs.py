@@ -211,7 +211,7 @@ class PathCosts:
         highest = np.maximum(prices.max(axis=0), ends.max(axis=0))
         return Figures(length, integrals, integrals / length, highest)
 
-    def said(self, found: Figures, before: Figures | None) -> tuple[CostAlong, ...]:
+    def along(self, found: Figures, before: Figures | None) -> tuple[CostAlong, ...]:
         """Return what a plan states.
 
         Args:

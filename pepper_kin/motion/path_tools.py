@@ -17,14 +17,15 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
-from pepper_kin.motion.driving import moves_base
 from pepper_kin.motion.goals import STAYS, free_joints
 from pepper_kin.motion.margins import narrowest
-from pepper_kin.motion.pipeline import way_along
+from pepper_kin.motion.path_search import PathSearch, run
+from pepper_kin.motion.plan_request import moves_base
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, checked_margin, checked_timeout, path_problem
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
+from pepper_kin.planners.deadline import load_code
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
 
@@ -78,6 +79,7 @@ def simplify_path(
         checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
         checked_path(pepper, path),
     )
+    load_code(run)
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)
     if not found.success:
@@ -93,7 +95,7 @@ def simplify_path(
     kept = _margin_of(checks, points, dense_states(pepper, scene, points, RESOLUTION).positions, free, margin)
     problem = path_problem(checks, points[0], points[1:], free, kept)
     line = planners.Path(points[:, free], problem.metric.weights)
-    way = way_along(problem, line, seed=seed, timeout=timeout)
+    way = PathSearch(problem, seed, timeout).along(line)
     if way is None:
         message = f"The path is valid, but no spline along it was found that is.{narrowest(problem, line)}"
         return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)

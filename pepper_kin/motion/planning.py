@@ -5,31 +5,32 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pepper_kin import planners
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks, checks_for
-from pepper_kin.motion.constrained_plan import plan_constrained
-from pepper_kin.motion.costed_plan import plan_costed
-from pepper_kin.motion.driving import moves_base, plan_drive, refuse_what_cannot_drive
-from pepper_kin.motion.goals import ends_of, goal_with_loads, load_code_for
-from pepper_kin.motion.margins import checked_least, falling_problems, narrowest, relaxation_sentence
+from pepper_kin.motion.constrained_plan import constrained_path
+from pepper_kin.motion.costed_plan import costed_path
+from pepper_kin.motion.driving import plan_drive
+from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
-from pepper_kin.motion.pipeline import Pipeline, compared, way_along
-from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, RESOLUTION, PathProblem, checked_start
+from pepper_kin.motion.path_search import PathSearch, compared
+from pepper_kin.motion.plan_request import (
+    PlanOptions,
+    moves_base,
+    plan_request,
+    refuse_what_cannot_drive,
+)
+from pepper_kin.motion.plan_result import Plan, PlanStatus
+from pepper_kin.motion.problem import COARSE, RESOLUTION
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
-from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.motion.waypoints import Way
-from pepper_kin.planners.vectors import seed_number
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -102,107 +103,71 @@ def plan(
     """
     if smooth:
         refuse_costs(costs)
-    found = _planned(
-        pepper, start, goal, scene, planner=planner, joints=joints, constraints=constraints, costs=costs,
-        margin=margin, least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance,
-        payload=payload,
-    )  # fmt: skip
-    if not smooth:
-        return found
-    return smoothed(
-        pepper, found, scene, constraints, margins=(margin, least_margin), timeout=timeout, balance=balance,
-        payload=payload,
-    )  # fmt: skip
-
-
-def _planned(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    *,
-    planner: str,
-    joints: str | Sequence[str] | None,
-    constraints: Sequence[Task | TaskGroup] | None,
-    costs: Sequence[PathCost | Task | TaskGroup] | None,
-    margin: float,
-    least_margin: float,
-    seed: int,
-    timeout: float,
-    gap: float | None,
-    balance: float | None,
-    payload: Mapping[str, float] | None,
-) -> Plan:
-    """Return a plan without its timing, from a start [rad or m], shape (n,), to a goal; see `plan`."""
     if not isinstance(pepper, PepperModel):
         raise InvalidValueError("pepper", repr(pepper), "a robot, such as load_pepper() returns")
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)
     _check_gap(planner, gap)
-    seed = seed_number(seed)
-    margins = margin, checked_least(margin, least_margin)
-    common: dict[str, Any] = {"joints": joints, "margin": margin, "least_margin": least_margin, "seed": seed}
-    common |= {"timeout": timeout, "balance": balance, "payload": payload}
-    if constraints is not None:
-        return plan_constrained(pepper, start, goal, scene, constraints, costs=costs, **common)
-    if costs is not None:
-        return plan_costed(pepper, start, goal, scene, costs, **common)
-    statics = static_limits(pepper, balance, payload, scene)
-    goal = goal_with_loads(pepper, goal, statics.carrying)
-    q_start = checked_start(pepper, start, margin, timeout)
-    return _unguided(
-        checks_for(pepper, scene, statics), q_start, goal, joints, margins, (planner, gap, seed, timeout)
-    )
+    options = PlanOptions(
+        planner=planner, joints=joints, constraints=constraints, costs=costs, margin=margin,
+        least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
+        smooth=smooth,
+    )  # fmt: skip
+    search = _free_path if not guided else costed_path if constraints is None else constrained_path
+    found = search(pepper, start, goal, scene, options)
+    return smoothed(pepper, found, scene, options) if smooth else found
 
 
-def _unguided(
-    checks: Checks,
-    q_start: NDArray[np.float64],
+def _free_path(
+    pepper: PepperModel,
+    start: ArrayLike,
     goal: ArrayLike | Sequence[Any],
-    joints: str | Sequence[str] | None,
-    margins: tuple[float, float],
-    how: tuple[str, float | None, int, float],
+    scene: Scene | None,
+    options: PlanOptions,
 ) -> Plan:
-    """Return what `plan` does, without constraints and costs.
+    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`.
 
-    Args:
-        checks: The robot, the scene and what a state has to keep.
-        q_start: Joint positions at the start [rad or m], shape (n,).
-        goal: One configuration, shape (n,), or several, shape (m, n) [rad or m], or IK tasks.
-        joints: Joints that may move, by joints and groups; None for all.
-        margins: Distances to the scene [m]: the first is preferred, the second has to be kept.
-        how: Planner, gap, seed and timeout [s].
+    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
     """
-    planner, gap, seed, timeout = how
-    load_code_for(checks, goal, planner)
-    begin = time.perf_counter()  # code is loaded by now, and perhaps compiled: that is not planning
-    ended = Ending(checks.pepper, begin, seed, planner, margins[0])
-    ends = ends_of(ended, checks, q_start, goal, joints, margins, begin + timeout)
+    request = plan_request(pepper, start, goal, scene, options)
+    checks, ended, planner = request.checks, request.ended, options.planner
+    ends = ends_of(request)
     if isinstance(ends, Plan):
         return ends
-    ik, goals, free = ends.ik, ends.goals, ends.free
-    if moves_base(checks.pepper, free):
-        made = plan_drive(ended, checks, q_start, goals, free, margins, begin + timeout)
-        return made if ik is None else replace(made, ik=ik)
-    coarse = planner == PLANNERS[0]
-    spacing, states = COARSE if coarse else RESOLUTION, 0
-    for problem, share in falling_problems(checks, q_start, goals, free, margins, spacing, ends.kept):
-        end = share if planner in PLANNERS else 1.0  # OMPL's planners take all of the time
-        search = _Search(planner, gap, seed, begin, end * timeout, timeout)
-        result, way = search(problem, ik is not None, coarse)
+    if moves_base(pepper, ends.free):
+        made = plan_drive(request, ends)
+        return made if ends.ik is None else replace(made, ik=ends.ik)
+    own, coarse, compare, states = planner in PLANNERS, planner == PLANNERS[0], ends.ik is not None, 0
+    drives = any(pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
+    at_once = coarse and checks.compiled and not drives
+    for problem, share in falling_problems(checks, ends, options.margins, COARSE if coarse else RESOLUTION):
+        for closer in (False, True) if coarse else (False,):
+            posed, left = problem.finer() if closer else problem, request.left(share if own else 1.0)
+            if at_once:
+                result, way = PathSearch(posed, request.seed, left).searched(compare)
+            else:  # OMPL's planners take all of the time
+                result, way = find_path(
+                    posed.search_problem, planner, seed=request.seed, timeout=left, compare=compare,
+                    gap=options.gap, total=request.left(),
+                ), None  # fmt: skip
+                if result.path is not None:
+                    left = max(request.left(), options.timeout / 20)
+                    way = PathSearch(posed, request.seed, left).along(result.path)
+            if way is not None or result.path is None:
+                break
         states += result.states_checked
-        if way is not None or end == 1.0:
+        if way is not None or not own:
             break
-    said: dict[str, Any] = {"ik": ik, "states_checked": states, "search": result}
+    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
     if result.path is None:
-        whole = replace(result, states_checked=states, time=time.perf_counter() - begin)
-        return ended(*why_no_path(problem, whole, seed), **said)
+        whole = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        return ended(*why_no_path(problem, whole, request.seed), **more)
     if way is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **said)
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += relaxation_sentence(problem, way.curve, margins[0])
-    return ended.solved(checks.exact, way.points, message, way.curve, **said)
+    message += relaxation_sentence(problem, way.curve, options.margin)
+    return ended.solved(checks.exact, way.points, message, way.curve, **more)
 
 
 def _how_short(result: planners.Result) -> str:
@@ -214,58 +179,6 @@ def _how_short(result: planners.Result) -> str:
         f"{result.lower_bound:.4g} [m, in the metric of the search]; "
         f"it ended because {result.stop_reason.value}."
     )
-
-
-class _Search(NamedTuple):
-    """How a path is sought at one margin.
-
-    Attributes:
-        planner: See `plan`.
-        gap: See there.
-        seed: See there.
-        begin: When planning began, on the clock of `time.perf_counter` [s].
-        first: Time after that in which a first path has to be found [s].
-        timeout: Time after that in which it may be improved [s].
-    """
-
-    planner: str
-    gap: float | None
-    seed: int
-    begin: float
-    first: float
-    timeout: float
-
-    def __call__(
-        self, problem: PathProblem, compare: bool, coarse: bool
-    ) -> tuple[planners.Result, Way | None]:
-        """Return what a search found, and the way along it; None where no spline is clear.
-
-        What was searched coarsely is searched again, closely, where its spline turns out to touch something.
-        """
-        left = _left(self.begin, self.first)
-        if self.planner == PLANNERS[0] and problem.checks.compiled and not _drives(problem):
-            result, way = Pipeline(problem, self.seed, left).searched(compare)
-        else:
-            result = find_path(
-                problem.search_problem, self.planner, seed=self.seed, timeout=left, compare=compare,
-                gap=self.gap, total=_left(self.begin, self.timeout),
-            )  # fmt: skip
-            time_left = max(_left(self.begin, self.timeout), self.timeout / 20)
-            path = result.path
-            way = None if path is None else way_along(problem, path, seed=self.seed, timeout=time_left)
-        if way is None and result.path is not None and coarse:
-            return self(problem.finer(), compare, False)
-        return result, way
-
-
-def _drives(problem: PathProblem) -> bool:
-    names = problem.checks.pepper.joint_names
-    return any(names[j] in BASE_JOINTS for j in problem.free.tolist())
-
-
-def _left(begin: float, timeout: float) -> float:
-    """Return what is left of a time budget [s], above zero."""
-    return max(timeout - (time.perf_counter() - begin), 1e-3)
 
 
 def _check_gap(planner: str, gap: float | None) -> None:
@@ -346,6 +259,11 @@ def find_path(
         goal = _to_a_goal(better, first).goal_index
         return replace(first, path=better.path, cost=better.cost, goal_index=goal)
     return compared(problem, first, seed, timeout) if compare else first
+
+
+def _left(begin: float, timeout: float) -> float:
+    """Return what is left of a time budget [s], above zero."""
+    return max(timeout - (time.perf_counter() - begin), 1e-3)
 
 
 def _to_a_goal(better: planners.Result, first: planners.Result) -> planners.Result:

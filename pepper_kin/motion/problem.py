@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
@@ -31,6 +33,24 @@ RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
 COARSE = 0.02
 """The same where the examination of the spline, which is far finer, shows whether that was fine enough."""
 UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
+
+
+class Ends(NamedTuple):
+    """Between what a path leads.
+
+    Attributes:
+        start: Start configuration [rad or m], shape (n,).
+        goals: Goals that it can end at, the best first, shape (m, n).
+        free: Places of the joints that move, rising, shape (k,).
+        ik: The result of inverse kinematics where the goal was given as tasks.
+        kept: What `Checks.margins` returns for them; None where that is not known yet.
+    """
+
+    start: Array
+    goals: Array
+    free: NDArray[np.int64]
+    ik: IKResult | None = None
+    kept: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

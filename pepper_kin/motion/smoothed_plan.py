@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +12,11 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks, checks_for
-from pepper_kin.motion.driving import moves_base as drives
 from pepper_kin.motion.optimization import optimize
 from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.path_costs import PathCost
+from pepper_kin.motion.plan_request import PlanOptions
+from pepper_kin.motion.plan_request import moves_base as drives
 from pepper_kin.motion.plan_result import Plan, along_trajectory
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.trajectory import Trajectory, retime
@@ -36,17 +37,7 @@ def refuse_costs(costs: Sequence[PathCost | Task | TaskGroup] | None) -> None:
         raise InvalidValueError("smooth", True, "False with soft costs: time such a plan with retime()")
 
 
-def smoothed(
-    pepper: PepperModel,
-    plan: Plan,
-    scene: Scene | None,
-    constraints: Sequence[Task | TaskGroup] | None = None,
-    *,
-    margins: tuple[float, float],
-    timeout: float,
-    balance: float | None = None,
-    payload: Mapping[str, float] | None = None,
-) -> Plan:
+def smoothed(pepper: PepperModel, plan: Plan, scene: Scene | None, options: PlanOptions) -> Plan:
     """Return a plan with a trajectory: optimized where that is better than retimed, as `plan(smooth=)` says.
 
     The optimized motion counts only if it keeps what the curve of a plan keeps, all along: half the margin,
@@ -56,45 +47,36 @@ def smoothed(
         pepper: The robot.
         plan: What was planned; one without a curve is returned as it is.
         scene: The world around the robot.
-        constraints: IK tasks that stay met along the motion.
-        margins: Distance requested to all things, and what has to be kept from the scene [m].
-        timeout: Time budget of planning and optimization [s]; at least a twentieth is left to the latter.
-        balance: As in `retime` [m].
-        payload: As in `retime`.
+        options: Those of the plan; at least a twentieth of the time is left to the optimization.
     """
+    balance, payload, timeout = options.balance, options.payload, options.timeout
     if plan.curve is None:
         return plan
     try:
         what = _not_optimized(pepper, plan.curve, balance)
         if what is not None:
             motion = retime(pepper, plan, balance=balance, payload=payload, scene=scene)
-            said = f"It was timed along its own path, in {motion.duration:.3f} s: {what} is not optimized."
-            return replace(plan, trajectory=motion, message=f"{plan.message} {said}")
+            message = f"{plan.message} It was timed along its own path, in {motion.duration:.3f} s: "
+            return replace(plan, trajectory=motion, message=f"{message}{what} is not optimized.")
         if support_polygon(pepper) is None:
             balance = None
         left = max(timeout - plan.time, _LEAST_SHARE * timeout)
         found = optimize(
-            pepper,
-            plan,
-            scene,
-            margin=margins[0],
-            timeout=left,
-            balance=balance,
-            payload=payload,
-            constraints=constraints or (),
-        )
+            pepper, plan, scene, margin=options.margin, timeout=left, balance=balance, payload=payload,
+            constraints=options.constraints or (),
+        )  # fmt: skip
     except InfeasibleError as error:
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
-    said = found.message
+    reason = found.message
     if found.success:
         checks = checks_for(pepper, scene, static_limits(pepper, None, payload, scene))
-        if _keeps_what_plans_keep(checks, found.trajectory, margins):
-            made = along_trajectory(pepper, plan, found.trajectory, scene, margins[0])
-            message = f"{plan.message} Optimized: {said[0].lower()}{said[1:]}"
+        if _keeps_what_plans_keep(checks, found.trajectory, options.margins):
+            made = along_trajectory(pepper, plan, found.trajectory, scene, options.margin)
+            message = f"{plan.message} Optimized: {reason[0].lower()}{reason[1:]}"
             errors, time = found.constraint_errors, plan.time + found.time
             return replace(made, message=message, optimized=found, constraint_errors=errors, time=time)
-        said = "The best found keeps less than half the margin, or cannot be held against gravity."
-    message = f"{plan.message} Timed along its own path, in {found.before.duration:.3f} s: {said}"
+        reason = "The best found keeps less than half the margin, or cannot be held against gravity."
+    message = f"{plan.message} Timed along its own path, in {found.before.duration:.3f} s: {reason}"
     return replace(
         plan, trajectory=found.before, optimized=found, message=message, time=plan.time + found.time
     )

@@ -206,7 +206,7 @@ class StaticLimits:
         """What is held, in words that may be empty."""
         return carried_words(self.carrying)
 
-    def said(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
+    def violation(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
         """Return a sentence on the limit that a posture exceeds most; empty where it can be held.
 
         Args:
@@ -217,16 +217,16 @@ class StaticLimits:
         joint, carried = self.weakest(q), self.carried
         if joint is not None:
             name, unit = self.pepper.joint_names[joint], _UNITS[self.pepper.joint_units[joint]]
-            asked, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
+            needed, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
             most = f"near or over the {_amount(limit)} {unit} it has"
-            return f"The {what} takes {_amount(asked)} {unit} at {name}{carried}, {most}."
+            return f"The {what} takes {_amount(needed)} {unit} at {name}{carried}, {most}."
         if not self.tips(q, margin):
             return ""
-        inside, asked = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
+        inside, requested = 1000 * self.distance_inside(q), 1000 * float(self.balance or 0.0)
         where = f"{inside:.1f} mm inside" if inside >= 0 else f"{-inside:.1f} mm outside"
         return (
             f"The {what} has the center of mass{carried} {where} the edge of the wheels' triangle, "
-            f"and balance asks for {asked:.1f} mm and {1000 * margin:.0f} mm to move with."
+            f"and balance asks for {requested:.1f} mm and {1000 * margin:.0f} mm to move with."
         )
 
     def short_of(self, q: Array) -> str:

@@ -219,7 +219,7 @@ class _Look:
         if holds.all():
             return None
         at = int(np.argmin(holds))
-        sentence = statics.said(q[at], "state", ROOM_ALONG) or "the joints can hardly hold it."
+        sentence = statics.violation(q[at], "state", ROOM_ALONG) or "the joints can hardly hold it."
         sentence = sentence[:1].lower() + sentence[1:]
         joint = statics.weakest(q[at])
         if joint is None and statics.tips(q[at], ROOM_ALONG):

@@ -19,9 +19,8 @@ from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves_base, support_polygon
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits, checked_share, share_of
+from pepper_kin.trajectory.limits import LimitedQuantities, Limits, motion_limits, share_of
 from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
-from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -111,20 +110,12 @@ def active_limits(
     else:
         time = as_finite(np.atleast_1d(as_batch(t, "t", ())), "t", (None,))
     state = trajectory(time)
-    scales = {"velocity_scale": velocity_scale, "acceleration_scale": acceleration_scale}
-    used = [checked_share(name, value) for name, value in scales.items()]
-    effort = pepper.effort_limits * checked_share("torque_scale", torque_scale) if torque else None
     held, distance = loads_of(pepper, scene, payload), checked_balance(pepper, balance)
-    wheels = wheel_limits(pepper) if moves_base(pepper) else None
-    limits = Limits(
-        pepper.velocity_limits * used[0],
-        pepper.acceleration_limits * used[1],
-        effort,
-        None,
-        held,
+    allowed = motion_limits(
+        velocity_scale, acceleration_scale, torque_scale if torque else None, None, held,
         hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
-        None if wheels is None else wheels.scaled(*used),
-    )
+    )  # fmt: skip
+    limits = allowed.of(pepper, pepper.acceleration_limits, drives=moves_base(pepper))
     columns = _shares(pepper, limits, state)
     if jerk is not None:
         rate = share_of(np.abs(trajectory.jerk(time)), jerk_limits(pepper, jerk))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
-from pepper_kin.trajectory.wheels import WheelLimits
+from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 
 def checked_share(quantity: str, value: float) -> float:
@@ -92,6 +93,68 @@ class Limits:
     loads: Loads = ()
     speed: AtFrames = ()
     wheels: WheelLimits | None = None
+
+
+class MotionLimits(NamedTuple):
+    """What a motion may use of a robot's limits: the options that `retime` and others take, as one value.
+
+    Attributes:
+        velocity: Share of the velocity limits.
+        acceleration: Share of the acceleration limits.
+        torque: Share of the effort limits; None to leave torque out.
+        balance: See `Limits` [m].
+        loads: What is carried.
+        speeds: Greatest speeds of frames' origins [m/s].
+    """
+
+    velocity: float
+    acceleration: float
+    torque: float | None
+    balance: float | None = None
+    loads: Loads = ()
+    speeds: AtFrames = ()
+
+    def of(self, pepper: PepperModel, acceleration: Array, *, drives: bool) -> Limits:
+        """Return a robot's limits.
+
+        Args:
+            pepper: The robot.
+            acceleration: Its acceleration limits [rad/s^2 or m/s^2], shape (n,).
+            drives: Whether the wheels of its base count.
+        """
+        wheels = wheel_limits(pepper) if drives else None
+        return Limits(
+            pepper.velocity_limits * self.velocity,
+            acceleration * self.acceleration,
+            None if self.torque is None else pepper.effort_limits * self.torque,
+            self.balance,
+            self.loads,
+            self.speeds,
+            None if wheels is None else wheels.scaled(self.velocity, self.acceleration),
+        )
+
+
+def motion_limits(
+    velocity_scale: float,
+    acceleration_scale: float,
+    torque_scale: float | None,
+    balance: float | None = None,
+    loads: Loads = (),
+    speeds: AtFrames = (),
+) -> MotionLimits:
+    """Return what a motion may use, with its shares checked; torque_scale None leaves torque out.
+
+    Raises:
+        InvalidValueError: for a share that is not in (0, 1].
+    """
+    return MotionLimits(
+        checked_share("velocity_scale", velocity_scale),
+        checked_share("acceleration_scale", acceleration_scale),
+        None if torque_scale is None else checked_share("torque_scale", torque_scale),
+        balance,
+        loads,
+        speeds,
+    )
 
 
 @kept_for_robot(most=32)

@@ -21,15 +21,14 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision.loads import AtFrames
 from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
-from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_positive
@@ -41,12 +40,17 @@ from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
-from pepper_kin.trajectory.limits import Limits, checked_share, moving_joints, refuse_motionless
+from pepper_kin.trajectory.limits import (
+    Limits,
+    MotionLimits,
+    motion_limits,
+    moving_joints,
+    refuse_motionless,
+)
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
 from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory, sample_times
-from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -118,87 +122,60 @@ def retime(
     """
     check_choice("solver", solver, SOLVERS)
     requested = None if duration is None else check_positive("duration", duration, "s")
-    scales = velocity_scale, acceleration_scale, torque_scale if torque else None
     greatest = pepper.acceleration_limits
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
     rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, greatest))
     if rate is not None and np.isinf(rate).all():
         rate = None
-    options = _checked(pepper, scales, balance, carried_along(pepper, path, scene, payload), hand_speed)
+    carried, kept_balance = carried_along(pepper, path, scene, payload), checked_balance(pepper, balance)
+    allowed = motion_limits(
+        velocity_scale, acceleration_scale, torque_scale if torque else None, kept_balance, carried,
+        hand_speeds(pepper, hand_speed),
+    )  # fmt: skip
     curve = as_cubic_path(pepper, path)
     refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
-    limits = _limits(pepper, greatest, options, _drives(pepper, curve.coefficients))
+    limits = _limits(pepper, greatest, allowed, _drives(pepper, curve.coefficients))
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
     try:
         timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
     except TooLongError as error:
-        raise _too_long(error.duration, options.shares) from None
+        raise _too_long(error.duration, allowed[:3]) from None
     trajectory = functools.reduce(joined, timed)
     return trajectory if requested is None else _last(pepper, trajectory, requested, limits)
 
 
-class _Options(NamedTuple):
-    """What a user says about limits: shares of velocity, acceleration and torque (None leaves it out), ..."""
-
-    shares: tuple[float, float, float | None]
-    balance: float | None
-    loads: Loads
-    speeds: AtFrames
-
-
-def _checked(
-    pepper: PepperModel,
-    scales: tuple[float, float, float | None],
-    balance: float | None,
-    loads: Loads,
-    hand_speed: float | Mapping[str, float] | None,
-) -> _Options:
-    """Check what a user says about limits; the arguments are those of `retime`."""
-    velocity, acceleration, torque = scales
-    shares = (
-        checked_share("velocity_scale", velocity),
-        checked_share("acceleration_scale", acceleration),
-        None if torque is None else checked_share("torque_scale", torque),
-    )
-    return _Options(shares, checked_balance(pepper, balance), loads, hand_speeds(pepper, hand_speed))
-
-
-def _limits(pepper: PepperModel, greatest: Array, options: _Options, drives: bool) -> Limits:
+def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:
     """Return the limits of a motion.
 
     Args:
         pepper: The robot.
         greatest: Acceleration limits, shape (n,).
-        options: What a user says.
+        allowed: What a user says.
         drives: Whether the base moves, so that its wheels count.
     """
     if greatest is pepper.acceleration_limits:
-        return _kept_limits(pepper, options, drives)
-    return _made_limits(pepper, greatest, options, drives)
+        return _kept_limits(pepper, allowed, drives)
+    return _made_limits(pepper, greatest, allowed, drives)
 
 
-def _made_limits(pepper: PepperModel, greatest: Array, options: _Options, drives: bool) -> Limits:
+def _made_limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:
     """Return new limits of a motion from those of acceleration, shape (n,); see `_limits`."""
-    velocity, acceleration, torque = options.shares
-    wheels = wheel_limits(pepper) if drives else None
-    return Limits(
-        _where_joints_move(pepper.velocity_limits) * velocity,
-        _where_joints_move(greatest) * acceleration,
-        None if torque is None else pepper.effort_limits * torque,
-        options.balance,
-        options.loads,
-        options.speeds + (wheel_speeds(pepper) if drives else ()),
-        None if wheels is None else wheels.scaled(velocity, acceleration),
+    made = allowed.of(pepper, greatest, drives=drives)
+    return replace(
+        made,
+        velocity=_where_joints_move(made.velocity),
+        acceleration=_where_joints_move(made.acceleration),
+        speed=made.speed + (wheel_speeds(pepper) if drives else ()),
     )
 
 
 @kept_for_robot(most=32)
-def _kept_limits(pepper: PepperModel, options: _Options, drives: bool) -> Limits:
+def _kept_limits(pepper: PepperModel, allowed: MotionLimits, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
-    return _made_limits(pepper, pepper.acceleration_limits, options, drives)
+    return _made_limits(pepper, pepper.acceleration_limits, allowed, drives)
 
 
 def _where_joints_move(limits: Array) -> Array:

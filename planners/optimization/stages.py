@@ -207,9 +207,9 @@ def solve_effort(
     h, bounded = duration / intervals, np.flatnonzero(np.isfinite(limits)).tolist()
     stages = Stages(n, intervals, h)
     x, j = casadi.SX.sym("x", 3 * n), casadi.SX.sym("j", n)
-    asked = [torque(*stages.motion(x, j, share)) for share in _GAUSS]
-    cost = sum(h / 2 * casadi.sumsqr(tau / unit) for tau in asked)
-    shares = casadi.vertcat(*(tau[bounded] / limits[bounded] for tau in asked))
+    efforts = [torque(*stages.motion(x, j, share)) for share in _GAUSS]
+    cost = sum(h / 2 * casadi.sumsqr(tau / unit) for tau in efforts)
+    shares = casadi.vertcat(*(tau[bounded] / limits[bounded] for tau in efforts))
     stage = casadi.Function("stage", [x, j], [cost, shares])
     for k in range(intervals):
         cost, shares = stage(stages.states[k], stages.jerks[k])

@@ -10,8 +10,7 @@ from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.examination import Examiner, cut
-from pepper_kin.motion.goal_search import APART
-from pepper_kin.motion.task_goals import clear_goals
+from pepper_kin.motion.goal_search import APART, clear_goals
 from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path
 

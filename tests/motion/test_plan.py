@@ -9,7 +9,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.exceptions import InvalidValueError, LimitError
-from pepper_kin.motion import PlanStatus, constrained_plan, costed_plan, goals, planning
+from pepper_kin.motion import PlanStatus, goals, plan_request
 from pepper_kin.planners import OMPL_PLANNERS, available_ompl_planners
 from pepper_kin.trajectory.path import as_cubic_path
 
@@ -306,21 +306,23 @@ def test_tasks_that_need_it_get_all_of_the_time(pepper, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("module", "options"),
+    "options",
     [
-        (planning, {}),
-        (planning, {"planner": "aorrtc", "timeout": 0.2}),
-        (costed_plan, {"costs": [pk.ik.FramePosition("r_gripper", [0.2, -0.2, 0.8])]}),
-        (constrained_plan, {"constraints": [pk.ik.FrameInPlane("r_gripper", (0, 0, 0.7), tolerance=0.5)]}),
+        {},
+        {"planner": "aorrtc", "timeout": 0.2},
+        {"costs": [pk.ik.FramePosition("r_gripper", [0.2, -0.2, 0.8])]},
+        {"constraints": [pk.ik.FrameInPlane("r_gripper", (0, 0, 0.7), tolerance=0.5)]},
     ],
 )
-def test_code_is_loaded_before_the_clock_starts(pepper, monkeypatch, module, options):
+def test_code_is_loaded_before_the_clock_starts(pepper, monkeypatch, options):
     """The time that it takes was taken from the search: the first plan of a process was another."""
     order = []
     for name in ("load_code_for", "Ending"):
-        function = getattr(module, name)
+        function = getattr(plan_request, name)
         monkeypatch.setattr(
-            module, name, lambda *a, _name=name, _function=function: order.append(_name) or _function(*a)
+            plan_request,
+            name,
+            lambda *a, _name=name, _function=function: order.append(_name) or _function(*a),
         )
     goal = [pk.ik.FramePosition("l_gripper", [0.3, 0.2, 0.9])]
     pk.plan(pepper, pepper.posture("Stand"), goal, **options)

@@ -10,6 +10,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Wheels
 from pepper_kin.motion import Cost, OptimizedStatus, optimize
 from pepper_kin.motion.optimization.cost import figures_of
+from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.smoothed_plan import smoothed
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
@@ -85,7 +86,7 @@ def test_where_optimization_gains_nothing_the_retimed_plan_stays():
     """A search without time to make a step offers a slower motion than that along the plan's own path."""
     robot = pk.load_robot(TWO_JOINTS.format(effort=30))
     plain = pk.plan(robot, [0.0, 0.0], [1.0, 0.0])
-    made = smoothed(robot, plain, None, margins=(0.01, 0.0), timeout=1e-9)
+    made = smoothed(robot, plain, None, PlanOptions(timeout=1e-9))
     retimed = pk.retime(robot, plain)
     assert not made.optimized.success, made.message
     assert made.trajectory.duration == pytest.approx(retimed.duration, rel=1e-9)
@@ -132,14 +133,14 @@ def test_bases_that_drive_are_timed_along_their_path():
 
 
 def test_balance_is_kept_by_the_motion(pepper, pair):
-    made = smoothed(pepper, pair[0], TABLE, margins=(0.01, 0.0), timeout=5.0, balance=0.005)
+    made = smoothed(pepper, pair[0], TABLE, PlanOptions(timeout=5.0, balance=0.005))
     assert made.trajectory.check(pepper, TABLE).balance.value > 0.004, made.message
 
 
 def test_balance_over_a_base_that_moves_is_timed_along_the_path():
     pepper = pk.load_pepper(base="planar")
     plain = pk.plan(pepper, pepper.neutral(), pepper.joint_vector({"BaseX": 0.3, "HeadYaw": 0.4}))
-    made = smoothed(pepper, plain, None, margins=(0.01, 0.0), timeout=5.0, balance=0.005)
+    made = smoothed(pepper, plain, None, PlanOptions(timeout=5.0, balance=0.005))
     assert "balance over a base that moves is not optimized" in made.message
     assert made.trajectory.duration == pk.retime(pepper, plain, balance=0.005).duration
 
@@ -164,7 +165,7 @@ def test_a_plan_that_cannot_be_timed_says_why():
     robot = pk.load_robot(TWO_JOINTS.format(effort=30))
     plain = pk.plan(robot, [0.0, 0.0], [1.0, 0.5])
     weak = pk.load_robot(TWO_JOINTS.replace('effort="30"', 'effort="0.3"').format(effort=30))
-    made = smoothed(weak, plain, None, margins=(0.01, 0.0), timeout=5.0)
+    made = smoothed(weak, plain, None, PlanOptions(timeout=5.0))
     assert made.success
     assert made.trajectory is None
     assert "cannot be timed" in made.message

@@ -33,5 +33,5 @@ def is_clear_along(
         reach = motion_bounds(checks.pepper, *hull_of(motion.breaks, motion.coefficients), things)
     moving = np.flatnonzero((motion.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
     examiner = Examiner(checks, motion.coefficients[0, 0].copy(), moving)
-    asked = motion.breaks, motion.coefficients, reach, margins
-    return examiner.is_clear(*asked, held=held, strictly=strictly)
+    arguments = motion.breaks, motion.coefficients, reach, margins
+    return examiner.is_clear(*arguments, held=held, strictly=strictly)

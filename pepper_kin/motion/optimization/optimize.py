@@ -13,7 +13,6 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, least_clearance
-from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -36,10 +35,9 @@ from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
-from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.limits import Limits, MotionLimits, motion_limits
 from pepper_kin.trajectory.path import PathLike
 from pepper_kin.trajectory.trajectory import examination_step, sample_times
-from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem
@@ -130,13 +128,14 @@ def optimize(
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
     load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
-    begin, scales = time.perf_counter(), _checked_scales(velocity_scale, acceleration_scale, torque_scale)
+    begin = time.perf_counter()
+    allowed = motion_limits(velocity_scale, acceleration_scale, torque_scale, balance, held)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
-    limits = _scaled(pepper, *scales, balance, held)
+    limits = allowed.of(pepper, pepper.acceleration_limits, drives=True)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints, held) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
-    before = _timed(pepper, path, *scales, balance, payload, scene)
+    before = _timed(pepper, path, allowed, payload, scene)
     before = _within_limits(pepper, path, before, limits, rate)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
@@ -144,13 +143,13 @@ def optimize(
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
-    problems += map(posed, _detours(pepper, before, starts, seed, scales, begin + seconds))
-    search = _Search(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
+    problems += map(posed, _detours(pepper, before, starts, seed, allowed, begin + seconds))
+    search = _Descents(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
     best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
     return replace(best, time=time.perf_counter() - begin)
 
 
-class _Search(NamedTuple):
+class _Descents(NamedTuple):
     """How problems are searched.
 
     Attributes:
@@ -178,7 +177,7 @@ class _Search(NamedTuple):
 
 
 def _cheapest(
-    judge: _Judge, problems: Sequence[SplineProblem], search: _Search, finer: Callable[[], SplineProblem]
+    judge: _Judge, problems: Sequence[SplineProblem], search: _Descents, finer: Callable[[], SplineProblem]
 ) -> Optimized:
     """Return the cheapest outcome that passes, or what became of the first where none does.
 
@@ -200,22 +199,6 @@ def _cheapest(
 def _cost_of(descent: LocalResult) -> float:
     """Return the cost that a search ended with; inf where it had no start."""
     return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
-
-
-def _scaled(
-    pepper: PepperModel, velocity: float, acceleration: float, torque: float, balance: float | None,
-    loads: Loads,
-) -> Limits:  # fmt: skip
-    """Return shares of a robot's limits."""
-    wheels = wheel_limits(pepper)
-    return Limits(
-        pepper.velocity_limits * velocity,
-        pepper.acceleration_limits * acceleration,
-        pepper.effort_limits * torque,
-        balance,
-        loads,
-        wheels=None if wheels is None else wheels.scaled(velocity, acceleration),
-    )
 
 
 def _within_limits(
@@ -287,29 +270,10 @@ def _checked(
     return None if duration is None else check_positive("duration", duration, "s"), seconds
 
 
-def _checked_scales(velocity: float, acceleration: float, torque: float) -> tuple[float, float, float]:
-    """Return shares of velocity, acceleration and effort limits.
-
-    Raises:
-        InvalidValueError: for one that is not in (0, 1].
-    """
-    for name, share in (
-        ("velocity_scale", velocity),
-        ("acceleration_scale", acceleration),
-        ("torque_scale", torque),
-    ):
-        if check_positive(name, share) > 1.0:
-            raise InvalidValueError(name, share, "a number in (0, 1]")
-    return float(velocity), float(acceleration), float(torque)
-
-
 def _timed(
     pepper: PepperModel,
     path: Plan | Trajectory | PathLike,
-    velocity_scale: float,
-    acceleration_scale: float,
-    torque_scale: float,
-    balance: float | None,
+    allowed: MotionLimits,
     payload: Mapping[str, float] | None = None,
     scene: Scene | None = None,
 ) -> Trajectory:
@@ -323,21 +287,15 @@ def _timed(
     if isinstance(path, Plan) and path.path is None:
         raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
     return retime(
-        pepper,
-        path,
-        velocity_scale=velocity_scale,
-        acceleration_scale=acceleration_scale,
-        torque_scale=torque_scale,
-        balance=balance,
-        payload=payload,
-        scene=scene,
-    )
+        pepper, path, velocity_scale=allowed.velocity, acceleration_scale=allowed.acceleration,
+        torque_scale=1.0 if allowed.torque is None else allowed.torque, balance=allowed.balance,
+        payload=payload, scene=scene,
+    )  # fmt: skip
 
 
 def _detours(
-    pepper: PepperModel, before: Trajectory, starts: int, seed: int, scales: tuple[float, float, float],
-    end: float,
-) -> Iterator[Trajectory]:  # fmt: skip
+    pepper: PepperModel, before: Trajectory, starts: int, seed: int, allowed: MotionLimits, end: float
+) -> Iterator[Trajectory]:
     """Return motions along two straight lines from start to goal, by random postures of moving joints.
 
     There are no more of them once the clock shows `end` [s].
@@ -351,7 +309,7 @@ def _detours(
         share = _DETOUR * rng.uniform(-1.0, 1.0, pepper.n)
         middle = np.where(moving, np.clip((first + last) / 2 + share * (high - low), low, high), first)
         try:
-            motion = _timed(pepper, np.stack([first, middle, last]), *scales, None)
+            motion = _timed(pepper, np.stack([first, middle, last]), allowed._replace(balance=None))
         except (InfeasibleError, LimitError):
             continue
         if time.perf_counter() >= end:

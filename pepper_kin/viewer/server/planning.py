@@ -13,6 +13,7 @@ from pepper_kin.ik.tasks import Task
 from pepper_kin.kinematics import frame_pose, frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import Plan, plan
+from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.smoothed_plan import smoothed
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion
@@ -87,7 +88,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
         return Planned(_why_no_plan(pepper, q, tasks, scene, found), None)
     if len(found.path) < 2:
         return Planned("The body is at its targets already: nothing to plan.", None)
-    found = smoothed(pepper, found, scene, margins=(MARGIN, 0.0), timeout=TIMEOUT, balance=BALANCE)
+    found = smoothed(pepper, found, scene, PlanOptions(margin=MARGIN, timeout=TIMEOUT, balance=BALANCE))
     trajectory = found.trajectory
     if trajectory is None:
         return Planned(f"{found.message} {found.advice}", None)

@@ -8,10 +8,10 @@ from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.kinematics import frame_pose
-from pepper_kin.motion import pipeline
+from pepper_kin.motion import path_search
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.examination import Examiner
-from pepper_kin.motion.pipeline import Pipeline
+from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.problem import COARSE, path_problem
 from pepper_kin.planners import tree_growth
 from pepper_kin.trajectory.path import as_cubic_path
@@ -31,12 +31,12 @@ def path_problem_of_table():
 @pytest.mark.parametrize("nodes", [4096, 16])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkeypatch, nodes, seed):
-    monkeypatch.setattr(pipeline, "_NODES", nodes)
+    monkeypatch.setattr(path_search, "_NODES", nodes)
     monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
     monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())
-    monkeypatch.setattr(pipeline, "_local", type(pipeline._local)())
+    monkeypatch.setattr(path_search, "_local", type(path_search._local)())
     alone = planners.rrt_connect(path_problem_of_table().search_problem, seed=seed)
-    found, way = Pipeline(path_problem_of_table(), seed, 5.0).searched(False)
+    found, way = PathSearch(path_problem_of_table(), seed, 5.0).searched(False)
     np.testing.assert_array_equal(found.path.points, alone.path.points)
     assert (found.iterations, found.states_checked) == (alone.iterations, alone.states_checked)
     np.testing.assert_array_equal(way.points[[0, -1]], [LOW, HIGH])
@@ -51,7 +51,7 @@ def test_another_goal_ends_the_path_where_that_is_shorter():
     goals[0, ARM[1]] += 0.6
     problem = path_problem(Checks(PEPPER, TABLE), LOW, goals, ARM, 0.01, COARSE)
     for seed in range(4):
-        found, _ = Pipeline(problem, seed, 5.0).searched(True)
+        found, _ = PathSearch(problem, seed, 5.0).searched(True)
         alone = planners.rrt_connect(problem.search_problem, seed=seed)
         assert found.path.length <= alone.path.length + 1e-12
         end = problem.search_problem.goals[found.goal_index]
@@ -126,10 +126,10 @@ def test_a_way_does_not_depend_on_how_long_machine_code_runs_at_once(monkeypatch
     goals = np.array([HIGH, HIGH])
     goals[0, ARM[1]] += 0.6
     problem = path_problem(Checks(PEPPER, TABLE), LOW, goals, ARM, 0.01, COARSE)
-    usual = [Pipeline(problem, seed, 60.0).searched(True) for seed in range(6)]
+    usual = [PathSearch(problem, seed, 60.0).searched(True) for seed in range(6)]
     monkeypatch.setattr(planners.deadline, "TIME_SLICE", seconds)
     for seed, (found, way) in enumerate(usual):
-        again, other = Pipeline(problem, seed, 60.0).searched(True)
+        again, other = PathSearch(problem, seed, 60.0).searched(True)
         assert again.goal_index == found.goal_index
         np.testing.assert_array_equal(again.path.points, found.path.points)
         np.testing.assert_array_equal(other.points, way.points)

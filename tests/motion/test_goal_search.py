@@ -4,9 +4,8 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.ik.fast import alternatives
 from pepper_kin.motion.checks import checks_for
-from pepper_kin.motion.goal_search import APART, GOALS, NEARBY
+from pepper_kin.motion.goal_search import APART, GOALS, NEARBY, STEPS, clear_goals
 from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.motion.task_goals import STEPS, clear_goals
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -27,7 +26,7 @@ def one_by_one(statics, scene, tasks, seed, movable=None):
     kept = []
     for q in [first.q, *more]:
         differs = all(np.abs(q - other).max() >= APART for other in kept)
-        if differs and not statics.said(q, "goal") and not coal.in_collision(q):
+        if differs and not statics.violation(q, "goal") and not coal.in_collision(q):
             kept.append(q)
     return np.array(kept[:GOALS])
 
@@ -49,7 +48,7 @@ def test_goals_with_a_load_can_be_held_with_it():
     tasks = [pk.ik.HandPosition("left", point)]
     checks = checks_of(pk.Scene(), payload={"left": 0.3}, balance=0.0)
     found = clear_goals(checks, STAND, tasks, None, MARGIN, 1, 5.0)
-    assert all(not checks.statics.said(q, "goal") for q in found.goals)
+    assert all(not checks.statics.violation(q, "goal") for q in found.goals)
     heavy = checks_of(pk.Scene(), payload={"left": 30.0})
     assert clear_goals(heavy, STAND, tasks, None, MARGIN, 1, 5.0) is None
 

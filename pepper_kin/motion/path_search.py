@@ -1,0 +1,474 @@
+"""Search, short-cuts, rounding and examination of a motion, in one call of machine code.
+
+`run` is the whole way from ends to an examined curve, by the functions that `planners` offers one by one.
+It returns early where an array is full, time is up, or something else has to decide; `PathSearch` provides
+its arrays, which are kept for the next call, supplies what is missing, and calls it again from the stage that
+comes next.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin import planners
+from pepper_kin.arrays import Array
+from pepper_kin.core.clock import CLOCK
+from pepper_kin.core.collision.check import set_margins
+from pepper_kin.core.collision.curve_check import MotionCheck, blocked, is_clear
+from pepper_kin.core.splines import bounded_cubic_spline
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.motion.problem import PathProblem
+from pepper_kin.motion.waypoints import Way, way_near, way_through
+from pepper_kin.planners.motion_validator import machine_code_of
+from pepper_kin.planners.rejoin import Route, shortest_end
+from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
+from pepper_kin.planners.sampling import stream_key
+from pepper_kin.planners.search_space import CALLS, STATES, SearchSpace
+from pepper_kin.planners.shortcut import (
+    FLAT,
+    GAINED,
+    ITERATIONS,
+    SIZE,
+    STREAM,
+    TIME_UP,
+    Polyline,
+    drop_flat,
+    measure,
+    new_polyline,
+    shorten,
+    skip_ahead,
+)
+from pepper_kin.planners.shortcut import FULL as LINE_FULL
+from pepper_kin.planners.smooth import schoenberg_spline
+from pepper_kin.planners.tree import grown
+from pepper_kin.planners.tree_growth import (
+    FOUND,
+    GOAL,
+    ROUND,
+    WAY_POINTS,
+    PathEnds,
+    Trees,
+    first_round,
+    take_trees,
+    with_capacity,
+)
+from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
+from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
+
+SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
+"""Short-cuts tried before other goals are, what each has to save, and what another goal has to, as parts of
+the length."""
+SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
+"""Short-cuts tried on the way that is rounded, after how many in a row without a gain no more are, and what
+each has to save as a part of the length."""
+FEWEST, MOST = 6, 48
+"""Segments of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
+
+SHARE_OF_TIME = 0.02
+"""Part of the time budget that the former may take where they are not made together with the search."""
+
+# Where a call begins.
+SEARCH, SHORTEN, SHORTEN_ON, ROUNDING = range(4)
+
+# How a call ends.
+DONE, SEARCH_ENDED, OUT_OF_TIME, TOO_MANY_POINTS, LEAVES_LIMITS, NOT_CLEAR = range(6)
+
+_NODES, _POINTS = 4096, 512  # of a workspace: nodes of each tree, points of a line
+
+
+class PlannerPath(NamedTuple):
+    """The path of a search.
+
+    Attributes:
+        points: Its points, shape (m, k), of which the first `size` count.
+        size: How many, shape (1,).
+        goal: The goal that it ends at, shape (1,).
+        cost: Its length in the metric, shape (1,).
+    """
+
+    points: Floats2
+    size: Ints1
+    goal: Ints1
+    cost: Floats1
+
+
+class Spline(NamedTuple):
+    """A spline through way-points, which are few at first.
+
+    Attributes:
+        points: Way-points, shape (MOST + 1, n), of which the first segments[0] + 1 count.
+        breaks: Where segments begin and end, shape (MOST + 1,).
+        coefficients: Of each segment, constant first, shape (MOST, 4, n).
+        segments: How many, shape (1,).
+    """
+
+    points: Floats2
+    breaks: Floats1
+    coefficients: Floats3
+    segments: Ints1
+
+
+class PlanningState(NamedTuple):
+    """What is planned, and how far it has come.
+
+    Attributes:
+        space: Box, metric and validity of the k joints that move, of which the memory is `check.moving`.
+        check: Checks of whole configurations.
+        ends: Start, shape (k,), and goals, shape (m, k).
+        compare: Whether the path may end at another goal where that is nearer.
+        free: Places of the joints that move, shape (k,).
+        limits: Lower and upper limits of all joints, shape (2, n).
+        reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
+        margins: Kept by the path to the scene and to the robot itself [m].
+        relaxed: Kept by the curve [m].
+        strictly: Whether its margin to the scene is to be proven at every point.
+        trees: Of the search.
+        line: The path that is shortened.
+        found: Receives the path of the search; as many rows as `line`.
+        spline: Receives the spline through few points of the shortened path.
+    """
+
+    space: SearchSpace
+    check: MotionCheck
+    ends: PathEnds
+    compare: bool
+    free: Ints1
+    limits: Floats2
+    reach: Floats1
+    margins: Floats1
+    relaxed: Floats1
+    strictly: bool
+    trees: Trees
+    line: Polyline
+    found: PlannerPath
+    spline: Spline
+
+
+@compiled
+def _copy_row(source: Array, target: Array) -> None:
+    """Copy an array, shape (n,), into another of the same shape."""
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@compiled
+def _begin_shortening(state: PlanningState, size: int) -> None:
+    """Get the first points of `line` ready to be shortened."""
+    line, weights = state.line, state.space.weights
+    measure(line.points, size, weights, line.lengths[0])
+    line.counters[ITERATIONS] = line.counters[GAINED] = 0
+    line.counters[SIZE] = drop_flat(line.points, size, weights, FLAT * line.lengths[0, size - 1])
+
+
+@compiled
+def _compare_goals(state: PlanningState, key: np.uint64) -> None:
+    """Let the path end at another goal where that makes it shorter; see `rejoin`.
+
+    The few short-cuts are all tried, however slow the machine is: the path must not depend on its load.
+    """
+    line, space, size = state.line, state.space, state.line.counters[SIZE]
+    _begin_shortening(state, size)
+    shorten(space, line, math.inf, GAIN_TO_COMPARE, key, SHORTCUTS_TO_COMPARE, SHORTCUTS_TO_COMPARE, False)
+    size = line.counters[SIZE]
+    measure(line.points, size, space.weights, line.lengths[0])
+    goals, order, tried = state.ends.goals, state.ends.order, 0
+    for k in range(order.size):
+        if k != state.found.goal[0]:
+            order[tried] = k
+            tried += 1
+    route = Route(line.points[:size], line.lengths[0][:size])
+    gain = GAIN_OF_OTHER * line.lengths[0, size - 1]
+    last = shortest_end(space, route, goals, order[:tried], gain, line.rows, line.counters)
+    if last >= 0:
+        _copy_row(goals[order[0]], line.points[last + 1])
+        state.found.goal[0], line.counters[SIZE] = order[0], last + 2
+
+
+@compiled
+def _write_waypoints(state: PlanningState, segments: int, size: int) -> None:
+    """Write the way-points of the rounded path; see `rounded_waypoints`."""
+    line, lengths, points, check = state.line, state.line.lengths[0], state.spline.points, state.check
+    breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
+    coefficients = np.empty((segments, 4, state.free.size))
+    for i in range(segments + 1):
+        breaks[i] = lengths[size - 1] * i / segments
+    schoenberg_spline(line.points[:size], lengths[:size], breaks, abscissae, coefficients)
+    for i in range(segments + 1):
+        for j in range(check.standing.size):
+            points[i, j] = check.standing[j]
+        for j in range(state.free.size):
+            value = line.points[size - 1, j] if i == segments else coefficients[i, 0, j]
+            low = state.space.lower[j]
+            points[i, state.free[j]] = min(max(value, low), low + state.space.extent[j])
+
+
+@compiled
+def _round(state: PlanningState) -> int:
+    """Look for few way-points along a path that is rounded everywhere alike whose spline is clear."""
+    line, check, relaxed, spline = state.line, state.check, state.relaxed, state.spline
+    size, count = line.counters[SIZE], spline.segments
+    measure(line.points, size, state.space.weights, line.lengths[0])
+    while count[0] <= MOST:
+        segments = count[0]
+        _write_waypoints(state, segments, size)
+        points, breaks = spline.points[: segments + 1], spline.breaks[: segments + 1]
+        coefficients = spline.coefficients[:segments]
+        low, high = state.limits[0], state.limits[1]
+        if bounded_cubic_spline(points, low, high, SAME, breaks, coefficients) > LIMIT_TOLERANCE:
+            return LEAVES_LIMITS
+        kept, kept_self, strictly = relaxed[0], relaxed[1], state.strictly
+        if is_clear(check, breaks, coefficients, state.reach, kept, kept_self, True, strictly):
+            return DONE
+        count[0] *= 2
+    return NOT_CLEAR
+
+
+@compiled
+def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np.uint64) -> bool:
+    """Write the path of a first round of search into `line` and `found`; return whether there is one.
+
+    See `rrt_connect`.
+    """
+    space, trees, line, found = state.space, state.trees, state.line, state.found
+    if blocked(state.check, state.margins[0], state.margins[1]):
+        return False
+    ended = first_round(space, trees, seconds, state.ends, line.points, line.lengths[0], key, ROUND)
+    if ended != FOUND or trees.counters[WAY_POINTS] == 0:
+        return False
+    found.goal[0], line.counters[SIZE] = trees.counters[GOAL], trees.counters[WAY_POINTS]
+    if state.compare and state.ends.goals.shape[0] > 1:
+        _compare_goals(state, shortcut_key)
+    size = found.size[0] = line.counters[SIZE]
+    for k in range(size):
+        _copy_row(line.points[k], found.points[k])
+    measure(line.points, size, space.weights, line.lengths[0])
+    found.cost[0] = line.lengths[0, size - 1]
+    return True
+
+
+@compiled("int64(PlanningState, int64, float64, uint64, uint64)")
+def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortcut_key: np.uint64) -> int:
+    """Search a path, shorten and round it, and examine the curve.
+
+    Args:
+        state: What is planned, and how far it has come.
+        stage: Where to begin: SEARCH; SHORTEN a path in `line`; SHORTEN_ON where the last call has ended; or
+            ROUNDING of a path in `line` that is short.
+        seconds: Time budget of search and short-cuts [s].
+        key: Of the stream of random numbers of the search.
+        shortcut_key: Of that of the short-cuts.
+
+    Returns:
+        DONE, with the way-points of `spline`; SEARCH_ENDED where the search has to go on elsewhere or found
+        nothing; OUT_OF_TIME or TOO_MANY_POINTS while it shortens; LEAVES_LIMITS where the spline through the
+        way-points does; NOT_CLEAR where none of the splines is.
+    """
+    space, line, check, margins = state.space, state.line, state.check, state.margins
+    set_margins(check.moving, margins[0], margins[1], check.radius)
+    if stage == SEARCH and not _find(state, seconds, key, shortcut_key):
+        return SEARCH_ENDED
+    if stage <= SHORTEN:
+        _begin_shortening(state, line.counters[SIZE])
+        skip_ahead(space, line)
+    if stage <= SHORTEN_ON:
+        ended = shorten(space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, PATIENCE, False)
+        if ended == TIME_UP:
+            return OUT_OF_TIME
+        if ended == LINE_FULL:
+            return TOO_MANY_POINTS
+    return _round(state)
+
+
+class _Workspace(NamedTuple):
+    """Arrays of one call, kept for the next one of the same sizes."""
+
+    trees: Trees
+    line: Polyline
+    found: PlannerPath
+    spline: Spline
+
+
+_local = threading.local()
+
+
+@contextmanager
+def _workspace(n: int, k: int) -> Iterator[_Workspace]:
+    """Lend arrays for n joints of which k move."""
+    kept: dict[tuple[int, int], _Workspace] = _local.__dict__.setdefault("kept", {})
+    workspace = kept.pop((n, k), None)
+    if workspace is None:
+        trees = take_trees(k)
+        if trees.states.shape[1] < _NODES:
+            trees = with_capacity(trees, _NODES)
+        line, count = new_polyline(np.empty((_POINTS, k))), np.zeros((3, 1), np.int64)
+        found = PlannerPath(np.empty((_POINTS, k)), count[0], count[1], np.empty(1))
+        points, breaks, coefficients = np.empty((MOST + 1, n)), np.empty(MOST + 1), np.empty((MOST, 4, n))
+        workspace = _Workspace(trees, line, found, Spline(points, breaks, coefficients, count[2]))
+    yield workspace
+    kept[n, k] = workspace
+
+
+class PathSearch:
+    """One motion on its way to an examined curve.
+
+    Args:
+        problem: The planning problem.
+        seed: Seed of all random choices.
+        timeout: Time budget of search and short-cuts [s]; the latter may take a twentieth more.
+    """
+
+    def __init__(self, problem: PathProblem, seed: int, timeout: float) -> None:
+        self._problem, self._seed, self._timeout = problem, seed, timeout
+        self._deadline = planners.Deadline(timeout)
+        self._keys = stream_key(seed, 0), stream_key(seed, STREAM)
+
+    def searched(self, compare: bool) -> tuple[planners.Result, Way | None]:
+        """Return what a search found, and the way along it; None where no spline was found that is clear.
+
+        Args:
+            compare: Whether the path may end at another goal where that is nearer.
+        """
+        problem = self._problem
+        with _workspace(problem.start.size, problem.free.size) as workspace:
+            workspace.trees.counters[:] = 0
+            status, state = self._run(self._state(workspace, compare), SEARCH)
+            if status != SEARCH_ENDED:
+                return self._result(state), self._rounded(state, status)
+            result = self._elsewhere(state.trees)
+        if compare:
+            result = compared(problem.search_problem, result, self._seed, self._timeout)
+        return result, None if result.path is None else self.along(result.path)
+
+    def along(self, path: planners.Path) -> Way | None:
+        """Shorten and round a valid path; return None where no spline was found that is clear."""
+        problem, short, stage = self._problem, path, SHORTEN
+        if not problem.checks.compiled:
+            stage = ROUNDING
+            short = planners.shortcut(
+                problem.search_problem, path, seed=self._seed, iterations=SHORTCUTS,
+                resolution=problem.resolution, least_gain=LEAST_GAIN, timeout=self._timeout,
+            )  # fmt: skip
+        size = len(short)
+        with _workspace(problem.start.size, problem.free.size) as workspace:
+            if size >= len(workspace.line.points) // 2:
+                points = np.empty((2 * size + _POINTS, path.n))
+                workspace = workspace._replace(line=new_polyline(points))
+            state = self._state(workspace, False)
+            state.line.points[:size], state.line.counters[SIZE] = short.points, size
+            status, state = self._run(state, stage)
+            return self._rounded(state, status, path)
+
+    def _state(self, workspace: _Workspace, compare: bool) -> PlanningState:
+        """Return what is planned, where nothing has been done yet."""
+        problem, box, goals = self._problem, self._problem.box, self._problem.moving_goals
+        check = problem.checks.of_motion(problem.start, problem.free)
+        workspace.line.counters[:] = 0
+        bounded = np.isfinite(problem.reach).all()
+        workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # each curve has different bounds
+        space = SearchSpace(
+            validity=problem.checks.edges,
+            memory=check.moving,
+            clock=CLOCK,
+            resolution=problem.resolution,
+            reach=LONGEST_STEP * problem.diagonal,
+            lower=box[0],
+            extent=box[1] - box[0],
+            weights=problem.metric.weights,
+        )
+        order = np.zeros(len(goals), np.int64)
+        if len(goals) > 1:
+            order = np.argsort(problem.metric.distance(problem.moving_start, goals), kind="stable")
+        margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
+        return PlanningState(
+            space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,
+            problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
+        )  # fmt: skip
+
+    def _run(self, state: PlanningState, stage: int) -> tuple[int, PlanningState]:
+        """Run to the end, whatever stops it meanwhile; return how it ended, and the state."""
+        checks, extended = self._problem.checks, False
+        while True:
+            status = int(checks.run(run, state, stage, self._deadline.time_slice, *self._keys))
+            stage = SHORTEN_ON
+            if status == OUT_OF_TIME:
+                if self._deadline.expired:
+                    stage = ROUNDING if extended else SHORTEN_ON
+                    self._deadline, extended = planners.Deadline(self._timeout / 20), True
+            elif status == TOO_MANY_POINTS:
+                line = new_polyline(grown(state.line.points, 2 * len(state.line.points)))
+                line.counters[:] = state.line.counters
+                state = state._replace(line=line)
+            elif status == LEAVES_LIMITS:
+                if self._bent(state) is not None:
+                    return status, state
+                state.spline.segments[0] *= 2
+                stage = ROUNDING
+            else:
+                return status, state
+
+    def _bent(self, state: PlanningState) -> Way | None:
+        """Return the curve through way-points that keeps the limits of joints, if it is clear."""
+        points = state.spline.points[: state.spline.segments[0] + 1].copy()
+        return way_through(self._problem, points, self._problem.relaxed_margins)
+
+    def _rounded(self, state: PlanningState, status: int, path: planners.Path | None = None) -> Way | None:
+        """Return the way that was found, or one that follows the path more closely."""
+        points, breaks, coefficients, count = state.spline
+        segments = int(count[0])
+        if status == DONE:
+            spline = breaks[: segments + 1].copy(), coefficients[:segments].copy()
+            return Way(points[: segments + 1].copy(), known_path(self._problem.checks.pepper, *spline))
+        if status == LEAVES_LIMITS:
+            return self._bent(state)
+        metric = self._problem.metric
+        short = planners.Path.trusted(state.line.points[: state.line.counters[SIZE]].copy(), metric)
+        if path is None:
+            path = planners.Path.trusted(state.found.points[: state.found.size[0]].copy(), metric)
+        return way_near(self._problem, (short, path))
+
+    def _result(self, state: PlanningState) -> planners.Result:
+        """Return the result of the search."""
+        counters, found = state.trees.counters, state.found
+        return planners.Result.trusted(
+            status=planners.Status.SOLVED,
+            path=planners.Path.trusted(found.points[: found.size[0]].copy(), self._problem.metric),
+            goal_index=int(found.goal[0]),
+            cost=float(found.cost[0]),
+            iterations=int(counters[SAMPLES]),
+            states_checked=int(counters[STATES]),
+            validity_calls=int(counters[CALLS]),
+            time=self._deadline.elapsed,
+            seed=self._seed,
+        )
+
+    def _elsewhere(self, trees: Trees) -> planners.Result:
+        """Return the result of a search that goes on for longer, or of one that cannot begin."""
+        problem, deadline = self._problem.search_problem, self._deadline
+        if not trees.counters[SAMPLES]:
+            return planners.rrt_connect(problem, seed=self._seed, timeout=max(deadline.left, 1e-3))
+        with machine_code_of(problem, deadline, counters=trees.counters) as code:
+            search = Search(problem, code, trees, self._seed, None)
+            status = search.resumed(deadline)
+        return search.ended(status, deadline, self._seed)
+
+
+def compared(
+    problem: planners.Problem, result: planners.Result, seed: int, timeout: float
+) -> planners.Result:
+    """Return a search's result with a path that ends at another goal where that is nearer."""
+    if result.path is None or len(problem.goals) == 1:
+        return result
+    short = planners.shortcut(
+        problem, result.path, seed=seed, iterations=SHORTCUTS_TO_COMPARE, resolution=problem.spacing,
+        least_gain=GAIN_TO_COMPARE, timeout=SHARE_OF_TIME * timeout,
+    )  # fmt: skip
+    path, goal = planners.rejoin(problem, short, int(result.goal_index or 0), gain=GAIN_OF_OTHER)
+    return replace(result, path=path, cost=path.length, goal_index=goal)

@@ -1,0 +1,246 @@
+"""Options of planning as one value, and a call of planning, checked, whose clock runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.structure import known_structures
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.motion.checks import Checks, checks_for
+from pepper_kin.motion.constraints import as_constraints, with_constraints
+from pepper_kin.motion.goal_search import load_tasks, search_nearby
+from pepper_kin.motion.margins import checked_least
+from pepper_kin.motion.path_costs import PathCost, PathCosts
+from pepper_kin.motion.path_search import run
+from pepper_kin.motion.plan_result import Ending
+from pepper_kin.motion.problem import checked_start
+from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.vectors import seed_number
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanOptions:
+    """The options of `plan`, which describes them in full, of `PlanProblem` and of planning in other ways.
+
+    Attributes:
+        planner: The planner's name.
+        joints: Joints that may move, by names of joints and groups; None: those in which start and goals
+            differ.
+        constraints: IK tasks kept along the whole path.
+        costs: Soft costs.
+        margin: Distance requested to all things [m].
+        least_margin: Distance that the curve has to keep from the scene [m].
+        seed: Seed of all random choices.
+        timeout: Time budget [s].
+        gap: Of "aorrtc": where it stops.
+        balance: Distance of the center of mass from the edges of the wheels' triangle [m].
+        payload: Masses held [kg].
+        smooth: Whether to make the motion to execute, too.
+    """
+
+    planner: str = "rrt_connect"
+    joints: str | Sequence[str] | None = None
+    constraints: Sequence[Task | TaskGroup] | None = None
+    costs: Sequence[PathCost | Task | TaskGroup] | None = None
+    margin: float = 0.01
+    least_margin: float = 0.0
+    seed: int = 0
+    timeout: float = 5.0
+    gap: float | None = None
+    balance: float | None = None
+    payload: Mapping[str, float] | None = None
+    smooth: bool = False
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the options as keywords of `plan`."""
+        return {one.name: getattr(self, one.name) for one in fields(PlanOptions)}
+
+    @property
+    def margins(self) -> tuple[float, float]:
+        """Distance requested to all things, and what the curve has to keep from the scene [m]."""
+        return self.margin, self.least_margin
+
+
+class PlanRequest(NamedTuple):
+    """A call of planning whose arguments have been checked.
+
+    Attributes:
+        checks: The robot in its scene, and what a state has to keep.
+        start: Start configuration within the limits [rad or m], shape (n,).
+        goal: One configuration, shape (n,), or several, shape (m, n) [rad or m]; or IK tasks, those on the
+            center of mass with what is carried, together with the constraints.
+        options: What was asked for.
+        seed: Seed of all random choices.
+        constraints: Tasks kept along the whole path, groups taken apart.
+        costs: Soft costs; None without.
+        ended: Makes the plan that is returned; its clock runs.
+    """
+
+    checks: Checks
+    start: Array
+    goal: Any
+    options: PlanOptions
+    seed: int
+    constraints: tuple[Task, ...]
+    costs: PathCosts | None
+    ended: Ending
+
+    @property
+    def deadline(self) -> float:
+        """When planning has to end, on the clock of `time.perf_counter` [s]."""
+        return self.ended.begin + self.options.timeout
+
+    def left(self, share: float = 1.0) -> float:
+        """Return what is left of a share of the time budget [s], above zero."""
+        return max(self.ended.begin + share * self.options.timeout - time.perf_counter(), 1e-3)
+
+
+def plan_request(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    options: PlanOptions,
+    name: str | None = None,
+) -> PlanRequest:
+    """Check what was asked for, and load the code that it needs.
+
+    Args:
+        pepper: The robot.
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks.
+        scene: The world around the robot.
+        options: What was asked for.
+        name: The planner's name in the plan; None: as in the options.
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, and an option that is not allowed.
+        LimitError: for a start outside the joint limits, naming the joint.
+        UnknownNameError: for an unknown frame.
+    """
+    seed = seed_number(options.seed)
+    statics = static_limits(pepper, options.balance, options.payload, scene)
+    constraints: tuple[Task, ...] = ()
+    if options.constraints is not None:
+        constraints = as_constraints(pepper, options.constraints, statics.carrying)
+    costs = None if options.costs is None else PathCosts.of(pepper, options.costs)
+    q_start = checked_start(pepper, start, options.margin, options.timeout)
+    checked_least(*options.margins)
+    checks = checks_for(pepper, scene, statics)
+    if are_tasks(goal) and statics.carrying:
+        goal = with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), statics.carrying)
+    if constraints:
+        goal = with_constraints(goal, constraints)
+    load_code_for(
+        checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
+    )
+    ended = Ending(pepper, time.perf_counter(), seed, name or options.planner, options.margin)
+    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended)
+
+
+@kept_for_robot(most=64)
+def base_places(pepper: PepperModel) -> NDArray[np.int64]:
+    """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
+    if pepper.wheels is None or not pepper.wheels.differential:
+        return np.empty(0, np.int64)
+    places = np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
+    places.setflags(write=False)
+    return places
+
+
+def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
+    """Return whether the base of a robot that goes where it points is among joints, shape (k,), that move."""
+    base = base_places(pepper)
+    return bool(base.size and np.isin(base, free).any())
+
+
+def refuse_what_cannot_drive(
+    pepper: PepperModel, joints: str | Sequence[str] | None, planner: str, constrained: bool
+) -> None:
+    """Refuse options that would let a differential base go sideways.
+
+    Raises:
+        InvalidValueError: for constraints or another planner while the base may move.
+    """
+    if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
+        return
+    if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
+        what = "constraints or costs" if constrained else "planner"
+        raise InvalidValueError(
+            what, "given, while the differential base may move", f"joints= without {', '.join(BASE_JOINTS)}"
+        )
+
+
+def are_tasks(goal: object) -> bool:
+    """Return whether a goal is IK tasks, not configurations."""
+    return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
+
+
+def are_known_to_fast(tasks: Sequence[Any]) -> bool:
+    """Return whether the fast solver of inverse kinematics has code for tasks."""
+    parts = [part for task in tasks for part in (task.parts if isinstance(task, TaskGroup) else [task])]
+    return known_structures(parts) is not None
+
+
+def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
+    """Load, or compile, what a goal that is tasks and a planner need, before any clock starts.
+
+    Args:
+        checks: The robot in its scene.
+        goal: Joint positions [rad or m], shape (n,) or (m, n), or tasks; see `plan`.
+        kind: The planner's name, or "costs" or "constraints".
+
+    Raises:
+        InvalidValueError: for tasks and other things mixed.
+    """
+    _load_code_of(kind)
+    if not are_tasks(goal):
+        return
+    tasks = flatten_tasks(checks.pepper, cast("Sequence[Task]", goal))
+    if are_known_to_fast(tasks):
+        load_tasks(checks.pepper, tasks)
+        if checks.statics.balance is not None:
+            load_tasks(checks.pepper, [*tasks, *checks.statics.tasks()])
+
+
+@cache
+def _load_code_of(kind: str) -> None:
+    """Load, or compile, what a planner runs besides what all planning does.
+
+    Args:
+        kind: "aorrtc", "costs" or "constraints"; anything else needs only what all planning does.
+    """
+    load_code(search_nearby, run)
+    if kind in ("aorrtc", "costs"):
+        from pepper_kin.planners.rejoin import shortest_end
+        from pepper_kin.planners.shortcut import drop_flat, shorten
+        from pepper_kin.planners.tree_growth import first_round, grow
+
+        load_code(first_round, grow, drop_flat, shorten, shortest_end)
+    if kind in ("costs", "constraints"):
+        from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
+        from pepper_kin.planners.transition_rrt import grow as grow_by_cost
+        from pepper_kin.planners.transition_rrt import last_valid_step, price_at
+
+        load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step)
+    if kind == "constraints":
+        from pepper_kin.planners.cbirrt import grow as grow_on_manifold
+        from pepper_kin.planners.cbirrt import measure_rows, walk
+        from pepper_kin.planners.constraint_manifold import edges_hold, project_rows
+
+        load_code(grow_on_manifold, walk, measure_rows, project_rows, edges_hold)
