@@ -333,7 +333,7 @@ def _source_digest(function: FunctionType) -> str:
 
 def builder_digest() -> str:
     """Hash of the files here that decide what portable code is made of a function."""
-    names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "calling"
+    names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records", "calling"
     return _digest_of(names) + " bounds checked" * BOUNDS_CHECKED
 
 

@@ -1,7 +1,7 @@
 """Eight floats side by side, one value per lane, as compiled functions compute with them.
 
-    x = load_lanes(address)  # eight float32, one after the other
-    store_lanes(address, minimum(x * spread(2.0), x + x))
+    x = load_lanes(address)  # eight float32, one after the other (`records`)
+    store_lanes(address, lane_minimum(x * spread(2.0), x + x))
 
 Sums, differences, products and quotients of lanes, and of lanes and numbers, are written as usual; products
 and sums may be contracted.  Compiled, such a value is one vector register (two of half the width on
@@ -10,7 +10,6 @@ processors without AVX); interpreted, it is an array of eight float32.
 
 from __future__ import annotations
 
-import ctypes
 import operator
 from collections.abc import Callable
 from typing import Any, TypeAlias
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kernels.intrinsics import intrinsic
+from pepper_kin.kernels.records import DOUBLES, SINGLES, WORDS, Kind, RecordView, single
 
 LANES = 8
 """Values side by side."""
@@ -138,58 +138,6 @@ def _emit_extreme(sign: str) -> Callable[..., Any]:
     return make
 
 
-def _emit_load(typing_context: Any, address: Any) -> Any:
-    from numba import types
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.load(builder.inttoptr(values[0], _vector().as_pointer()), align=4)
-
-    return lanes_type()(types.intp), generate
-
-
-def _emit_store(typing_context: Any, address: Any, x: Any) -> Any:
-    from numba import types
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        builder.store(values[1], builder.inttoptr(values[0], _vector().as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, lanes_type()), generate
-
-
-def _emit_scalar(name: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return what writes a load and a store of a scalar at an address."""
-
-    def kind() -> Any:
-        from llvmlite import ir
-
-        return {"float32": ir.FloatType(), "float64": ir.DoubleType(), "int64": ir.IntType(64)}[name]
-
-    def load(typing_context: Any, address: Any) -> Any:
-        from numba import types
-
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return builder.load(builder.inttoptr(values[0], kind().as_pointer()))
-
-        return getattr(types, name)(types.intp), generate
-
-    def store(typing_context: Any, address: Any, value: Any) -> Any:
-        from numba import types
-
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            builder.store(values[1], builder.inttoptr(values[0], kind().as_pointer()))
-            return context.get_dummy_value()
-
-        return types.void(types.intp, getattr(types, name)), generate
-
-    return load, store
-
-
-_load_single, _store_single = _emit_scalar("float32")
-_load_double, _store_double = _emit_scalar("float64")
-_load_word, _store_word = _emit_scalar("int64")
-
-
 def _emit_spread(typing_context: Any, value: Any) -> Any:
     from numba import types
 
@@ -237,56 +185,18 @@ def _emit_lowest(typing_context: Any, bits: Any) -> Any:
     return types.int64(types.int64), generate
 
 
-def _at(address: int) -> Lanes:
-    return np.frombuffer(memoryview((ctypes.c_float * LANES).from_address(int(address))), np.float32)
+lanes = Kind("float32", LANE_BYTES, lanes=LANES, side_by_side=lanes_type)
+"""Kind of a field of a record: eight float32."""
+TRIPLES = RecordView("TRIPLES", xyz=3 * lanes)
+"""Rows of three values in lanes: points or directions."""
+ONE_LANE = RecordView("ONE_LANE", xyz=3 * single.padded(LANE_BYTES))
+"""One lane of such a row, at `SINGLES.at(row, lane)`."""
 
-
-@intrinsic(_emit_load)
-def load_lanes(address: int) -> Lanes:
-    """Return eight float32 at an address."""
-    return _at(address).copy()
-
-
-@intrinsic(_emit_store)
-def store_lanes(address: int, x: Lanes) -> None:
-    """Write eight float32 at an address."""
-    _at(address)[:] = x
-
-
-@intrinsic(_load_single)
-def single_at(address: int) -> float:
-    """Return the float32 at an address."""
-    return ctypes.c_float.from_address(int(address)).value
-
-
-@intrinsic(_store_single)
-def store_single(address: int, value: float) -> None:
-    """Write a float32 at an address."""
-    ctypes.c_float.from_address(int(address)).value = value
-
-
-@intrinsic(_load_double)
-def double_at(address: int) -> float:
-    """Return the float64 at an address."""
-    return ctypes.c_double.from_address(int(address)).value
-
-
-@intrinsic(_store_double)
-def store_double(address: int, value: float) -> None:
-    """Write a float64 at an address."""
-    ctypes.c_double.from_address(int(address)).value = value
-
-
-@intrinsic(_load_word)
-def word_at(address: int) -> int:
-    """Return the int64 at an address."""
-    return ctypes.c_int64.from_address(int(address)).value
-
-
-@intrinsic(_store_word)
-def store_word(address: int, value: int) -> None:
-    """Write an int64 at an address."""
-    ctypes.c_int64.from_address(int(address)).value = value
+load_lanes, store_lanes = (_LANES := RecordView("LANES", value=lanes)).value, _LANES.set_value
+single_at, store_single = SINGLES.value, SINGLES.set_value
+double_at, store_double = DOUBLES.value, DOUBLES.set_value
+word_at, store_word = WORDS.value, WORDS.set_value
+"""Values by address: `load(address, k=0)`, the k-th from there on, and `store(address, value, k=0)`."""
 
 
 @intrinsic(_emit_spread)

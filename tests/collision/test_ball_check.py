@@ -14,8 +14,8 @@ from pepper_kin.collision.fast import FastChecker
 from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.rounding import Rounding
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import BODY_WORDS, PART_WORDS
 from pepper_kin.core.collision.check import place_frozen
+from pepper_kin.core.collision.records import BODY, PART
 
 OTHERS = {
     "panda": ("panda_description/urdf/panda.urdf", "panda_description/srdf/panda.srdf"),
@@ -41,8 +41,8 @@ def test_centers_are_off_by_less_than_is_allowed_for(name):
     model, data = robot.inner_model, robot.inner_model.createData()
     order = [i for i in range(len(structure.solids))]
     memory = fast._prepared.memory()
-    bodies = at.section_bits(memory, at.BODIES).reshape(-1, BODY_WORDS)
-    parts = at.section_bits(memory, at.PARTS).reshape(-1, PART_WORDS)
+    bodies = at.section_bits(memory, at.BODIES).reshape(-1, BODY.width)
+    parts = at.section_bits(memory, at.PARTS).reshape(-1, PART.width)
     share = 0.0
     for _ in range(40):
         low, high = np.maximum(robot.lower_limits, -16.0), np.minimum(robot.upper_limits, 16.0)
@@ -61,7 +61,9 @@ def test_centers_are_off_by_less_than_is_allowed_for(name):
             ]
             if not expected:
                 continue
-            found = np.concatenate([placed[part[1] : part[2]] for part in parts[body[7] : body[8]]])
+            own = parts[body[BODY.columns.first_part] : body[BODY.columns.part_end]]
+            spans = own[:, [PART.columns.first_ball, PART.columns.ball_end]]
+            found = np.concatenate([placed[first:end] for first, end in spans])
             assert (found == found[:, :, :1]).all()
             gaps = np.linalg.norm(found[:, None, :, 0] - np.array(expected), axis=2)
             share = max(share, gaps.min(axis=1).max() / allowed[b])

@@ -7,7 +7,7 @@ import pepper_kin as pk
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.fast.prepared import prepare
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import GROUP_WORDS, NODE_SINGLES, OBJECT_SINGLES, ROOT_WORDS
+from pepper_kin.core.collision.records import GROUP, NODE, OBJECT, ROOT
 
 
 def scene_of(count: int, rng: np.random.Generator) -> pk.Scene:
@@ -38,18 +38,18 @@ def corners_of(scene: pk.Scene) -> tuple[np.ndarray, np.ndarray]:
 def met_by(block: np.ndarray, group: int, low: np.ndarray, high: np.ndarray) -> tuple[set[int], int]:
     """Return places in the block of the objects whose boxes meet a box, and how many leaves were opened."""
     nodes = at.section_single(block, at.NODES)
-    nodes = nodes[: nodes.size // NODE_SINGLES * NODE_SINGLES].reshape(-1, NODE_SINGLES)
+    nodes = nodes[: nodes.size // NODE.width * NODE.width].reshape(-1, NODE.width)
     boxes = at.section_single(block, at.BOXES).reshape(-1, 6, 8)
     lists, roots = at.section_bits(block, at.ROOT_LISTS), at.section_bits(block, at.ROOTS)
     found, opened = set(), 0
     for r in range(lists[group], lists[group + 1]):
-        n, end = roots[ROOT_WORDS * r : ROOT_WORDS * r + 2]
+        n, end = roots[ROOT.width * r : ROOT.width * r + 2]
         while n < end:
-            if (nodes[n, :3] > high).any() or (nodes[n, 3:6] < low).any():
-                n = int(nodes[n, 6])
+            if (nodes[n, NODE.columns.low] > high).any() or (nodes[n, NODE.columns.high] < low).any():
+                n = int(nodes[n, NODE.columns.after])
                 continue
-            opened += nodes[n, 8] > nodes[n, 7]
-            for k in range(int(nodes[n, 7]), int(nodes[n, 8])):
+            opened += nodes[n, NODE.columns.object_end] > nodes[n, NODE.columns.first_object]
+            for k in range(*nodes[n, [NODE.columns.first_object, NODE.columns.object_end]].astype(int)):
                 box = boxes[k // 8, :, k % 8]
                 if (box[:3] <= high).all() and (box[3:] >= low).all():
                     found.add(k)
@@ -85,12 +85,12 @@ def test_trees_find_every_object_that_a_box_meets(count):
 def test_objects_stand_in_the_block_as_in_the_scene():
     scene, pepper = scene_of(40, np.random.default_rng(0)), pk.load_pepper()
     made = prepare(checker_for(pepper, scene))
-    items = at.section_single(made.scene.block, at.OBJECTS)[: 40 * OBJECT_SINGLES].reshape(40, -1)
+    items = at.section_single(made.scene.block, at.OBJECTS)[: 40 * OBJECT.width].reshape(40, -1)
     poses = at.section(made.scene.block, at.SOLID_POSES).reshape(40, 12)
     names = list(scene.objects)
     for k, o in enumerate(made.scene.order.tolist()):
         pose = scene.objects[names[o]].transform_object_to_world
-        np.testing.assert_allclose(items[k, 6:9], pose[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(items[k, OBJECT.columns.center], pose[:3, 3], atol=1e-6)
         np.testing.assert_array_equal(poses[k], np.concatenate([pose[:3, 3], pose[:3, :3].T.ravel()]))
 
 
@@ -99,7 +99,7 @@ def test_a_group_meets_only_the_objects_it_may_not_touch():
     pepper = pk.load_pepper()
     made = prepare(checker_for(pepper, scene))
     block, structure = made.scene.block, made.structure
-    groups = at.section_bits(made.block, at.GROUPS).reshape(-1, GROUP_WORDS)
+    groups = at.section_bits(made.block, at.GROUPS).reshape(-1, GROUP.width)
     assert len(groups) == len(structure.groups)
     everywhere = np.full(3, -100.0), np.full(3, 100.0)
     for g, members in enumerate(structure.groups):

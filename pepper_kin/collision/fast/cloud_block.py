@@ -45,12 +45,14 @@ def _made(points: Array) -> Array:
     cells, most = math.prod(counts), max(counts[1:])
     sizes = [-(-size // 2) for size in (cells, cells + 1, *[len(points) + LANES] * 3)]
     sizes += [3 * len(points), max(len(points), LANES * most) // 2 + 1]
-    places = [HEAD]
+    places = [HEAD.width]
     for size in sizes[:-1]:
         places.append(-(-(places[-1] + size) // at.ALIGNMENT) * at.ALIGNMENT)
     widest = min(16, math.ceil(FIELD / edge))
     block = at.aligned(places[-1] + sizes[-1])
-    block[:HEAD] = [*-half, edge, *counts, len(points), widest, *places]
+    names = "field", "first", "xs", "ys", "zs", "points", "workspace"
+    head = dict(zip(("cells", "rows", "layers", *names), (*counts, *places), strict=True))
+    block[: HEAD.width] = HEAD.row(low=-half, edge=edge, count=len(points), widest=widest, **head)
     build_cloud(points, middle, block)
     return block
 

@@ -16,8 +16,8 @@ from pepper_kin.batch import kernel
 from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import GROUP_WORDS, LINK_WORDS
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
+from pepper_kin.core.collision.records import GROUP, LINK
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel
@@ -298,16 +298,19 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
         moving: Whether the pairs that move are kept, or the others.
     """
     kept = block.copy()
-    links = at.section_bits(block, at.LINKS).reshape(-1, LINK_WORDS)
+    links = at.section_bits(block, at.LINKS).reshape(-1, LINK.width)
     pairs, first = at.section(block, at.PAIRS).reshape(-1, 2), at.section(block, at.PAIR_FIRST)
-    groups = at.section_bits(kept, at.GROUPS).reshape(-1, GROUP_WORDS)
-    ends = links[:, [0, 2]].T, prepared.bodies_of_solids[pairs.astype(np.int64)].T
+    groups = at.section_bits(kept, at.GROUPS).reshape(-1, GROUP.width)
+    ends = (
+        links[:, [LINK.columns.covered, LINK.columns.exact]].T,
+        prepared.bodies_of_solids[pairs.astype(np.int64)].T,
+    )
     chosen = [(carried[a] ^ carried[b]).any(axis=1) == moving for a, b in ends]
     count = int(chosen[0].sum())
-    at.section_bits(kept, at.LINKS).reshape(-1, LINK_WORDS)[:count] = links[chosen[0]]
+    at.section_bits(kept, at.LINKS).reshape(-1, LINK.width)[:count] = links[chosen[0]]
     at.section(kept, at.NUMBERS)[at.LINK_COUNT] = count
     moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
-    groups[moves[groups[:, 0]] != moving, 4] = 0
+    groups[moves[groups[:, GROUP.columns.body]] != moving, GROUP.columns.checked] = 0
     at.section(kept, at.PAIRS).reshape(-1, 2)[: int(chosen[1].sum())] = pairs[chosen[1]]
     at.section(kept, at.PAIR_FIRST)[:] = np.concatenate([[0], np.cumsum(chosen[1])])[first.astype(np.int64)]
     return kept

@@ -32,12 +32,22 @@ from pepper_kin.collision.fast.structure import (
 )
 from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import (
-    CORE_LANES,
-)
 from pepper_kin.core.collision.check import set_margins
-from pepper_kin.core.collision.clouds import POINT_WORKSPACE_SIZE
+from pepper_kin.core.collision.clouds import POINT_WORKSPACE
 from pepper_kin.core.collision.layout import STATES_AT_ONCE
+from pepper_kin.core.collision.records import (
+    BALL,
+    BODY,
+    CORE,
+    LANE_POSE,
+    LINK,
+    LINK_PART,
+    PART,
+    PLACED_BODY,
+    PLACED_CORE,
+    PLACED_PART,
+    POSE,
+)
 from pepper_kin.core.collision.scene_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
@@ -47,8 +57,6 @@ MET, MOST_AXES = 16, 2048
 of more, some share theirs."""
 MOST_ROBOTS = 64
 """Robots holding other things that are kept."""
-POSE = 12
-"""Numbers of a pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,15 +200,18 @@ def _constants(
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
     rows = np.array([solid.row for solid in structure.solids]).reshape(-1, ROW)
     balls, axes = tables.balls.copy(), sum(map(len, structure.classes)) + MET * len(members) + 1
-    balls[:, 3] += rounding.placed[tables.ball_bodies] + rounding.comparing()
-    balls[:, 4] -= rounding.placed[tables.ball_bodies] + rounding.comparing()
+    balls[:, BALL.columns.outer] += rounding.placed[tables.ball_bodies] + rounding.comparing()
+    balls[:, BALL.columns.inner] -= rounding.placed[tables.ball_bodies] + rounding.comparing()
     cores, links = tables.cores.copy(), tables.links.copy()
-    cores[:, 1] += rounding.placed[tables.core_bodies]
-    cores[:, 2] -= rounding.placed[tables.core_bodies]
+    cores[:, CORE.columns.outer] += rounding.placed[tables.core_bodies]
+    cores[:, CORE.columns.inner] -= rounding.placed[tables.core_bodies]
     link_parts = tables.link_parts.copy()
-    coarse = tables.parts[:, 0]
-    links[:, 4] = _touching(balls, links[:, 1], links[:, 3], rounding)
-    link_parts[:, 2] = _touching(balls, coarse[link_parts[:, 0]], coarse[link_parts[:, 1]], rounding)
+    coarse, own, of_parts = tables.parts[:, PART.columns.coarse], LINK.columns, LINK_PART.columns
+    links[:, own.touching] = _touching(
+        balls, links[:, own.covered_coarse], links[:, own.exact_coarse], rounding
+    )
+    covered, exact = coarse[link_parts[:, of_parts.covered]], coarse[link_parts[:, of_parts.exact]]
+    link_parts[:, of_parts.touching] = _touching(balls, covered, exact, rounding)
     numbers = np.zeros(at.NUMBERS_SIZE)
     numbers[at.N], numbers[at.CLASS_COUNT] = pepper.n, len(structure.classes)
     numbers[at.GROUP_COUNT], numbers[at.BODY_COUNT] = len(structure.groups), len(tables.bodies)
@@ -242,7 +253,8 @@ def _touching(
         others: Rows of the second, shape (k,).
         rounding: What single precision may be wrong by.
     """
-    reach = balls[some, 3] + balls[others, 3] - rounding.comparing()
+    outer = balls[:, BALL.columns.outer]
+    reach = outer[some] + outer[others] - rounding.comparing()
     return (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
 
 
@@ -258,24 +270,25 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
 
 def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
-    identity = np.zeros((bodies + 1, POSE, LANES), np.float32)
-    identity[[[0], [bodies]], [0, 4, 8]] = 1.0
+    pose = LANE_POSE.row(rotation=np.repeat(np.eye(3).ravel(), LANES), origin=np.zeros(3 * LANES))
+    poses = np.zeros((bodies + 1, LANE_POSE.width), np.float32)
+    poses[[0, bodies]] = pose
     centers = np.zeros((len(tables.balls), 3, LANES), np.float32)
-    world = tables.bodies[-1, 6]  # all others are written where bodies are placed
-    centers[world] = tables.balls[world, :3, None]
+    world = tables.bodies[-1, BODY.columns.coarse]  # all others are written where bodies are placed
+    centers[world] = tables.balls[world, BALL.columns.center, None]
     return {
-        at.PLACED_AT: words(np.tile([1, 0], bodies)),
-        at.PARTS_AT: np.zeros(2 * len(tables.parts)),
+        at.PLACED_AT: words(np.tile(PLACED_BODY.row(count=1, parts=0), bodies)),
+        at.PARTS_AT: np.zeros(PLACED_PART.width * len(tables.parts)),
         at.COORDINATES: np.zeros(n * LANES // 2),
-        at.POSES: singles(identity),
+        at.POSES: singles(poses),
         at.CENTERS: singles(centers),
-        at.PLACED: np.zeros(len(tables.cores) * CORE_LANES * LANES // 2),
+        at.PLACED: np.zeros(len(tables.cores) * PLACED_CORE.width // 2),
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
         at.ORDER: words(np.arange(len(structure.groups))),
         at.CLOUD_WORKSPACE: np.zeros(4 * LANES // 2),
-        at.PAIR_WORKSPACE: np.zeros(POINT_WORKSPACE_SIZE),
+        at.PAIR_WORKSPACE: np.zeros(POINT_WORKSPACE.width),
         at.RAMP: singles(np.arange(1, LANES + 1) / LANES),
         at.ROWS: np.zeros(STATES_AT_ONCE * n),
         at.STATUS: np.zeros(STATES_AT_ONCE),
@@ -283,6 +296,6 @@ def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> d
         at.ROW_CLASSES: np.zeros(STATES_AT_ONCE),
         at.ROW_GROUPS: np.zeros(STATES_AT_ONCE),
         at.Q_FULL: np.zeros(joints - 1),
-        at.JOINT_POSES: np.zeros(POSE * joints),
+        at.JOINT_POSES: np.zeros(POSE.width * joints),
         at.JOINT_AXES: np.zeros(3 * joints),
     }

@@ -13,7 +13,7 @@ from pepper_kin.collision.fast.rounding import COMPARING, FAR, Rounding
 from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES, ROOT_WORDS
+from pepper_kin.core.collision.records import NODE, OBJECT, ROOT
 from pepper_kin.core.collision.scene_rows import write_objects
 from pepper_kin.core.collision.scene_trees import ObjectSets, sort_objects, write_scene
 from pepper_kin.kernels.lanes import LANES
@@ -38,7 +38,7 @@ class SceneBlock(NamedTuple):
 def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     """Return the block of a scene as one robot sees it."""
     rows, special, count = structure.object_rows, structure.special, len(structure.items)
-    items, corners = np.empty((count, OBJECT_SINGLES), np.float32), np.empty((2, count, 3))
+    items, corners = np.empty((count, OBJECT.width), np.float32), np.empty((2, count, 3))
     write_objects(rows, COMPARING, FAR, rounding.farthest, items, corners[0], corners[1])
     order, trees = np.empty(count, np.int64), np.empty((2 * len(structure.ends), 3), np.int64)
     sets = ObjectSets(
@@ -48,11 +48,11 @@ def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
     hulls = _hulls(special, order) if special else {}
     block = at.blank(
         {
-            at.OBJECTS: -(-OBJECT_SINGLES * count // 2),
+            at.OBJECTS: -(-OBJECT.width * count // 2),
             at.BOXES: 3 * LANES * -(-count // LANES),
-            at.NODES: -(-NODE_SINGLES * nodes // 2),
+            at.NODES: -(-NODE.width * nodes // 2),
             at.CLOUDS: count,
-            at.ROOTS: ROOT_WORDS * pairs,
+            at.ROOTS: ROOT.width * pairs,
             at.ROOT_LISTS: len(structure.groups) + 1,
             at.SOLIDS: 4 * count,
             at.SOLID_HALF: 3 * count,

@@ -15,10 +15,32 @@ from typing import Any, NamedTuple
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
 from pepper_kin.core.collision.layout import CLOUD, CYLINDER
+from pepper_kin.core.collision.records import (
+    BALL,
+    BODY,
+    BOXES,
+    CORE,
+    FRAME,
+    GROUP,
+    LANE_POSE,
+    LINK,
+    LINK_PART,
+    NODE,
+    OBJECT,
+    PART,
+    PLACED_BODY,
+    PLACED_CORE,
+    PLACED_PART,
+    RANGE,
+    ROOT,
+    SIDE,
+    dot,
+)
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
-    LANE_BYTES,
     LANES,
+    ONE_LANE,
+    TRIPLES,
     greatest_lane,
     lane_abs,
     lane_maximum,
@@ -29,41 +51,15 @@ from pepper_kin.kernels.lanes import (
     least_lane,
     load_lanes,
     lowest_bit,
-    single_at,
     spread,
     store_lanes,
     store_word,
     word_at,
 )
+from pepper_kin.kernels.records import SINGLES, WORDS
 
-POSE_BYTES = 12 * LANE_BYTES
-"""Bytes of a pose in lanes: the rotation row by row, then the origin."""
 ALL = 255
 """Bits of all lanes."""
-
-BODY_WORDS, FRAME_SINGLES = 9, 14
-"""Numbers of a body: pose it hangs on, slides, coordinate, moves, first group, end of groups, coarse ball,
-first and end of its parts.  Of its frame: rotation row by row, origin, then gain and offset of its
-own coordinate."""
-GROUP_WORDS, PART_WORDS, BALL_SINGLES = 7, 5, 5
-"""Numbers of a group: body, coarse ball, first ball, end of balls, whether it is checked, first and end of
-its parts.  Of a part: coarse ball, first and end of the balls in it, first and end of its cores; none in the
-first of several of a group, which is the whole.  Of a ball: center, outer radius, inner radius."""
-OBJECT_SINGLES = 19
-"""Numbers of an object: kind, outer radius, inner radius, half lengths, center, x, y and z axis, radius of
-the ball around all of it."""
-NODE_SINGLES, ROOT_WORDS = 9, 2
-"""Numbers of a node of a tree of boxes, its branches behind it: least and greatest corner, the node behind
-all its branches, first and end of its objects.  Of a tree: its first node and the end of its nodes."""
-LINK_WORDS, LINK_PART_WORDS, SIDE_WORDS, RANGE_WORDS = 8, 5, 3, 2
-"""Numbers of a pair of bodies: the one with balls, its coarse ball, the one with cores, its coarse ball, the
-distance at which these touch (a float32), class, first and end of its rows in LINK_PARTS; of a row there, a
-pair of parts of these: the two, the distance at which their coarse balls touch, first and end of its rows in
-SIDES; of a row of SIDES: core, first and end of its rows in RANGES; of a row there: first and end of
-balls."""
-CORE_SINGLES, CORE_LANES = 18, 12
-"""Numbers of a core: kind, outer radius, inner radius, half lengths, center, x, y and z axis in its body;
-values in lanes when it is placed: center, z, x and y axis."""
 POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
 ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
@@ -71,7 +67,7 @@ ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
 
 
 class Tables(NamedTuple):
-    """Addresses of the tables in a block, and how long they are; see the constants above for their rows."""
+    """Addresses of the tables in a block, and how long they are; see `records` for their rows."""
 
     body_count: int
     group_count: int
@@ -175,104 +171,70 @@ def sine_cosine(x: Any) -> tuple[Any, Any]:
     return sine, cosine * sign
 
 
-@compiled(inline=True, lean=True)
-def _rotate_row(x: Any, y: Any, z: Any, frame: int, column: int) -> Any:
-    """Return one entry of a row (x, y, z) times the rotation of a frame."""
-    return (
-        x * single_at(frame + 4 * column)
-        + y * single_at(frame + 12 + 4 * column)
-        + z * single_at(frame + 24 + 4 * column)
-    )
-
-
 @compiled(lean=True)
 def place_body(t: Tables, b: int) -> None:
     """Write the pose of a body from its parent's."""
-    words, frame = t.bodies + 8 * BODY_WORDS * b, t.frames + 4 * FRAME_SINGLES * b
-    above, here = t.poses + POSE_BYTES * word_at(words), t.poses + POSE_BYTES * (b + 1)
-    q = load_lanes(t.coordinates + LANE_BYTES * word_at(words + 16)) * single_at(frame + 48) + single_at(
-        frame + 52
-    )
-    tx, ty, tz = single_at(frame + 36), single_at(frame + 40), single_at(frame + 44)
-    if word_at(words + 8) != 0:
+    body, frame = BODY.at(t.bodies, b), FRAME.at(t.frames, b)
+    above, here = LANE_POSE.at(t.poses, BODY.parent(body)), LANE_POSE.at(t.poses, b + 1)
+    q = load_lanes(t.coordinates, BODY.coordinate(body)) * FRAME.gain(frame) + FRAME.offset(frame)
+    shift, turn = FRAME.origin(frame), FRAME.rotation(frame)
+    across, up, axis = (turn[0], turn[3], turn[6]), (turn[1], turn[4], turn[7]), (turn[2], turn[5], turn[8])
+    origin, moved = LANE_POSE.origin_at(above), LANE_POSE.origin_at(here)
+    if BODY.slides(body) != 0:
         for i in range(3):
-            row = above + 3 * LANE_BYTES * i
-            x, y, z = load_lanes(row), load_lanes(row + LANE_BYTES), load_lanes(row + 2 * LANE_BYTES)
-            axis = _rotate_row(x, y, z, frame, 2)
-            place = 3 * LANE_BYTES * i
-            store_lanes(here + place, _rotate_row(x, y, z, frame, 0))
-            store_lanes(here + place + LANE_BYTES, _rotate_row(x, y, z, frame, 1))
-            store_lanes(here + place + 2 * LANE_BYTES, axis)
-            origin = load_lanes(above + LANE_BYTES * (9 + i)) + (x * tx + y * ty + z * tz) + axis * q
-            store_lanes(here + LANE_BYTES * (9 + i), origin)
+            x, y, z = TRIPLES.xyz(above, i)
+            along = dot(x, y, z, axis)
+            TRIPLES.set_xyz(here, (dot(x, y, z, across), dot(x, y, z, up), along), i)
+            store_lanes(moved, load_lanes(origin, i) + dot(x, y, z, shift) + along * q, i)
         return
     sine, cosine = sine_cosine(q)
     for i in range(3):
-        row = above + 3 * LANE_BYTES * i
-        x, y, z = load_lanes(row), load_lanes(row + LANE_BYTES), load_lanes(row + 2 * LANE_BYTES)
-        u, v = _rotate_row(x, y, z, frame, 0), _rotate_row(x, y, z, frame, 1)
-        place = 3 * LANE_BYTES * i
-        store_lanes(here + place, u * cosine + v * sine)
-        store_lanes(here + place + LANE_BYTES, v * cosine - u * sine)
-        store_lanes(here + place + 2 * LANE_BYTES, _rotate_row(x, y, z, frame, 2))
-        origin = load_lanes(above + LANE_BYTES * (9 + i)) + (x * tx + y * ty + z * tz)
-        store_lanes(here + LANE_BYTES * (9 + i), origin)
+        x, y, z = TRIPLES.xyz(above, i)
+        u, v = dot(x, y, z, across), dot(x, y, z, up)
+        TRIPLES.set_xyz(here, (u * cosine + v * sine, v * cosine - u * sine, dot(x, y, z, axis)), i)
+        store_lanes(moved, load_lanes(origin, i) + dot(x, y, z, shift), i)
 
 
 @compiled(inline=True, lean=True)
-def _point(pose: int, x: float, y: float, z: float) -> tuple[Any, Any, Any]:
+def _point(pose: int, point: tuple[float, float, float]) -> tuple[Any, Any, Any]:
     """Return where a point of a body is in the world."""
-    return (
-        load_lanes(pose + 288)
-        + (load_lanes(pose) * x + load_lanes(pose + 32) * y + load_lanes(pose + 64) * z),
-        load_lanes(pose + 320)
-        + (load_lanes(pose + 96) * x + load_lanes(pose + 128) * y + load_lanes(pose + 160) * z),
-        load_lanes(pose + 352)
-        + (load_lanes(pose + 192) * x + load_lanes(pose + 224) * y + load_lanes(pose + 256) * z),
-    )
+    x, y, z = LANE_POSE.origin(pose)
+    u, v, w = _direction(pose, point)
+    return x + u, y + v, z + w
 
 
 @compiled(inline=True, lean=True)
-def _direction(pose: int, x: float, y: float, z: float) -> tuple[Any, Any, Any]:
+def _direction(pose: int, direction: tuple[float, float, float]) -> tuple[Any, Any, Any]:
     """Return where a direction of a body points in the world."""
-    return (
-        load_lanes(pose) * x + load_lanes(pose + 32) * y + load_lanes(pose + 64) * z,
-        load_lanes(pose + 96) * x + load_lanes(pose + 128) * y + load_lanes(pose + 160) * z,
-        load_lanes(pose + 192) * x + load_lanes(pose + 224) * y + load_lanes(pose + 256) * z,
-    )
+    r = LANE_POSE.rotation(pose)
+    x, y, z = direction
+    return dot(x, y, z, r[:3]), dot(x, y, z, r[3:6]), dot(x, y, z, r[6:])
 
 
 @compiled(inline=True, lean=True)
 def squared_distance(item: int, x: Any, y: Any, z: Any) -> Any:
     """Return the squared distance of points to the core of an object at an address [m^2]."""
-    dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
-    u = dx * single_at(item + 36) + dy * single_at(item + 40) + dz * single_at(item + 44)
-    v = dx * single_at(item + 48) + dy * single_at(item + 52) + dz * single_at(item + 56)
-    w = lane_abs(dx * single_at(item + 60) + dy * single_at(item + 64) + dz * single_at(item + 68))
-    zero = spread(0.0)
-    w = lane_maximum(w - single_at(item + 20), zero)
-    if single_at(item) == CYLINDER:
-        r = lane_maximum(lane_sqrt(u * u + v * v) - single_at(item + 12), zero)
+    u, v, w = to_frame(item, x, y, z)
+    half, zero = OBJECT.half(item), spread(0.0)
+    w = lane_maximum(lane_abs(w) - half[2], zero)
+    if OBJECT.kind(item) == CYLINDER:
+        r = lane_maximum(lane_sqrt(u * u + v * v) - half[0], zero)
         return r * r + w * w
-    u = lane_maximum(lane_abs(u) - single_at(item + 12), zero)
-    v = lane_maximum(lane_abs(v) - single_at(item + 16), zero)
+    u = lane_maximum(lane_abs(u) - half[0], zero)
+    v = lane_maximum(lane_abs(v) - half[1], zero)
     return u * u + v * v + w * w
 
 
 @compiled(inline=True, lean=True)
 def _center_ball(t: Tables, pose: int, k: int) -> None:
     """Write where the center of a ball is."""
-    ball, place = t.balls + 4 * BALL_SINGLES * k, t.centers + 3 * LANE_BYTES * k
-    x, y, z = _point(pose, single_at(ball), single_at(ball + 4), single_at(ball + 8))
-    store_lanes(place, x)
-    store_lanes(place + LANE_BYTES, y)
-    store_lanes(place + 2 * LANE_BYTES, z)
+    TRIPLES.set_xyz(t.centers, _point(pose, BALL.center(t.balls, k)), k)
 
 
 @compiled(inline=True, lean=True)
 def _is_new(t: Tables, b: int, place: int) -> bool:
     """Whether what is noted at a place has not been done since a body was placed; notes that it is."""
-    now = word_at(t.placed_at + 16 * b)
+    now = PLACED_BODY.count(t.placed_at, b)
     if word_at(place) == now:
         return False
     store_word(place, now)
@@ -282,71 +244,57 @@ def _is_new(t: Tables, b: int, place: int) -> bool:
 @compiled(lean=True)
 def _center_balls(t: Tables, b: int, p: int) -> None:
     """Write where the centers of the balls of a body's part are, if that has not been done yet."""
-    part = t.parts + 8 * PART_WORDS * p
-    if _is_new(t, b, t.parts_at + 16 * p):
-        for k in range(word_at(part + 8), word_at(part + 16)):
-            _center_ball(t, t.poses + POSE_BYTES * (b + 1), k)
+    if _is_new(t, b, PLACED_PART.balls_at(t.parts_at, p)):
+        for k in range(PART.first_ball(t.parts, p), PART.ball_end(t.parts, p)):
+            _center_ball(t, LANE_POSE.at(t.poses, b + 1), k)
 
 
 @compiled(lean=True)
 def _center_parts(t: Tables, b: int) -> None:
     """Write where the coarse balls of a body's parts are, if that has not been done yet."""
-    words = t.bodies + 8 * BODY_WORDS * b
-    if _is_new(t, b, t.placed_at + 16 * b + 8):
-        for p in range(word_at(words + 56), word_at(words + 64)):
-            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.parts + 8 * PART_WORDS * p))
+    if _is_new(t, b, PLACED_BODY.parts_at(t.placed_at, b)):
+        for p in range(BODY.first_part(t.bodies, b), BODY.part_end(t.bodies, b)):
+            _center_ball(t, LANE_POSE.at(t.poses, b + 1), PART.coarse(t.parts, p))
 
 
 @compiled(lean=True)
 def _place_cores(t: Tables, b: int, p: int) -> None:
     """Write where the cores of a body's part are, if that has not been done yet."""
-    if not _is_new(t, b, t.parts_at + 16 * p + 8):
+    if not _is_new(t, b, PLACED_PART.cores_at(t.parts_at, p)):
         return
-    part = t.parts + 8 * PART_WORDS * p
-    pose = t.poses + POSE_BYTES * (b + 1)
-    for k in range(word_at(part + 24), word_at(part + 32)):
-        core, place = t.cores + 4 * CORE_SINGLES * k, t.placed + CORE_LANES * LANE_BYTES * k
-        x, y, z = _point(pose, single_at(core + 24), single_at(core + 28), single_at(core + 32))
-        store_lanes(place, x)
-        store_lanes(place + 32, y)
-        store_lanes(place + 64, z)
-        kind = single_at(core)
+    pose = LANE_POSE.at(t.poses, b + 1)
+    for k in range(PART.first_core(t.parts, p), PART.core_end(t.parts, p)):
+        core, place = CORE.at(t.cores, k), PLACED_CORE.at(t.placed, k)
+        PLACED_CORE.set_center(place, _point(pose, CORE.center(core)))
+        kind = CORE.kind(core)
         if kind == POINT:
             continue
-        x, y, z = _direction(pose, single_at(core + 60), single_at(core + 64), single_at(core + 68))
-        store_lanes(place + 96, x)
-        store_lanes(place + 128, y)
-        store_lanes(place + 160, z)
+        PLACED_CORE.set_z_axis(place, _direction(pose, CORE.z_axis(core)))
         if kind == SEGMENT:
             continue
-        x, y, z = _direction(pose, single_at(core + 36), single_at(core + 40), single_at(core + 44))
-        store_lanes(place + 192, x)
-        store_lanes(place + 224, y)
-        store_lanes(place + 256, z)
-        x, y, z = _direction(pose, single_at(core + 48), single_at(core + 52), single_at(core + 56))
-        store_lanes(place + 288, x)
-        store_lanes(place + 320, y)
-        store_lanes(place + 352, z)
+        PLACED_CORE.set_x_axis(place, _direction(pose, CORE.x_axis(core)))
+        PLACED_CORE.set_y_axis(place, _direction(pose, CORE.y_axis(core)))
 
 
 @compiled(inline=True, lean=True)
 def box_distance(node: int, x: Any, y: Any, z: Any) -> Any:
     """Return the squared distance of points to the box of a node at an address [m^2]."""
-    zero = spread(0.0)
-    dx = lane_maximum(lane_maximum(single_at(node) - x, x - single_at(node + 12)), zero)
-    dy = lane_maximum(lane_maximum(single_at(node + 4) - y, y - single_at(node + 16)), zero)
-    dz = lane_maximum(lane_maximum(single_at(node + 8) - z, z - single_at(node + 20)), zero)
+    low, high, zero = NODE.low(node), NODE.high(node), spread(0.0)
+    dx = lane_maximum(lane_maximum(low[0] - x, x - high[0]), zero)
+    dy = lane_maximum(lane_maximum(low[1] - y, y - high[1]), zero)
+    dz = lane_maximum(lane_maximum(low[2] - z, z - high[2]), zero)
     return dx * dx + dy * dy + dz * dz
 
 
 @compiled(inline=True, lean=True)
 def to_frame(item: int, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Return the coordinates of points in the frame of an object at an address."""
-    dx, dy, dz = x - single_at(item + 24), y - single_at(item + 28), z - single_at(item + 32)
+    center = OBJECT.center(item)
+    x, y, z = x - center[0], y - center[1], z - center[2]
     return (
-        dx * single_at(item + 36) + dy * single_at(item + 40) + dz * single_at(item + 44),
-        dx * single_at(item + 48) + dy * single_at(item + 52) + dz * single_at(item + 56),
-        dx * single_at(item + 60) + dy * single_at(item + 64) + dz * single_at(item + 68),
+        dot(x, y, z, OBJECT.x_axis(item)),
+        dot(x, y, z, OBJECT.y_axis(item)),
+        dot(x, y, z, OBJECT.z_axis(item)),
     )
 
 
@@ -356,38 +304,29 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
 
     Returns those in contact, and those in doubt 8 bits higher.
     """
-    c, item, scratch = (
-        cloud_at(word_at(t.clouds + 8 * k)),
-        t.objects + 4 * OBJECT_SINGLES * k,
-        t.cloud_scratch,
-    )
-    part, pose = t.parts + 8 * PART_WORDS * p, t.poses + POSE_BYTES * (b + 1)
-    coarse = t.balls + 4 * BALL_SINGLES * word_at(part)
-    x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
+    c, item, scratch = cloud_at(word_at(t.clouds, k)), OBJECT.at(t.objects, k), t.cloud_scratch
+    coarse = BALL.at(t.balls, PART.coarse(t.parts, p))
+    x, y, z = _point(LANE_POSE.at(t.poses, b + 1), BALL.center(coarse))
     x, y, z = to_frame(item, x, y, z)
-    outside, inside = single_at(item + 4) + t.margin, single_at(item + 8) + t.margin
-    wide = single_at(coarse + 12) + outside
+    outside, inside = OBJECT.outer(item) + t.margin, OBJECT.inner(item) + t.margin
+    wide = BALL.outer(coarse) + outside
     near = lanes_below(field_squared(c, x, y, z, scratch), spread(wide * wide)) & lanes
     if near == 0:
         return 0
     _center_balls(t, b, p)
     contact, doubt = 0, 0
-    for i in range(word_at(part + 8), word_at(part + 16)):
-        ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-        x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+    for i in range(PART.first_ball(t.parts, p), PART.ball_end(t.parts, p)):
+        x, y, z = TRIPLES.xyz(t.centers, i)
         x, y, z = to_frame(item, x, y, z)
-        outer, inner = single_at(ball + 12) + outside, single_at(ball + 16) + inside
+        outer, inner = BALL.outer(t.balls, i) + outside, BALL.inner(t.balls, i) + inside
         found = lanes_below(field_squared(c, x, y, z, scratch), spread(outer * outer)) & near & ~contact
         if found == 0:
             continue
-        store_lanes(scratch, x)
-        store_lanes(scratch + LANE_BYTES, y)
-        store_lanes(scratch + 2 * LANE_BYTES, z)
+        TRIPLES.set_xyz(scratch, (x, y, z))
         square = inner * inner if inner > 0.0 else 0.0
         for lane in range(LANES):
             if (found >> lane) & 1:
-                place = scratch + 4 * lane
-                at_x, at_y, at_z = single_at(place), single_at(place + 32), single_at(place + 64)
+                at_x, at_y, at_z = ONE_LANE.xyz(SINGLES.at(scratch, lane))
                 nearest = nearest_squared(c, at_x, at_y, at_z, outer, square)
                 if nearest < square:
                     contact |= 1 << lane
@@ -401,11 +340,12 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
 @compiled(inline=True, lean=True)
 def _near_boxes(boxes: int, low: tuple[Any, Any, Any], high: tuple[Any, Any, Any]) -> int:
     """Return which of the eight boxes at an address meet the box with these corners, each in all lanes."""
-    apart = lane_maximum(load_lanes(boxes) - high[0], low[0] - load_lanes(boxes + 3 * LANE_BYTES))
-    apart = lane_maximum(apart, load_lanes(boxes + LANE_BYTES) - high[1])
-    apart = lane_maximum(apart, low[1] - load_lanes(boxes + 4 * LANE_BYTES))
-    apart = lane_maximum(apart, load_lanes(boxes + 2 * LANE_BYTES) - high[2])
-    apart = lane_maximum(apart, low[2] - load_lanes(boxes + 5 * LANE_BYTES))
+    lows, highs = BOXES.low(boxes), BOXES.high(boxes)
+    apart = lane_maximum(lows[0] - high[0], low[0] - highs[0])
+    apart = lane_maximum(apart, lows[1] - high[1])
+    apart = lane_maximum(apart, low[1] - highs[1])
+    apart = lane_maximum(apart, lows[2] - high[2])
+    apart = lane_maximum(apart, low[2] - highs[2])
     return lanes_below(apart, spread(0.0))
 
 
@@ -416,15 +356,12 @@ def _check_balls(t: Tables, b: int, p: int, item: int, outside: Any, inside: Any
     Returns the lanes in contact, and those in doubt 8 bits higher.
     """
     _center_balls(t, b, p)
-    part = t.parts + 8 * PART_WORDS * p
-    outside, inside, zero = outside + single_at(item + 4), inside + single_at(item + 8), spread(0.0)
+    outside, inside, zero = outside + OBJECT.outer(item), inside + OBJECT.inner(item), spread(0.0)
     contact, doubt = 0, 0
-    for i in range(word_at(part + 8), word_at(part + 16)):
-        ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-        squared = squared_distance(
-            item, load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
-        )
-        outer, inner = outside + single_at(ball + 12), lane_maximum(inside + single_at(ball + 16), zero)
+    for i in range(PART.first_ball(t.parts, p), PART.ball_end(t.parts, p)):
+        x, y, z = TRIPLES.xyz(t.centers, i)
+        squared, ball = squared_distance(item, x, y, z), BALL.at(t.balls, i)
+        outer, inner = outside + BALL.outer(ball), lane_maximum(inside + BALL.inner(ball), zero)
         doubt |= lanes_below(squared, outer * outer)
         contact |= lanes_below(squared, inner * inner)
     return contact | doubt << LANES
@@ -438,39 +375,39 @@ def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: 
     time.  Returns the lanes in contact, those in doubt 8 bits higher, and -1 where a part without balls is
     near an object.
     """
-    part, pose = t.parts + 8 * PART_WORDS * p, t.poses + POSE_BYTES * (b + 1)
-    coarse = t.balls + 4 * BALL_SINGLES * word_at(part)
-    x, y, z = _point(pose, single_at(coarse), single_at(coarse + 4), single_at(coarse + 8))
+    part = PART.at(t.parts, p)
+    coarse = BALL.at(t.balls, PART.coarse(part))
+    x, y, z = _point(LANE_POSE.at(t.poses, b + 1), BALL.center(coarse))
     outside, inside = spread(t.margin * ROUNDED_UP), spread(t.margin * ROUNDED_DOWN)
-    reach = outside + single_at(coarse + 12)
+    reach = outside + BALL.outer(coarse)
     low = spread(least_lane(x)), spread(least_lane(y)), spread(least_lane(z))
     high = spread(greatest_lane(x)), spread(greatest_lane(y)), spread(greatest_lane(z))
     low = low[0] - reach, low[1] - reach, low[2] - reach
     high = high[0] + reach, high[1] + reach, high[2] + reach
     contact, doubt = decided, 0
-    for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
-        n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
+    for r in range(word_at(t.lists, g), word_at(t.lists, g + 1)):
+        n, end = ROOT.first_node(t.roots, r), ROOT.node_end(t.roots, r)
         alone = n + 1 == end  # the box of a tree of one node is not worth a test
         while n < end:
-            node = t.nodes + 4 * NODE_SINGLES * n
+            node = NODE.at(t.nodes, n)
             if not alone and (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
-                n = int(single_at(node + 24))
+                n = int(NODE.after(node))
                 continue
-            k, last = int(single_at(node + 28)), int(single_at(node + 32))
+            k, last = int(NODE.first_object(node)), int(NODE.object_end(node))
             while k < last:
                 start = k & -LANES
-                met = _near_boxes(t.boxes + 6 * 4 * start, low, high) & (ALL << (k - start))
+                met = _near_boxes(BOXES.at(t.boxes, start // LANES), low, high) & (ALL << (k - start))
                 if last - start < LANES:
                     met &= (1 << (last - start)) - 1
                 k = start + LANES
                 while met != 0:
-                    item = t.objects + 4 * OBJECT_SINGLES * (start + lowest_bit(met))
-                    wide = reach + single_at(item + 4)
+                    item = OBJECT.at(t.objects, start + lowest_bit(met))
+                    wide = reach + OBJECT.outer(item)
                     near = lanes_below(squared_distance(item, x, y, z), wide * wide) & ~contact
                     if near != 0:
-                        if word_at(part + 8) == word_at(part + 16):
+                        if PART.first_ball(part) == PART.ball_end(part):
                             return -1
-                        if single_at(item) == CLOUD:
+                        if OBJECT.kind(item) == CLOUD:
                             found = _check_cloud(t, b, p, start + lowest_bit(met), near)
                         else:
                             found = _check_balls(t, b, p, item, outside, inside)
@@ -489,23 +426,22 @@ def _check_group(t: Tables, g: int, decided: int, first_contact: bool) -> int:
 
     Lanes in doubt are written to `group_doubts` and noted in `doubtful`.
     """
-    words = t.groups + 8 * GROUP_WORDS * g
+    group = GROUP.at(t.groups, g)
     contact, doubt = decided, 0
-    if word_at(words + 32) == 0:
+    if GROUP.checked(group) == 0:
         return decided
-    for p in range(word_at(words + 40), word_at(words + 48)):
-        part = t.parts + 8 * PART_WORDS * p
-        found = _check_part(t, g, word_at(words), p, contact, first_contact)
+    for p in range(GROUP.first_part(group), GROUP.part_end(group)):
+        found = _check_part(t, g, GROUP.body(group), p, contact, first_contact)
         if found < 0:
             continue
-        if word_at(part + 8) == word_at(part + 16):
+        if PART.first_ball(t.parts, p) == PART.ball_end(t.parts, p):
             break
         contact |= found & ALL
         doubt |= found >> LANES
         if first_contact and contact != 0:
             return contact
     if doubt != 0:
-        store_word(t.group_doubts + 8 * g, doubt)
+        store_word(t.group_doubts, doubt, g)
         store_word(t.doubtful, 1)
     return contact
 
@@ -513,60 +449,51 @@ def _check_group(t: Tables, g: int, decided: int, first_contact: bool) -> int:
 @compiled(inline=True, lean=True)
 def core_distance(core: int, place: int, x: Any, y: Any, z: Any) -> Any:
     """Return the squared distance of points to a core that has been placed [m^2]."""
-    x, y, z = x - load_lanes(place), y - load_lanes(place + 32), z - load_lanes(place + 64)
-    kind = single_at(core)
+    center, kind = PLACED_CORE.center(place), CORE.kind(core)
+    x, y, z = x - center[0], y - center[1], z - center[2]
     if kind == POINT:
         return x * x + y * y + z * z
-    zx, zy, zz = load_lanes(place + 96), load_lanes(place + 128), load_lanes(place + 160)
-    along = x * zx + y * zy + z * zz
+    axis, half = PLACED_CORE.z_axis(place), CORE.half(core)
+    along = dot(x, y, z, axis)
     if kind == SEGMENT:
-        half = spread(single_at(core + 20))
-        along = lane_maximum(lane_minimum(along, half), spread(0.0) - half)
-        x, y, z = x - along * zx, y - along * zy, z - along * zz
+        end = spread(half[2])
+        along = lane_maximum(lane_minimum(along, end), spread(0.0) - end)
+        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
         return x * x + y * y + z * z
     zero = spread(0.0)
-    w = lane_maximum(lane_abs(along) - single_at(core + 20), zero)
-    along = x * load_lanes(place + 192) + y * load_lanes(place + 224) + z * load_lanes(place + 256)
-    u = lane_maximum(lane_abs(along) - single_at(core + 12), zero)
-    along = x * load_lanes(place + 288) + y * load_lanes(place + 320) + z * load_lanes(place + 352)
-    v = lane_maximum(lane_abs(along) - single_at(core + 16), zero)
+    w = lane_maximum(lane_abs(along) - half[2], zero)
+    u = lane_maximum(lane_abs(dot(x, y, z, PLACED_CORE.x_axis(place))) - half[0], zero)
+    v = lane_maximum(lane_abs(dot(x, y, z, PLACED_CORE.y_axis(place))) - half[1], zero)
     return u * u + v * v + w * w
 
 
 @compiled(inline=True, lean=True)
 def _within(t: Tables, first: int, second: int, reach: Any) -> int:
     """Return the lanes in which two coarse balls, which are placed, are within reach."""
-    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * second
-    dx = load_lanes(place) - load_lanes(other)
-    dy = load_lanes(place + LANE_BYTES) - load_lanes(other + LANE_BYTES)
-    dz = load_lanes(place + 2 * LANE_BYTES) - load_lanes(other + 2 * LANE_BYTES)
+    a, b = TRIPLES.xyz(t.centers, first), TRIPLES.xyz(t.centers, second)
+    dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return lanes_below(dx * dx + dy * dy + dz * dz, reach * reach)
 
 
 @compiled(inline=True, lean=True)
 def _check_side(t: Tables, side: int, a: int, p: int, decided: int) -> int:
     """Compare balls of part p of body a with a core, which is placed; return as `_check_balls` does."""
-    e, coarse = word_at(side), word_at(t.parts + 8 * PART_WORDS * p)
-    core, scratch = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
-    outside, zero = spread(t.self_margin * ROUNDED_UP) + single_at(core + 4), spread(0.0)
-    place, reach = (
-        t.centers + 3 * LANE_BYTES * coarse,
-        outside + single_at(t.balls + 4 * BALL_SINGLES * coarse + 12),
-    )
-    squared = core_distance(core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64))
+    e, coarse = SIDE.core(side), PART.coarse(t.parts, p)
+    core, scratch = CORE.at(t.cores, e), PLACED_CORE.at(t.placed, e)
+    outside, zero = spread(t.self_margin * ROUNDED_UP) + CORE.outer(core), spread(0.0)
+    reach = outside + BALL.outer(t.balls, coarse)
+    x, y, z = TRIPLES.xyz(t.centers, coarse)
+    squared = core_distance(core, scratch, x, y, z)
     if (lanes_below(squared, reach * reach) & ~decided) == 0:
         return 0
     _center_balls(t, a, p)
-    inside = spread(t.self_margin * ROUNDED_DOWN) + single_at(core + 8)
+    inside = spread(t.self_margin * ROUNDED_DOWN) + CORE.inner(core)
     contact, doubt = 0, 0
-    for r in range(word_at(side + 8), word_at(side + 16)):
-        pair = t.ranges + 8 * RANGE_WORDS * r
-        for i in range(word_at(pair), word_at(pair + 8)):
-            ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-            squared = core_distance(
-                core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-            )
-            outer, inner = outside + single_at(ball + 12), lane_maximum(inside + single_at(ball + 16), zero)
+    for r in range(SIDE.first_range(side), SIDE.range_end(side)):
+        for i in range(RANGE.first_ball(t.ranges, r), RANGE.ball_end(t.ranges, r)):
+            x, y, z = TRIPLES.xyz(t.centers, i)
+            squared, ball = core_distance(core, scratch, x, y, z), BALL.at(t.balls, i)
+            outer, inner = outside + BALL.outer(ball), lane_maximum(inside + BALL.inner(ball), zero)
             doubt |= lanes_below(squared, outer * outer)
             contact |= lanes_below(squared, inner * inner)
     return contact | doubt << LANES
@@ -575,29 +502,29 @@ def _check_side(t: Tables, side: int, a: int, p: int, decided: int) -> int:
 @compiled(inline=True, lean=True)
 def _check_link(t: Tables, k: int, decided: int, first_contact: bool) -> int:
     """Compare the balls of one body with the cores of another, part by part; return the lanes in contact."""
-    words, margin = t.links + 8 * LINK_WORDS * k, spread(t.self_margin * ROUNDED_UP)
-    reach = margin + single_at(words + 32)
-    if (_within(t, word_at(words + 8), word_at(words + 24), reach) & ~decided) == 0:
+    link, margin = LINK.at(t.links, k), spread(t.self_margin * ROUNDED_UP)
+    reach = margin + LINK.touching(link)
+    if (_within(t, LINK.covered_coarse(link), LINK.exact_coarse(link), reach) & ~decided) == 0:
         return decided
-    a, b = word_at(words), word_at(words + 16)
+    a, b = LINK.covered(link), LINK.exact(link)
     contact, doubt = decided, 0
     _center_parts(t, a)
     _center_parts(t, b)
-    for p in range(word_at(words + 48), word_at(words + 56)):
-        pair = t.link_parts + 8 * LINK_PART_WORDS * p
-        first, second = word_at(pair), word_at(pair + 8)
-        coarse = word_at(t.parts + 8 * PART_WORDS * first), word_at(t.parts + 8 * PART_WORDS * second)
-        if (_within(t, coarse[0], coarse[1], margin + single_at(pair + 16)) & ~contact) == 0:
+    for p in range(LINK.first_part(link), LINK.part_end(link)):
+        pair = LINK_PART.at(t.link_parts, p)
+        first, second = LINK_PART.covered(pair), LINK_PART.exact(pair)
+        coarse, reach = PART.coarse(t.parts, first), margin + LINK_PART.touching(pair)
+        if (_within(t, coarse, PART.coarse(t.parts, second), reach) & ~contact) == 0:
             continue
         _place_cores(t, b, second)
-        for s in range(word_at(pair + 24), word_at(pair + 32)):
-            found = _check_side(t, t.sides + 8 * SIDE_WORDS * s, a, first, contact)
+        for s in range(LINK_PART.first_side(pair), LINK_PART.side_end(pair)):
+            found = _check_side(t, SIDE.at(t.sides, s), a, first, contact)
             contact |= found & ALL
             doubt |= found >> LANES
             if first_contact and contact != 0:
                 return contact
     if doubt != 0:
-        place = t.class_doubts + 8 * word_at(words + 40)
+        place = WORDS.at(t.class_doubts, LINK.pair_class(link))
         store_word(place, word_at(place) | doubt)
         store_word(t.doubtful, 1)
     return contact
@@ -607,35 +534,35 @@ def _check_link(t: Tables, k: int, decided: int, first_contact: bool) -> int:
 def place_all(t: Tables) -> None:
     """Place all bodies, with all balls and cores, for those that will not be moved."""
     for b in range(t.body_count):
-        words = t.bodies + 8 * BODY_WORDS * b
-        if word_at(words + 24) != 0:
+        body, pose = BODY.at(t.bodies, b), LANE_POSE.at(t.poses, b + 1)
+        if BODY.moves(body) != 0:
             place_body(t, b)
-        store_word(t.placed_at + 16 * b, word_at(t.placed_at + 16 * b) + 1)
-        _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
+        PLACED_BODY.set_count(t.placed_at, PLACED_BODY.count(t.placed_at, b) + 1, b)
+        _center_ball(t, pose, BODY.coarse(body))
         _center_parts(t, b)
-        for p in range(word_at(words + 56), word_at(words + 64)):
+        for p in range(BODY.first_part(body), BODY.part_end(body)):
             _center_balls(t, b, p)
             _place_cores(t, b, p)
-        for g in range(word_at(words + 32), word_at(words + 40)):
-            _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(t.groups + 8 * GROUP_WORDS * g + 8))
+        for g in range(BODY.first_group(body), BODY.group_end(body)):
+            _center_ball(t, pose, GROUP.coarse(t.groups, g))
 
 
 @compiled(inline=True, lean=True)
 def _place_ball(t: Tables, b: int) -> None:
     """Place a body that moves, and its coarse ball."""
-    words = t.bodies + 8 * BODY_WORDS * b
-    if word_at(words + 24) != 0:
+    body = BODY.at(t.bodies, b)
+    if BODY.moves(body) != 0:
         place_body(t, b)
-        store_word(t.placed_at + 16 * b, word_at(t.placed_at + 16 * b) + 1)
-        _center_ball(t, t.poses + POSE_BYTES * (b + 1), word_at(words + 48))
+        PLACED_BODY.set_count(t.placed_at, PLACED_BODY.count(t.placed_at, b) + 1, b)
+        _center_ball(t, LANE_POSE.at(t.poses, b + 1), BODY.coarse(body))
 
 
 @compiled(inline=True, lean=True)
 def _to_front(order: int, i: int) -> None:
     """Move the entry at place i of a list of words to its front."""
-    moved = word_at(order + 8 * i)
+    moved = word_at(order, i)
     for k in range(i, 0, -1):
-        store_word(order + 8 * k, word_at(order + 8 * (k - 1)))
+        store_word(order, word_at(order, k - 1), k)
     store_word(order, moved)
 
 
@@ -654,12 +581,12 @@ def check_block(t: Tables, first_contact: bool) -> int:
     if word_at(t.doubtful) != 0:
         store_word(t.doubtful, 0)
         for g in range(t.group_count):
-            store_word(t.group_doubts + 8 * g, 0)
+            store_word(t.group_doubts, 0, g)
         for c in range(t.class_count):
-            store_word(t.class_doubts + 8 * c, 0)
+            store_word(t.class_doubts, 0, c)
     for i in range(t.group_count):
-        g = word_at(t.order + 8 * i) if first_contact else i
-        while placed <= word_at(t.groups + 8 * GROUP_WORDS * g):
+        g = word_at(t.order, i) if first_contact else i
+        while placed <= GROUP.body(t.groups, g):
             _place_ball(t, placed)
             placed += 1
         contact = _check_group(t, g, contact, first_contact)

@@ -9,7 +9,6 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
     ALL,
-    BODY_WORDS,
     Tables,
     check_block,
     place_all,
@@ -26,10 +25,10 @@ from pepper_kin.core.collision.layout import (
     section_single,
 )
 from pepper_kin.core.collision.narrow_phase import decide_pairs
+from pepper_kin.core.collision.records import BODY
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at, words_at
 from pepper_kin.kernels.lanes import (
-    LANE_BYTES,
     LANES,
     double_at,
     load_lanes,
@@ -37,6 +36,7 @@ from pepper_kin.kernels.lanes import (
     store_single,
     word_at,
 )
+from pepper_kin.kernels.records import DOUBLES
 from pepper_kin.kernels.signatures import Ints1
 
 MOST_BITS = 61
@@ -98,12 +98,12 @@ def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int)
     queue = section_bits(memory, at.QUEUE)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
     for g in range(t.group_count):
-        found = word_at(t.group_doubts + 8 * g) & ~contact
+        found = word_at(t.group_doubts, g) & ~contact
         doubts |= found
         for i in range(count if found != 0 else 0):
             groups[queue[first + i]] |= ((found >> i) & 1) << min(g, MOST_BITS)
     for c in range(t.class_count):
-        found = word_at(t.class_doubts + 8 * c) & ~contact
+        found = word_at(t.class_doubts, c) & ~contact
         doubts |= found
         for i in range(count if found != 0 else 0):
             classes[queue[first + i]] |= ((found >> i) & 1) << min(c, MOST_BITS)
@@ -114,9 +114,9 @@ def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int)
 def _gather(places: int, rows: int, n: int, queue: int, count: int) -> None:
     """Write configurations of a queue side by side; the last is repeated to fill all lanes."""
     for i in range(LANES):
-        row, place = rows + 8 * n * word_at(queue + 8 * min(i, count - 1)), places + 4 * i
+        row = DOUBLES.at(rows, n * word_at(queue, min(i, count - 1)))
         for k in range(n):
-            store_single(place + LANE_BYTES * k, double_at(row + 8 * k))
+            store_single(places, double_at(row, k), LANES * k + i)
 
 
 @compiled("int64(float64[::1], float64[::1], int64)")
@@ -300,14 +300,11 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         return False
     moving, ramp = at.address_of(memory, at.FREE), load_lanes(at.address_of(memory, at.RAMP))
     begin, end = a.ctypes.data, b.ctypes.data
-    for k in range(blocks):
-        share = ramp - k / (LANES * blocks)
+    for block in range(blocks):
+        share = ramp - block / (LANES * blocks)
         for j in range(a.size):
-            first, place = (
-                double_at(begin + 8 * j),
-                t.coordinates + LANE_BYTES * int(double_at(moving + 8 * j)),
-            )
-            store_lanes(place, share * (double_at(end + 8 * j) - first) + first)
+            first, k = double_at(begin, j), int(double_at(moving, j))
+            store_lanes(t.coordinates, share * (double_at(end, j) - first) + first, k)
         if check_block(t, True) != 0:
             return False
         if word_at(t.doubtful) == 0:
@@ -316,7 +313,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
             if not _decided_free(memory, waiting):
                 return False
             waiting = 0
-        waiting = _queue_doubts(memory, t, a, b, waiting, k, blocks)
+        waiting = _queue_doubts(memory, t, a, b, waiting, block, blocks)
     if waiting > 0 and not _decided_free(memory, waiting):
         return False
     return numbers[at.GRAVITY_KERNEL] == 0 or _held(memory, a, b, LANES * blocks)
@@ -353,12 +350,12 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
         gaps[c] = -np.inf
     numbers = section(memory, at.NUMBERS)
     numbers[at.GRAVITY_KERNEL], numbers[at.GRAVITY_LANES] = gravity, lanes
-    bodies, last = section_bits(memory, at.BODIES), moves.size - 1
+    bodies, last = at.address_of(memory, at.BODIES), moves.size - 1
     for b in range(last):
-        bodies[BODY_WORDS * b + 3] = 1
+        BODY.set_moves(bodies, 1, b)
     place_frozen(memory)
     for b in range(last + 1):
-        bodies[BODY_WORDS * b + 3] = moves[b]
+        BODY.set_moves(bodies, moves[b], b)
 
 
 @compiled("void(float64[::1], float64, float64, float64)")

@@ -16,13 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.collision.gjk import CONTACT, FREE, GJK_WORKSPACE_SIZE, TIE, ConvexCore, nearer_than
+from pepper_kin.core.collision.gjk import (
+    CONTACT,
+    FREE,
+    GJK_WORKSPACE_SIZE,
+    TIE,
+    ConvexCore,
+    nearer_than,
+    turned,
+    turned_back,
+)
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
+from pepper_kin.core.collision.records import POSE, VECTORS, between, dot
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.lanes import (
     LANES,
-    double_at,
     lane_maximum,
     lane_minimum,
     lane_round,
@@ -31,21 +40,29 @@ from pepper_kin.kernels.lanes import (
     load_lanes,
     single_at,
     spread,
-    store_double,
     store_lanes,
     store_single,
 )
+from pepper_kin.kernels.records import DOUBLES, SINGLES, RecordView, double
 
-HEAD = 16
-"""Numbers at the head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a
-multiple of eight), rows of a layer, layers, points, how many cells the field resolves at most, then places
-in the block, in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision,
-their coordinates in double precision, and of workspace."""
+_NAMES = "edge cells rows layers count widest field first xs ys zs points workspace"
+HEAD = RecordView("HEAD", low=3 * double, **dict.fromkeys(_NAMES.split(), double))
+"""The head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a multiple of
+eight), rows of a layer, layers, points, how many cells the field resolves at most, then places in the block,
+in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision, their
+coordinates in double precision, and of workspace."""
 BEYOND = 1e-5
 """What ranges of cells are widened by, for rounding [m]."""
-POINT_WORKSPACE_SIZE = GJK_WORKSPACE_SIZE + 21
-"""Doubles of workspace that `point_verdict` and `cloud_verdict` need: that of `nearer_than`, half lengths and
-pose of a point, its coordinates, and an axis."""
+POINT_WORKSPACE = RecordView(
+    "POINT_WORKSPACE",
+    pair=GJK_WORKSPACE_SIZE * double,
+    half=3 * double,
+    pose=12 * double,
+    point=3 * double,
+    axis=3 * double,
+)
+"""Workspace of `point_verdict` and `cloud_verdict`: that of `nearer_than`, half lengths and pose of a point,
+its coordinates, and an axis."""
 ROUNDED = 1e-6
 """What the field may be wrong by, for rounding [m]."""
 FAR = 1e18
@@ -78,25 +95,28 @@ class Cloud(NamedTuple):
 @compiled
 def cloud_at(address: int) -> Cloud:
     """Return the cloud whose block is at an address."""
+    x, y, z = HEAD.low(address)
+    edge, row = HEAD.edge(address), int(HEAD.cells(address))
+    rows, layers = int(HEAD.rows(address)), int(HEAD.layers(address))
     return Cloud(
-        double_at(address),
-        double_at(address + 8),
-        double_at(address + 16),
-        double_at(address + 24),
-        int(double_at(address + 32)),
-        int(double_at(address + 40)),
-        int(double_at(address + 48)),
-        2.0 * double_at(address + 24),
-        0.5 / double_at(address + 24),
-        (int(double_at(address + 32)) + 1) // 2,
-        (int(double_at(address + 40)) + 1) // 2,
-        (int(double_at(address + 48)) + 1) // 2,
-        address + 8 * int(double_at(address + 72)),
-        address + 8 * int(double_at(address + 80)),
-        address + 8 * int(double_at(address + 88)),
-        address + 8 * int(double_at(address + 96)),
-        address + 8 * int(double_at(address + 104)),
-        address + 8 * int(double_at(address + 112)),
+        x,
+        y,
+        z,
+        edge,
+        row,
+        rows,
+        layers,
+        2.0 * edge,
+        0.5 / edge,
+        (row + 1) // 2,
+        (rows + 1) // 2,
+        (layers + 1) // 2,
+        DOUBLES.at(address, int(HEAD.field(address))),
+        DOUBLES.at(address, int(HEAD.first(address))),
+        DOUBLES.at(address, int(HEAD.xs(address))),
+        DOUBLES.at(address, int(HEAD.ys(address))),
+        DOUBLES.at(address, int(HEAD.zs(address))),
+        DOUBLES.at(address, int(HEAD.points(address))),
     )
 
 
@@ -116,14 +136,14 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
         middle: The origin of the cloud's frame, shape (3,) [m].
         block: Written, except for its head, shape (s,).
     """
-    c, count = cloud_at(block.ctypes.data), points.shape[0]
+    address, count = block.ctypes.data, points.shape[0]
+    c, widest = cloud_at(address), HEAD.widest(address)
     cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
-    widest = block[8]
-    scratch = block.ctypes.data + 8 * int(block[15])  # of each point its bin, then lines of lanes
+    scratch = DOUBLES.at(address, int(HEAD.workspace(address)))  # of each point its bin, then lines of lanes
     for k in range(0, cells, LANES):
-        store_lanes(c.field + 4 * k, spread(widest * widest))
+        store_lanes(SINGLES.at(c.field, k), spread(widest * widest))
     for k in range(bins + 1):
-        store_single(c.first + 4 * k, 0.0)
+        store_single(c.first, 0.0, k)
     for p in range(count):
         x, y, z = points[p, 0] - middle[0], points[p, 1] - middle[1], points[p, 2] - middle[2]
         i, j, k = (
@@ -131,29 +151,29 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
             _cell(y, c.y, rate, c.rows),
             _cell(z, c.z, rate, c.layers),
         )
-        store_single(c.field + 4 * (i + c.row * (j + c.rows * k)), 0.0)
+        store_single(c.field, 0.0, i + c.row * (j + c.rows * k))
         cell = i // 2 + c.bins * (j // 2 + c.bin_rows * (k // 2))
-        store_single(scratch + 4 * p, cell)
-        store_single(c.first + 4 * cell + 4, single_at(c.first + 4 * cell + 4) + 1.0)
+        store_single(scratch, cell, p)
+        store_single(c.first, single_at(c.first, cell + 1) + 1.0, cell + 1)
     for k in range(bins):
-        store_single(c.first + 4 * k + 4, single_at(c.first + 4 * k) + single_at(c.first + 4 * k + 4))
+        store_single(c.first, single_at(c.first, k) + single_at(c.first, k + 1), k + 1)
     places = floats_at(c.points, 3 * count)
     for p in range(count):  # each cell's first moves to its end, which is put right below
-        cell = int(single_at(scratch + 4 * p))
-        place = int(single_at(c.first + 4 * cell))
-        store_single(c.first + 4 * cell, place + 1.0)
+        cell = int(single_at(scratch, p))
+        place = int(single_at(c.first, cell))
+        store_single(c.first, place + 1.0, cell)
         for i in range(3):
             places[3 * place + i] = points[p, i] - middle[i]
-        store_single(c.xs + 4 * place, places[3 * place])
-        store_single(c.ys + 4 * place, places[3 * place + 1])
-        store_single(c.zs + 4 * place, places[3 * place + 2])
+        store_single(c.xs, places[3 * place], place)
+        store_single(c.ys, places[3 * place + 1], place)
+        store_single(c.zs, places[3 * place + 2], place)
     for k in range(bins, 0, -1):
-        store_single(c.first + 4 * k, single_at(c.first + 4 * k - 4))
+        store_single(c.first, single_at(c.first, k - 1), k)
     store_single(c.first, 0.0)
     for i in range(LANES):  # read with the last eight points
-        store_single(c.xs + 4 * (count + i), 1e9)
-        store_single(c.ys + 4 * (count + i), 1e9)
-        store_single(c.zs + 4 * (count + i), 1e9)
+        store_single(c.xs, 1e9, count + i)
+        store_single(c.ys, 1e9, count + i)
+        store_single(c.zs, 1e9, count + i)
     _fill_field(c, int(widest), scratch)
 
 
@@ -170,21 +190,22 @@ def _fill_field(c: Cloud, widest: int, scratch: int) -> None:
     """
     most = (widest - 0.5) ** 2
     for r in range(c.rows * c.layers):
-        field, gap = c.field + 4 * c.row * r, float(widest)
+        field, gap = SINGLES.at(c.field, c.row * r), float(widest)
         for i in range(c.row):
-            gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
-            store_single(field + 4 * i, min(max(gap - 0.5, 0.0) ** 2, most))
+            gap = 0.0 if single_at(field, i) == 0.0 else gap + 1.0
+            store_single(field, min(max(gap - 0.5, 0.0) ** 2, most), i)
         gap = float(widest)
         for i in range(c.row - 1, -1, -1):
-            gap = 0.0 if single_at(field + 4 * i) == 0.0 else gap + 1.0
-            store_single(field + 4 * i, min(max(gap - 0.5, 0.0) ** 2, single_at(field + 4 * i)))
+            gap = 0.0 if single_at(field, i) == 0.0 else gap + 1.0
+            store_single(field, min(max(gap - 0.5, 0.0) ** 2, single_at(field, i)), i)
     for k in range(c.layers):
-        layer = c.field + 4 * c.row * c.rows * k
-        _spread_across(layer, 4 * c.row, c.rows, c.row, widest, scratch)
+        layer = SINGLES.at(c.field, c.row * c.rows * k)
+        _spread_across(layer, c.row, c.rows, c.row, widest, scratch)
     for j in range(c.rows):
-        _spread_across(c.field + 4 * c.row * j, 4 * c.row * c.rows, c.layers, c.row, widest, scratch)
+        row = SINGLES.at(c.field, c.row * j)
+        _spread_across(row, c.row * c.rows, c.layers, c.row, widest, scratch)
     for k in range(c.row * c.rows * c.layers):
-        store_single(c.field + 4 * k, math.sqrt(single_at(c.field + 4 * k)) * c.edge - ROUNDED)
+        store_single(c.field, math.sqrt(single_at(c.field, k)) * c.edge - ROUNDED, k)
 
 
 @compiled
@@ -193,26 +214,26 @@ def _spread_across(begin: int, stride: int, count: int, width: int, widest: int,
 
     Args:
         begin: Address of the first line.
-        stride: Bytes from one line to the next.
+        stride: Singles from one line to the next.
         count: Lines.
         width: Singles of a line.
         widest: Distances above this many lines are not distinguished.
         scratch: Address of workspace for `count` lanes.
     """
-    for i in range(0, 4 * width, 4 * LANES):
+    for i in range(0, width, LANES):
         for j in range(count):
-            least = load_lanes(begin + i + stride * j)
+            least = load_lanes(SINGLES.at(begin, i + stride * j))
             for e in range(1, widest):
                 square = (e - 0.5) ** 2
                 if lanes_below(spread(square), least) == 0:
                     break
                 if j >= e:
-                    least = lane_minimum(least, load_lanes(begin + i + stride * (j - e)) + square)
+                    least = lane_minimum(least, load_lanes(SINGLES.at(begin, i + stride * (j - e))) + square)
                 if j + e < count:
-                    least = lane_minimum(least, load_lanes(begin + i + stride * (j + e)) + square)
-            store_lanes(scratch + 4 * LANES * j, least)
+                    least = lane_minimum(least, load_lanes(SINGLES.at(begin, i + stride * (j + e))) + square)
+            store_lanes(scratch, least, j)
         for j in range(count):
-            store_lanes(begin + i + stride * j, load_lanes(scratch + 4 * LANES * j))
+            store_lanes(SINGLES.at(begin, i + stride * j), load_lanes(scratch, j))
 
 
 @compiled(inline=True, lean=True)
@@ -244,7 +265,7 @@ def field_squared(c: Cloud, x: Any, y: Any, z: Any, scratch: int) -> Any:
     k = _clamped(lane_round((w - c.z) * rate - 0.5), 0.0, c.layers - 1.0)
     store_lanes(scratch, i + c.row * (j + c.rows * k))
     for lane in range(LANES):
-        store_single(scratch + 4 * lane, single_at(c.field + 4 * int(single_at(scratch + 4 * lane))))
+        store_single(scratch, single_at(c.field, int(single_at(scratch, lane))), lane)
     dx, dy, dz = (
         u - i * edge - (c.x + 0.5 * edge),
         v - j * edge - (c.y + 0.5 * edge),
@@ -295,23 +316,23 @@ def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough
             if j < begin or j > end or rest <= 0.0:
                 continue
             wide = math.sqrt(rest) + BEYOND
-            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
-            p0 = int(single_at(row + 4 * _cell(x - wide, c.x, c.per_bin, c.bins)))
-            p1 = int(single_at(row + 4 * _cell(x + wide, c.x, c.per_bin, c.bins) + 4))
+            row = SINGLES.at(c.first, c.bins * (j + c.bin_rows * k))
+            p0 = int(single_at(row, _cell(x - wide, c.x, c.per_bin, c.bins)))
+            p1 = int(single_at(row, _cell(x + wide, c.x, c.per_bin, c.bins) + 1))
             for p in range(p0, p1, LANES):
                 dx, dy, dz = (
-                    load_lanes(c.xs + 4 * p) - x,
-                    load_lanes(c.ys + 4 * p) - y,
-                    load_lanes(c.zs + 4 * p) - z,
+                    load_lanes(SINGLES.at(c.xs, p)) - x,
+                    load_lanes(SINGLES.at(c.ys, p)) - y,
+                    load_lanes(SINGLES.at(c.zs, p)) - z,
                 )
                 found = lanes_below(dx * dx + dy * dy + dz * dz, spread(best))
                 q = p
                 while found != 0:
                     if found & 1:
                         dx1, dy1, dz1 = (
-                            single_at(c.xs + 4 * q) - x,
-                            single_at(c.ys + 4 * q) - y,
-                            single_at(c.zs + 4 * q) - z,
+                            single_at(c.xs, q) - x,
+                            single_at(c.ys, q) - y,
+                            single_at(c.zs, q) - z,
                         )
                         best = min(best, dx1 * dx1 + dy1 * dy1 + dz1 * dz1)
                     found >>= 1
@@ -324,16 +345,13 @@ def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough
 @compiled(lean=True)
 def point_to_core(core: ConvexCore, x: float, y: float, z: float) -> float:
     """Return the distance of a point to a core: a box, a cylinder, or the box around a hull [m]."""
-    pose, half = core.pose, core.half
-    dx, dy, dz = x - double_at(pose), y - double_at(pose + 8), z - double_at(pose + 16)
-    u = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
-    v = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
-    w = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
-    w = max(abs(w) - double_at(half + 16), 0.0)
+    center, half = POSE.center(core.pose), VECTORS.xyz(core.half)
+    u, v, w = turned(core.pose, x - center[0], y - center[1], z - center[2])
+    w = max(abs(w) - half[2], 0.0)
     if core.kind != CYLINDER:
-        u, v = max(abs(u) - double_at(half), 0.0), max(abs(v) - double_at(half + 8), 0.0)
+        u, v = max(abs(u) - half[0], 0.0), max(abs(v) - half[1], 0.0)
         return math.sqrt(u * u + v * v + w * w)
-    u = max(math.sqrt(u * u + v * v) - double_at(half), 0.0)
+    u = max(math.sqrt(u * u + v * v) - half[0], 0.0)
     return math.sqrt(u * u + w * w)
 
 
@@ -347,19 +365,17 @@ def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, ax
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
         axis: Address of the direction that parted the two last, changed.
-        scratch: Address of workspace for POINT_WORKSPACE_SIZE doubles, zeros at first.
+        scratch: Address of a POINT_WORKSPACE, zeros at first.
     """
-    x, y, z = double_at(place), double_at(place + 8), double_at(place + 16)
+    x, y, z = VECTORS.xyz(place)
     distance = point_to_core(core, x, y, z)
     if distance > threshold + tie:
         return FREE
     if core.kind == HULL:
-        half = scratch + 8 * GJK_WORKSPACE_SIZE
-        store_double(half + 24, x)
-        store_double(half + 32, y)
-        store_double(half + 40, z)
-        single = ConvexCore(BOX, half, half + 24, 0, 0, 0, 0.0)
-        return int(nearer_than(core, single, threshold, tie, axis, scratch))
+        half, pose = POINT_WORKSPACE.half_at(scratch), POINT_WORKSPACE.pose_at(scratch)
+        VECTORS.set_xyz(pose, (x, y, z))
+        point = ConvexCore(BOX, half, pose, 0, 0, 0, 0.0)
+        return int(nearer_than(core, point, threshold, tie, axis, scratch))
     return CONTACT if distance < threshold - tie else TIE
 
 
@@ -376,38 +392,28 @@ def cloud_verdict(
         reach: Points farther than this from the core's center do not count [m].
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        places: Address of workspace for POINT_WORKSPACE_SIZE doubles, zeros at first.
+        places: Address of a POINT_WORKSPACE, zeros at first.
     """
     c, worst = cloud_at(address), FREE
-    point, axis = places + 8 * (GJK_WORKSPACE_SIZE + 15), places + 8 * (GJK_WORKSPACE_SIZE + 18)
-    dx, dy, dz = (
-        double_at(core.pose) - double_at(pose),
-        double_at(core.pose + 8) - double_at(pose + 8),
-        double_at(core.pose + 16) - double_at(pose + 16),
-    )
-    x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
-    y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
-    z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
+    point, axis = POINT_WORKSPACE.point_at(places), POINT_WORKSPACE.axis_at(places)
+    dx, dy, dz = between(core.pose, pose)
+    x, y, z = turned(pose, dx, dy, dz)
     beyond = threshold + tie + BEYOND
-    wide = min(_extent(core, pose + 24) + beyond, reach + BEYOND)
-    high = min(_extent(core, pose + 48) + beyond, reach + BEYOND)
-    deep = min(_extent(core, pose + 72) + beyond, reach + BEYOND)
+    wide = min(_extent(core, POSE.x_axis(pose)) + beyond, reach + BEYOND)
+    high = min(_extent(core, POSE.y_axis(pose)) + beyond, reach + BEYOND)
+    deep = min(_extent(core, POSE.z_axis(pose)) + beyond, reach + BEYOND)
     layers = _cell(z - deep, c.z, c.per_bin, c.bin_layers), _cell(z + deep, c.z, c.per_bin, c.bin_layers)
     rows = _cell(y - high, c.y, c.per_bin, c.bin_rows), _cell(y + high, c.y, c.per_bin, c.bin_rows)
     for k in range(layers[0], layers[1] + 1):
         for j in range(rows[0], rows[1] + 1):
-            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
-            begin = int(single_at(row + 4 * _cell(x - wide, c.x, c.per_bin, c.bins)))
-            end = int(single_at(row + 4 * _cell(x + wide, c.x, c.per_bin, c.bins) + 4))
+            row = SINGLES.at(c.first, c.bins * (j + c.bin_rows * k))
+            begin = int(single_at(row, _cell(x - wide, c.x, c.per_bin, c.bins)))
+            end = int(single_at(row, _cell(x + wide, c.x, c.per_bin, c.bins) + 1))
             for p in range(begin, end):
-                place = c.points + 24 * p
-                u, v, w = double_at(place), double_at(place + 8), double_at(place + 16)
+                u, v, w = VECTORS.xyz(c.points, p)
                 if (u - x) * (u - x) + (v - y) * (v - y) + (w - z) * (w - z) > reach * reach:
                     continue
-                for i in range(3):
-                    at = pose + 8 * i
-                    turned = u * double_at(at + 24) + v * double_at(at + 48) + w * double_at(at + 72)
-                    store_double(point + 8 * i, double_at(at) + turned)
+                VECTORS.set_xyz(point, _placed(pose, u, v, w))
                 verdict = point_verdict(core, point, threshold, tie, axis, places)
                 if verdict == CONTACT:
                     return CONTACT
@@ -416,15 +422,18 @@ def cloud_verdict(
 
 
 @compiled(lean=True)
-def _extent(core: ConvexCore, axis: int) -> float:
-    """Return how far the box around a core reaches from its center along a unit vector at an address [m]."""
-    pose, half, total = core.pose, core.half, 0.0
-    x, y, z = double_at(axis), double_at(axis + 8), double_at(axis + 16)
-    for i in range(3):
-        at = pose + 24 * (i + 1)
-        along = x * double_at(at) + y * double_at(at + 8) + z * double_at(at + 16)
-        total += abs(along) * double_at(half + 8 * i)
-    return total
+def _extent(core: ConvexCore, axis: tuple[float, float, float]) -> float:
+    """Return how far the box around a core reaches from its center along a unit vector [m]."""
+    u, v, w = turned(core.pose, axis[0], axis[1], axis[2])
+    return float(dot(abs(u), abs(v), abs(w), VECTORS.xyz(core.half)))
+
+
+@compiled(inline=True, lean=True)
+def _placed(pose: int, u: float, v: float, w: float) -> tuple[float, float, float]:
+    """Return in the world a point in the frame of a cloud."""
+    center = POSE.center(pose)
+    x, y, z = turned_back(pose, u, v, w)
+    return center[0] + x, center[1] + y, center[2] + z
 
 
 @compiled(lean=True)
@@ -439,25 +448,19 @@ def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: f
         tie: Distances within this of the threshold are ties [m].
     """
     c, reach = cloud_at(address), threshold + tie + BEYOND
-    dx, dy, dz = (
-        double_at(place) - double_at(pose),
-        double_at(place + 8) - double_at(pose + 8),
-        double_at(place + 16) - double_at(pose + 16),
-    )
-    x = dx * double_at(pose + 24) + dy * double_at(pose + 32) + dz * double_at(pose + 40)
-    y = dx * double_at(pose + 48) + dy * double_at(pose + 56) + dz * double_at(pose + 64)
-    z = dx * double_at(pose + 72) + dy * double_at(pose + 80) + dz * double_at(pose + 88)
+    dx, dy, dz = between(place, pose)
+    x, y, z = turned(pose, dx, dy, dz)
     best = (threshold + 2.0 * tie) ** 2
     layers = _cell(z - reach, c.z, c.per_bin, c.bin_layers), _cell(z + reach, c.z, c.per_bin, c.bin_layers)
     rows = _cell(y - reach, c.y, c.per_bin, c.bin_rows), _cell(y + reach, c.y, c.per_bin, c.bin_rows)
     for k in range(layers[0], layers[1] + 1):
         for j in range(rows[0], rows[1] + 1):
-            row = c.first + 4 * c.bins * (j + c.bin_rows * k)
-            begin = int(single_at(row + 4 * _cell(x - reach, c.x, c.per_bin, c.bins)))
-            end = int(single_at(row + 4 * _cell(x + reach, c.x, c.per_bin, c.bins) + 4))
+            row = SINGLES.at(c.first, c.bins * (j + c.bin_rows * k))
+            begin = int(single_at(row, _cell(x - reach, c.x, c.per_bin, c.bins)))
+            end = int(single_at(row, _cell(x + reach, c.x, c.per_bin, c.bins) + 1))
             for p in range(begin, end):
-                at = c.points + 24 * p
-                u, v, w = double_at(at) - x, double_at(at + 8) - y, double_at(at + 16) - z
+                u, v, w = VECTORS.xyz(c.points, p)
+                u, v, w = u - x, v - y, w - z
                 best = min(best, u * u + v * v + w * w)
     nearest = math.sqrt(best)
     if nearest > threshold + tie:
@@ -478,16 +481,12 @@ def clouds_verdict(
         addressed: Of its block.
         threshold: The distance [m].
         tie: Distances within this of the threshold are ties [m].
-        scratch: Address of workspace for POINT_WORKSPACE_SIZE doubles.
+        scratch: Address of a POINT_WORKSPACE.
     """
-    c, worst, place = cloud_at(address), FREE, scratch + 8 * (GJK_WORKSPACE_SIZE + 15)
-    for p in range(int(double_at(address + 56))):
-        at = c.points + 24 * p
-        for i in range(3):
-            turned = double_at(at) * double_at(pose + 24 + 8 * i)
-            turned += double_at(at + 8) * double_at(pose + 48 + 8 * i)
-            turned += double_at(at + 16) * double_at(pose + 72 + 8 * i)
-            store_double(place + 8 * i, double_at(pose + 8 * i) + turned)
+    c, worst, place = cloud_at(address), FREE, POINT_WORKSPACE.point_at(scratch)
+    for p in range(int(HEAD.count(address))):
+        u, v, w = VECTORS.xyz(c.points, p)
+        VECTORS.set_xyz(place, _placed(pose, u, v, w))
         verdict = point_in_cloud(place, other, addressed, threshold, tie)
         if verdict == CONTACT:
             return CONTACT

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.collision.layout import CYLINDER, HULL
+from pepper_kin.core.collision.records import POSE, VECTORS, between, dot
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.lanes import (
-    LANE_BYTES,
+    LANES,
     double_at,
     greatest_lane,
     lane_maximum,
     lanes_below,
     load_lanes,
     spread,
-    store_double,
 )
+from pepper_kin.kernels.records import SINGLES
 
 STEPS = 40
 TOUCHING = 1e-10
@@ -57,14 +58,29 @@ class ConvexCore(NamedTuple):
     size: float
 
 
+@compiled(inline=True, lean=True)
+def _single_lanes(core: ConvexCore, k: int) -> tuple[Any, Any, Any]:
+    """Return eight of a hull's vertices in single precision, from one on, in lanes."""
+    x, count = SINGLES.at(core.singles, k), core.corners
+    return load_lanes(x), load_lanes(SINGLES.at(x, count)), load_lanes(SINGLES.at(x, 2 * count))
+
+
 @compiled(lean=True)
 def _greatest_height(core: ConvexCore, u: float, v: float, w: float) -> float:
     """Return the greatest u x + v y + w z of a hull's vertices in single precision."""
-    x, end = core.singles, 4 * core.corners
-    best = load_lanes(x) * u + load_lanes(x + end) * v + load_lanes(x + 2 * end) * w
-    for p in range(x + LANE_BYTES, x + end, LANE_BYTES):
-        best = lane_maximum(best, load_lanes(p) * u + load_lanes(p + end) * v + load_lanes(p + 2 * end) * w)
+    x, y, z = _single_lanes(core, 0)
+    best = x * u + y * v + z * w
+    for k in range(LANES, core.corners, LANES):
+        x, y, z = _single_lanes(core, k)
+        best = lane_maximum(best, x * u + y * v + z * w)
     return float(greatest_lane(best))
+
+
+@compiled(inline=True, lean=True)
+def _vertex(core: ConvexCore, k: int) -> tuple[float, float, float]:
+    """Return a hull's vertex in its frame."""
+    vertices, count = core.vertices, core.corners
+    return double_at(vertices, k), double_at(vertices, k + count), double_at(vertices, k + 2 * count)
 
 
 @compiled(lean=True)
@@ -72,14 +88,13 @@ def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
     """Return the place of a hull's vertex with the greatest u x + v y + w z, except for rounding."""
     most = 2.0 * SINGLE * core.size * math.sqrt(u * u + v * v + w * w)
     least = spread(_greatest_height(core, u, v, w) - most)
-    x, end, best, place = core.singles, 4 * core.corners, -1e300, 0
-    for p in range(x, x + end, LANE_BYTES):
-        near = lanes_below(least, load_lanes(p) * u + load_lanes(p + end) * v + load_lanes(p + 2 * end) * w)
-        k = (p - x) // 4
+    best, place = -1e300, 0
+    for first in range(0, core.corners, LANES):
+        x, y, z = _single_lanes(core, first)
+        near, k = lanes_below(least, x * u + y * v + z * w), first
         while near != 0:
             if near & 1:
-                at = core.vertices + 8 * k
-                height = u * double_at(at) + v * double_at(at + 2 * end) + w * double_at(at + 4 * end)
+                height = dot(u, v, w, _vertex(core, k))
                 if height > best:
                     best, place = height, k
             near >>= 1
@@ -88,48 +103,46 @@ def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _turned(pose: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+def turned(pose: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return a direction in the frame of a core."""
-    return (
-        x * double_at(pose + 24) + y * double_at(pose + 32) + z * double_at(pose + 40),
-        x * double_at(pose + 48) + y * double_at(pose + 56) + z * double_at(pose + 64),
-        x * double_at(pose + 72) + y * double_at(pose + 80) + z * double_at(pose + 88),
-    )
+    return dot(x, y, z, POSE.x_axis(pose)), dot(x, y, z, POSE.y_axis(pose)), dot(x, y, z, POSE.z_axis(pose))
+
+
+@compiled(inline=True, lean=True)
+def turned_back(pose: int, u: float, v: float, w: float) -> tuple[float, float, float]:
+    """Return in the world a direction in the frame of a core."""
+    a, b, c = POSE.x_axis(pose), POSE.y_axis(pose), POSE.z_axis(pose)
+    return u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2]
 
 
 @compiled(lean=True)
 def _height(core: ConvexCore, x: float, y: float, z: float) -> float:
     """Return how far a core reaches beyond its center at most along a unit vector [m]."""
-    u, v, w = _turned(core.pose, x, y, z)
+    u, v, w = turned(core.pose, x, y, z)
     if core.kind == HULL:
         return _greatest_height(core, u, v, w) + SINGLE * core.size
-    half = core.half
+    half = VECTORS.xyz(core.half)
     if core.kind == CYLINDER:
-        return math.sqrt(u * u + v * v) * double_at(half) + abs(w) * double_at(half + 16)
-    return abs(u) * double_at(half) + abs(v) * double_at(half + 8) + abs(w) * double_at(half + 16)
+        return math.sqrt(u * u + v * v) * half[0] + abs(w) * half[2]
+    return float(dot(abs(u), abs(v), abs(w), half))
 
 
 @compiled(lean=True)
 def _support(core: ConvexCore, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the core's furthest point in a direction, from its center."""
-    u, v, w = _turned(core.pose, x, y, z)
-    pose, half = core.pose, core.half
+    u, v, w = turned(core.pose, x, y, z)
     if core.kind == HULL:
-        at = core.vertices + 8 * _highest(core, u, v, w)
-        u, v, w = double_at(at), double_at(at + 8 * core.corners), double_at(at + 16 * core.corners)
+        u, v, w = _vertex(core, _highest(core, u, v, w))
     else:
+        half = VECTORS.xyz(core.half)
         if core.kind == CYLINDER:
             across = math.sqrt(u * u + v * v)
-            scale = double_at(half) / across if across > 0 else 0.0
+            scale = half[0] / across if across > 0 else 0.0
             u, v = scale * u, scale * v
         else:
-            u, v = math.copysign(double_at(half), u), math.copysign(double_at(half + 8), v)
-        w = math.copysign(double_at(half + 16), w)
-    return (
-        u * double_at(pose + 24) + v * double_at(pose + 48) + w * double_at(pose + 72),
-        u * double_at(pose + 32) + v * double_at(pose + 56) + w * double_at(pose + 80),
-        u * double_at(pose + 40) + v * double_at(pose + 64) + w * double_at(pose + 88),
-    )
+            u, v = math.copysign(half[0], u), math.copysign(half[1], v)
+        w = math.copysign(half[2], w)
+    return turned_back(core.pose, u, v, w)
 
 
 @compiled(lean=True)
@@ -225,16 +238,11 @@ def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
         b: The other.
         axis: Address of a unit vector in the frame of the first, from the second to the first, or of zeros.
     """
-    u, v, w = double_at(axis), double_at(axis + 8), double_at(axis + 16)
+    u, v, w = VECTORS.xyz(axis)
     if u == 0.0 and v == 0.0 and w == 0.0:
         return -math.inf
-    pose, other = a.pose, b.pose
-    x = u * double_at(pose + 24) + v * double_at(pose + 48) + w * double_at(pose + 72)
-    y = u * double_at(pose + 32) + v * double_at(pose + 56) + w * double_at(pose + 80)
-    z = u * double_at(pose + 40) + v * double_at(pose + 64) + w * double_at(pose + 88)
-    apart = (double_at(pose) - double_at(other)) * x + (double_at(pose + 8) - double_at(other + 8)) * y
-    apart += (double_at(pose + 16) - double_at(other + 16)) * z
-    return float(apart - _height(a, -x, -y, -z) - _height(b, x, y, z))
+    x, y, z = turned_back(a.pose, u, v, w)
+    return float(dot(x, y, z, between(a.pose, b.pose)) - _height(a, -x, -y, -z) - _height(b, x, y, z))
 
 
 @compiled(lean=True)
@@ -257,10 +265,8 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
     if separation(a, b, axis) > threshold + tie:
         return FREE
     points = floats_at(scratch, GJK_WORKSPACE_SIZE)
-    now, pose, other = points[_NOW:], a.pose, b.pose
-    apart_x, apart_y = double_at(pose) - double_at(other), double_at(pose + 8) - double_at(other + 8)
-    apart_z = double_at(pose + 16) - double_at(other + 16)
-    x, y, z, count = apart_x, apart_y, apart_z, 0
+    now, apart, count = points[_NOW:], between(a.pose, b.pose), 0
+    x, y, z = apart
     if x * x + y * y + z * z < TOUCHING**2:
         x = 1.0
     for _ in range(STEPS):
@@ -269,16 +275,13 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
             return CONTACT
         first, second = _support(a, -x, -y, -z), _support(b, x, y, z)
         wx, wy, wz = (
-            apart_x + first[0] - second[0],
-            apart_y + first[1] - second[1],
-            apart_z + first[2] - second[2],
+            apart[0] + first[0] - second[0],
+            apart[1] + first[1] - second[1],
+            apart[2] + first[2] - second[2],
         )
         lower = (x * wx + y * wy + z * wz) / size
         if lower > threshold + tie:
-            u, v, w = _turned(pose, x / size, y / size, z / size)
-            store_double(axis, u)
-            store_double(axis + 8, v)
-            store_double(axis + 16, w)
+            VECTORS.set_xyz(axis, turned(a.pose, x / size, y / size, z / size))
             return FREE
         if count == 4 or (count > 0 and size - lower < 1e-12):
             return TIE

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import double_at, store_word, word_at
+from pepper_kin.kernels.records import DOUBLES, RecordView, double
 
 HEAD = 8
 """Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, first position, cells per rad, and the
 range that all rows leave."""
 CELLS = 128
 """Cells of equal width into which a table is cut."""
-CELL = 4
-"""Numbers for each cell: below the first or above the second the range is certainly left; from the third to
+CELL = RecordView("CELL", low=double, high=double, inner_low=double, inner_high=double)
+"""Of each cell: below the first or above the second the range is certainly left; from the third to
 the fourth it is certainly kept, at a margin of zero."""
 
 SLACK = 1e-9
@@ -61,26 +62,26 @@ def violations(
     Args:
         heads: The section TABLE_HEADS, shape (HEAD t,).
         tables: The section TABLES, shape (r,).
-        cells: The section TABLE_CELLS, shape (CELL CELLS t,).
+        cells: The section TABLE_CELLS, shape (CELL.width CELLS t,).
         margin: Angle that the second joint keeps from a contact [rad].
         rows: Joint positions, one configuration after the other, shape (>= count n,) [rad or m].
         n: Number of joints.
         left: Written, 1 for each configuration that leaves one, else 0, shape (count,).
     """
     left[:] = 0
-    places, states, stride = left.ctypes.data, rows.ctypes.data, 8 * n
+    places, states = left.ctypes.data, rows.ctypes.data
     for k in range(heads.size // HEAD):
         h = HEAD * k
-        begin, density, own = heads[h + 4], heads[h + 5], cells.ctypes.data + 8 * CELL * CELLS * k
-        first, second = states + 8 * int(heads[h]), states + 8 * int(heads[h + 1])
+        begin, density, own = heads[h + 4], heads[h + 5], CELL.at(cells.ctypes.data, CELLS * k)
+        first, second = DOUBLES.at(states, int(heads[h])), DOUBLES.at(states, int(heads[h + 1]))
         for i in range(left.size):
-            y, place = double_at(second + stride * i), (double_at(first + stride * i) - begin) * density
+            y, place = double_at(second, n * i), (double_at(first, n * i) - begin) * density
             place = place if place > 0.0 else 0.0  # also keeps NaN from becoming a place
             place = place if place < CELLS - 1.0 else CELLS - 1.0
-            cell = own + 8 * CELL * int(place)
-            surely = (y < double_at(cell) + margin) | (y > double_at(cell + 8) - margin)
-            perhaps = (y < double_at(cell + 16) + margin) | (y > double_at(cell + 24) - margin)
-            store_word(places + 8 * i, word_at(places + 8 * i) | (surely + 2 * perhaps))
+            cell = CELL.at(own, int(place))
+            surely = (y < CELL.low(cell) + margin) | (y > CELL.high(cell) - margin)
+            perhaps = (y < CELL.inner_low(cell) + margin) | (y > CELL.inner_high(cell) - margin)
+            store_word(places, word_at(places, i) | (surely + 2 * perhaps), i)
     for i in range(left.size):
         state, left[i] = left[i], left[i] & 1
         if state == 2:

@@ -8,17 +8,6 @@ from typing import Any
 from pepper_kin.arrays import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.ball_check import (
-    BALL_SINGLES,
-    CORE_LANES,
-    CORE_SINGLES,
-    GROUP_WORDS,
-    LINK_PART_WORDS,
-    LINK_WORDS,
-    NODE_SINGLES,
-    OBJECT_SINGLES,
-    RANGE_WORDS,
-    ROOT_WORDS,
-    SIDE_WORDS,
     Tables,
     box_distance,
     core_distance,
@@ -28,22 +17,38 @@ from pepper_kin.core.collision.ball_check import (
     to_frame,
 )
 from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
-from pepper_kin.core.collision.layout import CLOUD, STATES_AT_ONCE, section, section_bits, section_single
-from pepper_kin.core.collision.narrow_phase import SOLID_SIZE, ball_meets, pair_distance, place_solids
+from pepper_kin.core.collision.layout import CLOUD, STATES_AT_ONCE, address_of, section, section_single
+from pepper_kin.core.collision.narrow_phase import ball_meets, pair_distance, place_solids
+from pepper_kin.core.collision.records import (
+    BALL,
+    CORE,
+    GROUP,
+    LINK,
+    LINK_PART,
+    NODE,
+    OBJECT,
+    PLACED_CORE,
+    POSE,
+    RANGE,
+    ROOT,
+    SIDE,
+    SOLID,
+)
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
-    LANE_BYTES,
     LANES,
+    ONE_LANE,
+    TRIPLES,
     lane_minimum,
     lane_sqrt,
     lanes_below,
     load_lanes,
-    single_at,
     spread,
     store_lanes,
     store_single,
     word_at,
 )
+from pepper_kin.kernels.records import SINGLES
 
 SMALL = 0.03
 """Bounds by balls below this are replaced by exact distances where there is a closed form [m]."""
@@ -64,93 +69,80 @@ def _less_reach(squared: Any, reach: float) -> Any:
 @compiled(lean=True)
 def _link_bound(t: Tables, k: int, least: Any) -> Any:
     """Return a bound in lanes, or the distance of a body's balls from another's cores where less."""
-    words = t.links + 8 * LINK_WORDS * k
-    first, second = word_at(words + 8), word_at(words + 24)
-    place, other = t.centers + 3 * LANE_BYTES * first, t.centers + 3 * LANE_BYTES * second
-    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-    dx, dy, dz = x - load_lanes(other), y - load_lanes(other + 32), z - load_lanes(other + 64)
-    wide = single_at(t.balls + 4 * BALL_SINGLES * first + 12)
-    apart = (
-        lane_sqrt(dx * dx + dy * dy + dz * dz) - wide - single_at(t.balls + 4 * BALL_SINGLES * second + 12)
-    )
+    link = LINK.at(t.links, k)
+    first, second = LINK.covered_coarse(link), LINK.exact_coarse(link)
+    x, y, z = TRIPLES.xyz(t.centers, first)
+    other = TRIPLES.xyz(t.centers, second)
+    dx, dy, dz = x - other[0], y - other[1], z - other[2]
+    wide = BALL.outer(t.balls, first)
+    apart = lane_sqrt(dx * dx + dy * dy + dz * dz) - wide - BALL.outer(t.balls, second)
     if lanes_below(apart, least) == 0:
         return least
-    parts = t.link_parts + 8 * LINK_PART_WORDS * word_at(words + 48)
-    last = t.link_parts + 8 * LINK_PART_WORDS * (word_at(words + 56) - 1)
-    for s in range(word_at(parts + 24), word_at(last + 32)):
-        side = t.sides + 8 * SIDE_WORDS * s
-        e = word_at(side)
-        core, scratch = t.cores + 4 * CORE_SINGLES * e, t.placed + CORE_LANES * LANE_BYTES * e
-        apart = lane_sqrt(core_distance(core, scratch, x, y, z)) - wide - single_at(core + 4)
+    begin = LINK_PART.first_side(t.link_parts, LINK.first_part(link))
+    for s in range(begin, LINK_PART.side_end(t.link_parts, LINK.part_end(link) - 1)):
+        side = SIDE.at(t.sides, s)
+        e = SIDE.core(side)
+        core, scratch = CORE.at(t.cores, e), PLACED_CORE.at(t.placed, e)
+        apart = lane_sqrt(core_distance(core, scratch, x, y, z)) - wide - CORE.outer(core)
         if lanes_below(apart, least) == 0:
             continue
-        for r in range(word_at(side + 8), word_at(side + 16)):
-            pair = t.ranges + 8 * RANGE_WORDS * r
-            for i in range(word_at(pair), word_at(pair + 8)):
-                ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-                squared = core_distance(
-                    core, scratch, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-                )
-                least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + single_at(core + 4)))
+        for r in range(SIDE.first_range(side), SIDE.range_end(side)):
+            for i in range(RANGE.first_ball(t.ranges, r), RANGE.ball_end(t.ranges, r)):
+                u, v, w = TRIPLES.xyz(t.centers, i)
+                squared = core_distance(core, scratch, u, v, w)
+                reach = BALL.outer(t.balls, i) + CORE.outer(core)
+                least = lane_minimum(least, _less_reach(squared, reach))
     return least
 
 
 @compiled
 def _cloud_bound(t: Tables, k: int, i: int, least: Any) -> Any:
     """Return a bound in lanes, or that of the distance of ball i from a cloud, object k, where less."""
-    item, scratch = t.objects + 4 * OBJECT_SINGLES * k, t.cloud_scratch
-    c, place = cloud_at(word_at(t.clouds + 8 * k)), t.centers + 3 * LANE_BYTES * i
-    x, y, z = load_lanes(place), load_lanes(place + LANE_BYTES), load_lanes(place + 2 * LANE_BYTES)
+    item, scratch, c = OBJECT.at(t.objects, k), t.cloud_scratch, cloud_at(word_at(t.clouds, k))
+    x, y, z = TRIPLES.xyz(t.centers, i)
     x, y, z = to_frame(item, x, y, z)
-    reach = single_at(t.balls + 4 * BALL_SINGLES * i + 12) + single_at(item + 4)
+    reach = BALL.outer(t.balls, i) + OBJECT.outer(item)
     bound = lane_sqrt(field_squared(c, x, y, z, scratch))
     near = lanes_below(bound, spread(reach + NEAR)) & lanes_below(bound - reach, least)
     if near == 0:
         return lane_minimum(least, bound - reach)
-    store_lanes(scratch, x)
-    store_lanes(scratch + LANE_BYTES, y)
-    store_lanes(scratch + 2 * LANE_BYTES, z)
-    store_lanes(scratch + 3 * LANE_BYTES, bound)
+    bounds = TRIPLES.at(scratch, 1)
+    TRIPLES.set_xyz(scratch, (x, y, z))
+    store_lanes(bounds, bound)
     for j in range(LANES):
-        own = scratch + 4 * j
         if (near >> j) & 1:
-            at_x, at_y, at_z = single_at(own), single_at(own + 32), single_at(own + 64)
+            at_x, at_y, at_z = ONE_LANE.xyz(SINGLES.at(scratch, j))
             nearest = nearest_squared(c, at_x, at_y, at_z, reach + NEAR, reach * reach)
-            store_single(own + 3 * LANE_BYTES, math.sqrt(nearest))
-    return lane_minimum(least, load_lanes(scratch + 3 * LANE_BYTES) - reach)
+            store_single(bounds, math.sqrt(nearest), j)
+    return lane_minimum(least, load_lanes(bounds) - reach)
 
 
 @compiled(lean=True)
 def _group_bound(t: Tables, g: int) -> Any:
     """Return in lanes how far the balls of a group are from the objects of its trees."""
-    words = t.groups + 8 * GROUP_WORDS * g
-    coarse = word_at(words + 8)
-    reach = single_at(t.balls + 4 * BALL_SINGLES * coarse + 12)
-    place = t.centers + 3 * LANE_BYTES * coarse
-    x, y, z = load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-    least = spread(FAR)
-    for r in range(word_at(t.lists + 8 * g), word_at(t.lists + 8 * g + 8)):
-        n, end = word_at(t.roots + 8 * ROOT_WORDS * r), word_at(t.roots + 8 * ROOT_WORDS * r + 8)
+    group, least = GROUP.at(t.groups, g), spread(FAR)
+    reach = BALL.outer(t.balls, GROUP.coarse(group))
+    x, y, z = TRIPLES.xyz(t.centers, GROUP.coarse(group))
+    for r in range(word_at(t.lists, g), word_at(t.lists, g + 1)):
+        n, end = ROOT.first_node(t.roots, r), ROOT.node_end(t.roots, r)
         while n < end:
-            node = t.nodes + 4 * NODE_SINGLES * n
+            node = NODE.at(t.nodes, n)
             if lanes_below(lane_sqrt(box_distance(node, x, y, z)) - reach, least) == 0:
-                n = int(single_at(node + 24))
+                n = int(NODE.after(node))
                 continue
-            for k in range(int(single_at(node + 28)), int(single_at(node + 32))):
-                item = t.objects + 4 * OBJECT_SINGLES * k
-                radius = single_at(item + 4)
+            for k in range(int(NODE.first_object(node)), int(NODE.object_end(node))):
+                item = OBJECT.at(t.objects, k)
+                radius = OBJECT.outer(item)
                 apart = lane_sqrt(squared_distance(item, x, y, z)) - reach - radius
                 if lanes_below(apart, least) == 0:
                     continue
-                for i in range(word_at(words + 16), word_at(words + 24)):
-                    ball, place = t.balls + 4 * BALL_SINGLES * i, t.centers + 3 * LANE_BYTES * i
-                    if single_at(item) == CLOUD:
+                for i in range(GROUP.first_ball(group), GROUP.ball_end(group)):
+                    if OBJECT.kind(item) == CLOUD:
                         least = _cloud_bound(t, k, i, least)
                         continue
-                    squared = squared_distance(
-                        item, load_lanes(place), load_lanes(place + 32), load_lanes(place + 64)
-                    )
-                    least = lane_minimum(least, _less_reach(squared, single_at(ball + 12) + radius))
+                    u, v, w = TRIPLES.xyz(t.centers, i)
+                    squared = squared_distance(item, u, v, w)
+                    least = lane_minimum(least, _less_reach(squared, BALL.outer(t.balls, i) + radius))
             n += 1
     return least
 
@@ -183,26 +175,26 @@ def _group_distance(memory: Array, scene: Array, g: int) -> float:
         scene: The scene's, shape (t,).
         g: The group.
     """
-    members, lists, roots = (
-        section(memory, at.GROUP_SOLIDS),
-        section_bits(scene, at.ROOT_LISTS),
-        section_bits(scene, at.ROOTS),
+    members, least = section(memory, at.GROUP_SOLIDS), math.inf
+    lists, roots, nodes = (
+        address_of(scene, at.ROOT_LISTS),
+        address_of(scene, at.ROOTS),
+        address_of(scene, at.NODES),
     )
-    nodes, least = section_single(scene, at.NODES), math.inf
-    solids, poses = section(memory, at.SOLIDS), section(memory, at.SOLID_POSES)
     for k in range(members.size // 2):
         if int(members[2 * k]) != g:
             continue
         a = int(members[2 * k + 1])
-        for r in range(lists[g], lists[g + 1]):
-            n, end = roots[ROOT_WORDS * r], roots[ROOT_WORDS * r + 1]
+        center = POSE.at(address_of(memory, at.SOLID_POSES), a)
+        for r in range(word_at(lists, g), word_at(lists, g + 1)):
+            n, end = ROOT.first_node(roots, r), ROOT.node_end(roots, r)
             while n < end:
-                node = nodes[NODE_SINGLES * n : NODE_SINGLES * (n + 1)]
-                reach = solids[SOLID_SIZE * a + 2] + max(least, 0.0)
-                if not ball_meets(node, poses[12 * a : 12 * a + 3], reach):
-                    n = int(node[6])
+                node = NODE.at(nodes, n)
+                reach = SOLID.bounding(address_of(memory, at.SOLIDS), a) + max(least, 0.0)
+                if not ball_meets(node, center, reach):
+                    n = int(NODE.after(node))
                     continue
-                for o in range(int(node[7]), int(node[8])):
+                for o in range(int(NODE.first_object(node)), int(NODE.object_end(node))):
                     least = min(least, pair_distance(memory, scene, a, o, least))
                 n += 1
     return least
@@ -261,7 +253,7 @@ def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
             for c in range(t.class_count):
                 least = spread(FAR)
                 for k in range(t.link_count):
-                    if word_at(t.links + 8 * LINK_WORDS * k + 40) == c:
+                    if LINK.pair_class(t.links, k) == c:
                         least = _link_bound(t, k, least)
                 _write(memory, least, bounds, start + first, filled, c)
             for g in range(t.group_count):

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.collision.ball_check import NODE_SINGLES, ROOT_WORDS
 from pepper_kin.core.collision.clouds import (
-    POINT_WORKSPACE_SIZE,
+    POINT_WORKSPACE,
     cloud_verdict,
     clouds_verdict,
     point_in_cloud,
@@ -58,20 +57,19 @@ from pepper_kin.core.collision.layout import (
     scene_of,
     section,
     section_bits,
-    section_single,
 )
+from pepper_kin.core.collision.records import NODE, POSE, ROOT, SOLID, VECTORS, between, dot
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 from pepper_kin.core.kinematic_tree import JOINT, compose, place_joints
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
-from pepper_kin.kernels.lanes import double_at
+from pepper_kin.kernels.lanes import double_at, single_at, word_at
+from pepper_kin.kernels.records import SINGLES
 
 TIE_WIDTH = 3e-6
 """Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
 ROUNDING = 1e-9
 """More than double precision loses in a distance [m]."""
-SOLID_SIZE = 4
-"""Numbers of a solid in SOLIDS: kind, radius, bounding radius, whether it is filled."""
 PLACE_SIZE = 13
 """Numbers of a solid of the robot in SOLID_PLACES: its joint, its pose there (center, x, y and z axis)."""
 FULL_SIZE = 3
@@ -82,38 +80,33 @@ offset."""
 @compiled(inline=True, lean=True)
 def _core(memory: Array, a: int) -> ConvexCore:
     """Return the core of a solid of a block, shape (s,)."""
-    row, first = address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a, address_of(memory, VERTEX_FIRST) + 8 * a
-    begin = int(double_at(first))
+    solids, firsts = address_of(memory, SOLIDS), address_of(memory, VERTEX_FIRST)
+    begin = int(double_at(firsts, a))
     return ConvexCore(
-        int(double_at(row)),
-        address_of(memory, SOLID_HALF) + 24 * a,
-        address_of(memory, SOLID_POSES) + 96 * a,
-        int(double_at(first + 8)) - begin,
-        address_of(memory, VERTICES) + 24 * begin,
-        address_of(memory, VERTEX_SINGLES) + 12 * begin,
-        double_at(row + 16),
+        int(SOLID.kind(solids, a)),
+        VECTORS.at(address_of(memory, SOLID_HALF), a),
+        POSE.at(address_of(memory, SOLID_POSES), a),
+        int(double_at(firsts, a + 1)) - begin,
+        VECTORS.at(address_of(memory, VERTICES), begin),
+        SINGLES.at(address_of(memory, VERTEX_SINGLES), 3 * begin),
+        SOLID.bounding(solids, a),
     )
 
 
 @compiled(inline=True, lean=True)
 def _thin(core: ConvexCore) -> bool:
     """Whether a core is a segment or a point."""
-    return core.kind == BOX and double_at(core.half) == 0.0 and double_at(core.half + 8) == 0.0
+    x, y, _ = VECTORS.xyz(core.half)
+    return core.kind == BOX and x == 0.0 and y == 0.0
 
 
 @compiled(lean=True)
 def _off_box(core: ConvexCore, place: int) -> float:
     """Return the squared distance of a point, at an address, to the box around a core [m^2]."""
-    pose, half, squared = core.pose, core.half, 0.0
-    x, y, z = (
-        double_at(place) - double_at(pose),
-        double_at(place + 8) - double_at(pose + 8),
-        double_at(place + 16) - double_at(pose + 16),
-    )
+    squared, axes = 0.0, POSE.x_axis_at(core.pose)
+    x, y, z = between(place, core.pose)
     for i in range(3):
-        axis = pose + 24 * (i + 1)
-        along = x * double_at(axis) + y * double_at(axis + 8) + z * double_at(axis + 16)
-        off = max(abs(along) - double_at(half + 8 * i), 0.0)
+        off = max(abs(dot(x, y, z, VECTORS.xyz(axes, i))) - double_at(core.half, i), 0.0)
         squared += off * off
     return squared
 
@@ -121,15 +114,16 @@ def _off_box(core: ConvexCore, place: int) -> float:
 @compiled(inline=True, lean=True)
 def _axis_of(memory: Array, slot: int) -> int:
     """Return the address, in a block, shape (s,), of the direction that parted a pair last."""
-    return address_of(memory, AXES) + 24 * (slot % (section(memory, AXES).size // 3))
+    return int(VECTORS.at(address_of(memory, AXES), slot % (section(memory, AXES).size // 3)))
 
 
 @compiled
-def ball_meets(node: NDArray[np.float32], center: Array, reach: float) -> bool:
-    """Whether a ball at a center, shape (3,), meets the box of a node, shape (NODE_SINGLES,) [m]."""
-    squared = 0.0
+def ball_meets(node: int, center: int, reach: float) -> bool:
+    """Whether a ball meets the box of a node [m]; the node and the ball's center are at addresses."""
+    low, high, squared = NODE.low_at(node), NODE.high_at(node), 0.0
     for i in range(3):
-        off = max(max(node[i] - center[i], center[i] - node[3 + i]), 0.0)
+        x = double_at(center, i)
+        off = max(max(single_at(low, i) - x, x - single_at(high, i)), 0.0)
         squared += off * off
     return squared <= reach * reach
 
@@ -147,11 +141,8 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
         slot: Place of the pair in AXES.
     """
     one, two = _core(memory, a), _core(other, b)
-    row_a, row_b = (
-        address_of(memory, SOLIDS) + 8 * SOLID_SIZE * a,
-        address_of(other, SOLIDS) + 8 * SOLID_SIZE * b,
-    )
-    pad_a, pad_b = double_at(row_a + 8), double_at(row_b + 8)
+    row_a, row_b = SOLID.at(address_of(memory, SOLIDS), a), SOLID.at(address_of(other, SOLIDS), b)
+    pad_a, pad_b = SOLID.radius(row_a), SOLID.radius(row_b)
     reach_a, reach_b = one.size + pad_b + margin + TIE_WIDTH, two.size + pad_a + margin + TIE_WIDTH
     if _off_box(two, one.pose) > reach_a * reach_a or _off_box(one, two.pose) > reach_b * reach_b:
         return FREE
@@ -173,7 +164,7 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
             verdict = CONTACT if distance < threshold else FREE
     else:
         verdict = nearer_than(one, two, threshold, TIE_WIDTH, axis, scratch)
-    if verdict == CONTACT and (double_at(row_a + 24) == 0.0 or double_at(row_b + 24) == 0.0):
+    if verdict == CONTACT and (SOLID.filled(row_a) == 0.0 or SOLID.filled(row_b) == 0.0):
         return TIE
     return verdict
 
@@ -184,7 +175,7 @@ def _segment_distance(one: ConvexCore, two: ConvexCore) -> float:
     first, second = one, two
     if not _thin(one):
         first, second = two, one
-    long, half = double_at(first.half + 16), floats_at(second.half, 3)
+    long, half = double_at(first.half, 2), floats_at(second.half, 3)
     pose, other = floats_at(first.pose, 12), floats_at(second.pose, 12)
     if half[0] == 0.0 and half[1] == 0.0:
         return float(segment_to_segment(pose, long, other, half[2]))
@@ -203,15 +194,13 @@ def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> 
         least: Distances above this need not be exact [m].
     """
     one, two = _core(memory, a), _core(other, b)
-    x = double_at(one.pose) - double_at(two.pose)
-    y = double_at(one.pose + 8) - double_at(two.pose + 8)
-    z = double_at(one.pose + 16) - double_at(two.pose + 16)
+    x, y, z = between(one.pose, two.pose)
     rough = math.sqrt(x * x + y * y + z * z) - one.size - two.size
     if rough > max(least, 0.0):
         return rough
     if one.kind != BOX or two.kind != BOX or not (_thin(one) or _thin(two)):
         return -math.inf
-    pads = section(memory, SOLIDS)[SOLID_SIZE * a + 1] + section(other, SOLIDS)[SOLID_SIZE * b + 1]
+    pads = SOLID.radius(address_of(memory, SOLIDS), a) + SOLID.radius(address_of(other, SOLIDS), b)
     distance = _segment_distance(one, two) - pads - ROUNDING
     return float(distance) if distance > 0.0 else -math.inf
 
@@ -219,13 +208,12 @@ def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> 
 @compiled(lean=True)
 def _gap_of(memory: Array, k: int, least: float) -> float:
     """Return a lower bound of the distance of pair k of solids of a block, shape (s,), or -inf [m]."""
-    pair = address_of(memory, PAIRS) + 16 * k
-    a, b = int(double_at(pair)), int(double_at(pair + 8))
+    pairs, solids = address_of(memory, PAIRS), address_of(memory, SOLIDS)
+    a, b = int(double_at(pairs, 2 * k)), int(double_at(pairs, 2 * k + 1))
     bound = pair_distance(memory, memory, a, b, least)
     if bound > 0.0:
         return float(bound)
-    solids = section(memory, SOLIDS)
-    pads = solids[SOLID_SIZE * a + 1] + solids[SOLID_SIZE * b + 1] + ROUNDING
+    pads = SOLID.radius(solids, a) + SOLID.radius(solids, b) + ROUNDING
     return float(separation(_core(memory, a), _core(memory, b), _axis_of(memory, k)) - pads)
 
 
@@ -258,18 +246,21 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
         a: The solid.
         slot: Place in AXES of its pair with the scene's first object.
     """
-    lists, roots = section_bits(scene, ROOT_LISTS), section_bits(scene, ROOTS)
-    nodes, margin, worst = section_single(scene, NODES), section(memory, NUMBERS)[MARGIN], FREE
-    center = section(memory, SOLID_POSES)[12 * a : 12 * a + 3]
-    reach = section(memory, SOLIDS)[SOLID_SIZE * a + 2] + margin + TIE_WIDTH
-    for r in range(lists[group], lists[group + 1]):
-        n, end = roots[ROOT_WORDS * r], roots[ROOT_WORDS * r + 1]
+    lists, roots, nodes = address_of(scene, ROOT_LISTS), address_of(scene, ROOTS), address_of(scene, NODES)
+    margin, worst, center = (
+        section(memory, NUMBERS)[MARGIN],
+        FREE,
+        POSE.at(address_of(memory, SOLID_POSES), a),
+    )
+    reach = SOLID.bounding(address_of(memory, SOLIDS), a) + margin + TIE_WIDTH
+    for r in range(word_at(lists, group), word_at(lists, group + 1)):
+        n, end = ROOT.first_node(roots, r), ROOT.node_end(roots, r)
         while n < end:
-            node = nodes[NODE_SINGLES * n : NODE_SINGLES * (n + 1)]
+            node = NODE.at(nodes, n)
             if not ball_meets(node, center, reach):
-                n = int(node[6])
+                n = int(NODE.after(node))
                 continue
-            for o in range(int(node[7]), int(node[8])):
+            for o in range(int(NODE.first_object(node)), int(NODE.object_end(node))):
                 verdict = _pair(memory, scene, a, o, margin, slot + o)
                 if verdict == CONTACT:
                     return CONTACT
@@ -330,7 +321,7 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
             if verdict == CONTACT:
                 return CONTACT
             worst = max(worst, verdict)
-    members, objects = section(memory, GROUP_SOLIDS), section(scene, SOLIDS).size // SOLID_SIZE
+    members, objects = section(memory, GROUP_SOLIDS), section(scene, SOLIDS).size // SOLID.width
     for k in range(members.size // 2):
         group = int(members[2 * k])
         if (groups >> min(group, 61)) & 1:
@@ -404,19 +395,17 @@ def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDAr
     Returns:
         How many are marked.
     """
-    solids, poses, count = section(memory, SOLIDS), section(memory, SOLID_POSES), 0
-    scratch = address_of(memory, PAIR_WORKSPACE)
-    axis = scratch + 8 * (POINT_WORKSPACE_SIZE - 3)
+    scratch, count = address_of(memory, PAIR_WORKSPACE), 0
+    axis = POINT_WORKSPACE.axis_at(scratch)
     near[:] = 0
     place_solids(memory, q)
-    for a in range(solids.size // SOLID_SIZE):
-        row, pose = solids[SOLID_SIZE * a : SOLID_SIZE * (a + 1)], poses[12 * a : 12 * a + 12]
-        core = _core(memory, a)
-        threshold, reach = row[1] + margin, row[2] + margin + TIE_WIDTH
+    for a in range(section(memory, SOLIDS).size // SOLID.width):
+        row, core = SOLID.at(address_of(memory, SOLIDS), a), _core(memory, a)
+        threshold, reach = SOLID.radius(row) + margin, SOLID.bounding(row) + margin + TIE_WIDTH
         for p in range(points.shape[0]):
-            x, y, z = points[p, 0] - pose[0], points[p, 1] - pose[1], points[p, 2] - pose[2]
+            place = VECTORS.at(points.ctypes.data, p)
+            x, y, z = between(place, core.pose)
             if near[p] == 0 and x * x + y * y + z * z <= reach * reach:
-                place = points.ctypes.data + 24 * p
                 if core.kind == CLOUD:
                     address = section_bits(memory, CLOUDS)[a]
                     verdict = point_in_cloud(place, core.pose, address, threshold, TIE_WIDTH)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, OTHER
+from pepper_kin.core.collision.records import OBJECT
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.lanes import store_single
 from pepper_kin.kernels.signatures import Floats2, Floats3, Singles2
 
 ROW = 20
@@ -69,7 +71,7 @@ def write_objects(
         rounding: Error of a comparison over the distances in it.
         far: Objects are not larger than this, or meet the robot where they are [m].
         farthest: How far the robot reaches [m].
-        items: Receives the objects in single precision, shape (k, OBJECT_SINGLES).
+        items: Receives the objects in single precision, shape (k, OBJECT.width).
         lows: Receives the least corners of the boxes, shape (k, 3) [m].
         highs: Receives the greatest corners, shape (k, 3) [m].
     """
@@ -77,14 +79,17 @@ def write_objects(
         kind, radius, corner = rows[k, 0], rows[k, 1], rows[k, 4]
         slack = rounding * (min(corner + radius, far) + farthest)
         known = kind in (BOX, CYLINDER, CLOUD)
-        items[k, 0], items[k, 1] = kind, radius + slack
-        items[k, 2] = radius - slack if known else NO_INNER
+        item = OBJECT.at(items.ctypes.data, k)
+        half, pose = OBJECT.half_at(item), OBJECT.center_at(item)
+        OBJECT.set_kind(item, kind)
+        OBJECT.set_outer(item, radius + slack)
+        OBJECT.set_inner(item, radius - slack if known else NO_INNER)
         for i in range(3):
-            items[k, 3 + i] = min(rows[k, 5 + i], VAST)
+            store_single(half, min(rows[k, 5 + i], VAST), i)
             length = radius + slack
             for j in range(3):
                 length += abs(rows[k, 11 + 3 * j + i]) * min(rows[k, 5 + j], VAST)
             lows[k, i], highs[k, i] = rows[k, 8 + i] - length, rows[k, 8 + i] + length
         for i in range(12):
-            items[k, 6 + i] = rows[k, 8 + i]
-        items[k, 18] = (VAST if kind == OTHER else corner) + radius + slack
+            store_single(pose, rows[k, 8 + i], i)
+        OBJECT.set_bounding(item, (VAST if kind == OTHER else corner) + radius + slack)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.ball_check import NODE_SINGLES, OBJECT_SINGLES, ROOT_WORDS
 from pepper_kin.core.collision.layout import section, section_bits, section_single
+from pepper_kin.core.collision.records import NODE, OBJECT, ROOT
 from pepper_kin.core.collision.scene_rows import VAST
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import LANES
@@ -33,7 +33,7 @@ class ObjectSets(NamedTuple):
 
     Attributes:
         rows: Numbers of the objects, see `scene_rows`, shape (k, ROW).
-        items: The same as balls are compared with them, see `write_objects`, shape (k, OBJECT_SINGLES).
+        items: The same as balls are compared with them, see `write_objects`, shape (k, OBJECT.width).
         lows: Least corners of boxes around them, shape (k, 3) [m].
         highs: Greatest corners, shape (k, 3) [m].
         members: Places of the objects, set after set, shape (k,).
@@ -197,14 +197,15 @@ def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDAr
                 for i in range(3):
                     corners[node, i] = min(corners[node, i], sets.lows[o, i])
                     corners[node, 3 + i] = max(corners[node, 3 + i], sets.highs[o, i])
-            place = NODE_SINGLES * (begin + node)
-            nodes[place + 6] = begin + node + within
-            nodes[place + 7], nodes[place + 8] = (low, high) if level == depth else (0, 0)
+            place = NODE.at(nodes.ctypes.data, begin + node)
+            NODE.set_after(place, begin + node + within)
+            NODE.set_first_object(place, low if level == depth else 0)
+            NODE.set_object_end(place, high if level == depth else 0)
             if level < depth:
                 node += 1 + ((leaf >> (depth - 1 - level)) & 1) * ((within - 1) // 2)
     for k in range(total):
         for i in range(3):
-            _round_outward(nodes, NODE_SINGLES * (begin + k) + i, corners[k, i], corners[k, 3 + i])
+            _round_outward(nodes, NODE.width * (begin + k) + i, corners[k, i], corners[k, 3 + i])
     return begin + total
 
 
@@ -231,7 +232,7 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
         tree_count: What `sort_objects` has returned.
         block: A block whose sections have their sizes, all zeros, shape (s,).
     """
-    nodes, roots, listed = section_single(block, at.NODES), section_bits(block, at.ROOTS), 0
+    nodes, roots, listed = section_single(block, at.NODES), at.address_of(block, at.ROOTS), 0
     lists, items = section_bits(block, at.ROOT_LISTS), section_single(block, at.OBJECTS)
     begins, place = np.empty(tree_count + 1, np.int64), 0
     for r in range(tree_count):
@@ -241,7 +242,8 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
     for g in range(lists.size - 1):
         for r in range(tree_count):
             if sets.met[sets.trees[r, 0], g] != 0:
-                roots[ROOT_WORDS * listed], roots[ROOT_WORDS * listed + 1] = begins[r], begins[r + 1]
+                ROOT.set_first_node(roots, begins[r], listed)
+                ROOT.set_node_end(roots, begins[r + 1], listed)
                 listed += 1
         lists[g + 1] = listed
     _write_boxes(sets, section_single(block, at.BOXES))
@@ -252,8 +254,8 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
     )
     for k in range(sets.order.size):
         o = sets.order[k]
-        for i in range(OBJECT_SINGLES):
-            items[OBJECT_SINGLES * k + i] = sets.items[o, i]
+        for i in range(OBJECT.width):
+            items[OBJECT.width * k + i] = sets.items[o, i]
         for i in range(4):
             solids[4 * k + i] = sets.rows[o, i]
         for i in range(3):
