@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.collision.gjk import _nearest_in_hull
+from pepper_kin.core.collision.gjk import nearest_in_hull
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
 from pepper_kin.core.kinematic_tree import compose
@@ -219,7 +219,7 @@ def _approach(
             break
         scratch[3 * count], scratch[3 * count + 1], scratch[3 * count + 2] = u, v, w
         weights[count] = 1.0 if count == 0 else 0.0
-        count = _nearest_in_hull(scratch, count + 1)
+        count = nearest_in_hull(scratch, count + 1)
         if count < 0:
             break
         for i in range(3):

@@ -193,7 +193,7 @@ def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -
 
 
 @compiled(lean=True)
-def _nearest_in_hull(scratch: Array, count: int) -> int:
+def nearest_in_hull(scratch: Array, count: int) -> int:
     """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
 
     Args:
@@ -287,7 +287,7 @@ def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis
             return TIE
         points[3 * count], points[3 * count + 1], points[3 * count + 2] = wx, wy, wz
         now[count] = 1.0 if count == 0 else 0.0
-        count = _nearest_in_hull(points, count + 1)
+        count = nearest_in_hull(points, count + 1)
         if count < 0:
             return TIE
         x = y = z = 0.0
