@@ -99,6 +99,10 @@ class SensorSuite:
             raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
         known = dict(sensor_specifications())
         for name, specification in (specifications or {}).items():
+            if not isinstance(specification, SensorSpecification):
+                raise InvalidValueError(
+                    f"specification {name!r}", type(specification).__name__, "a SensorSpecification"
+                )
             if name != specification.name:
                 raise InvalidValueError("name of a specification", repr(specification.name), repr(name))
             known[name] = specification
