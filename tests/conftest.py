@@ -160,7 +160,7 @@ def small_process() -> Iterator[None]:
     statm = Path("/proc/self/statm")
     if statm.exists() and int(statm.read_text().split()[1]) * resource.getpagesize() > LARGE_PROCESS:
         for thing in gc.get_objects():
-            if isinstance(thing, pk.PepperModel):
+            if issubclass(type(thing), pk.PepperModel):  # `isinstance` would ask proxies of what is gone
                 thing.kept.clear()
         gc.collect()
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -17,7 +17,9 @@ ROOT = Path(__file__).parents[1]
 ORDER = (
     "arrays", "lazy_names", "forked_children", "exceptions", "status", "atomic_file", "file_reading",
     "numpy_archive", "server_access", "frozen_arrays", "connection_gate", "http_server", "end_signals",
-    "thread_priority", "qi_library", "proxsuite_library", "plugins", "ros_messages", "model", "symbolic",
+    "thread_priority", "qi_library", "proxsuite_library", "plugins", "ros_messages",
+    "model",
+    "symbolic",
     "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
     "trajectory", "files", "motion", "twin", "paper", "supervision", "naoqi", "ros", "jobs", "viewer",
     "body_page", "qibullet", "cli_terminal", "cli_check", "cli_naoqi", "cli_ros", "cli_show", "cli",

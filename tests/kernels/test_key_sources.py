@@ -72,7 +72,8 @@ pepper = load_pepper()
 batch.kernel(pepper, "gravity_torque")
 batch.kernel(load_pepper(base="planar", hands="mimic"), "frame_pose", "LArm_effector")
 from pepper_kin.ik.fast.compiled_tasks import _with_machine_code
-tasks = ik.HandPosition("left", (0.38, 0.22, 0.82)), ik.CenterOfMassOverWheels(0.01)
+wheels = [(0.09, 0.155), (-0.17, 0.0), (0.09, -0.155)]
+tasks = ik.HandPosition("left", (0.38, 0.22, 0.82)), ik.CenterOfMassOverWheels(0.01, contacts=wheels)
 _with_machine_code(pepper, tuple(task.structure() for task in tasks))
 from pepper_kin.motion.static_limits import static_limits
 static_limits(pepper, 0.005, {"LArm_effector": 0.3})
