@@ -42,7 +42,7 @@ TASKS = {
         ).parts
     ),
     "center of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
-    "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
+    "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08).on(PEPPER)],
     "expression": [
         pk.ik.Expression(PEPPER, lambda q: casadi.vertcat(q[3] * q[4], casadi.sin(q[5])), 0.1, [0.1, 0.2])
     ],

@@ -240,7 +240,7 @@ SOURCES = tuple(
     f"pepper_kin.{name}"
     for name in (
         "symbolic", "model", "ik.fast", "ik.tasks", "ik.problem", "batch.states", "dynamics.center_of_mass",
-        "kinematics.frames", "kinematics.jacobian",
+        "dynamics.support_polygon", "kinematics.frames", "kinematics.jacobian",
     )
 )  # fmt: skip
 """Packages and modules on which the kernels depend; joints of a center of mass are found by numbers."""
