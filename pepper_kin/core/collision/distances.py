@@ -344,7 +344,7 @@ def find_near(
     Args:
         poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
         table: The shapes and pairs.
-        distance: Farther pairs, and those that the result has no room for, are left out [m].
+        distance: Farther pairs, and those beyond the size of the result, are left out [m].
         exact: Whether pairs are left undecided of which only coal knows the distance.
         result: Written.
 
