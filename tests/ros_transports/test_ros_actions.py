@@ -23,7 +23,14 @@ def sides(request, ours, peer):
 
 def send(client, name, *joints):
     trajectory = message_type("trajectory_msgs/JointTrajectory")(joint_names=joints)
-    return client.send_goal(name=name, type=ACTION, data=action_type(ACTION).goal(trajectory=trajectory))
+    goal = action_type(ACTION).goal(trajectory=trajectory)
+    try:
+        return client.send_goal(name=name, type=ACTION, data=goal)
+    except AssertionError as error:
+        # A server that has not found the reader of its answer in time, on a busy machine, drops the answer.
+        if "no answer within" not in str(error):
+            raise
+    return client.send_goal(name=name, type=ACTION, data=goal)
 
 
 def test_feedback_and_result(sides):
