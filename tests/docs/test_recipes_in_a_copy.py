@@ -79,13 +79,14 @@ class Copy:
 
     def run(self, *arguments: str) -> str:
         """Run Python with the copy; return what it prints."""
-        environment = {**os.environ, "PYTHONPATH": str(self.folder)}
+        of_this_run = ("PYTEST", "COV")  # its options, such as coverage, are not the copy's
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith(of_this_run)}
         done = subprocess.run(
             [sys.executable, *arguments],
             capture_output=True,
             text=True,
             cwd=self.folder,
-            env=environment,
+            env={**inherited, "PYTHONPATH": str(self.folder)},
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
