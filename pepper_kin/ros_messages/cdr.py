@@ -5,7 +5,8 @@ four bytes of encapsulation, then the fields; numbers are aligned to their size;
 the final NUL, and UTF-8; a sequence is its length and its elements.
 
 For each type one function is written out and compiled by Python (`pepper_kin.ros_messages.cdr_functions`), so
-that numbers beside one another are read by one call of `struct`.
+that numbers beside one another are read by one call of `struct`; rosbags, with a call for each number, takes
+1.3 (a picture) to 3 times as long (`docs/design.md`).
 """
 
 from __future__ import annotations

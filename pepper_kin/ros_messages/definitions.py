@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from importlib import resources
 from typing import Any, NamedTuple
@@ -258,8 +258,3 @@ def _value(type_name: str, base: str, text: str) -> Any:
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         raise MessageError(type_name, f"definition has the value {text!r} for a {base}") from None
     return bool(value) if base == "bool" and isinstance(value, int) else value
-
-
-def names_of(definitions: Iterable[Definition]) -> dict[str, Definition]:
-    """Return definitions by name."""
-    return {found.type_name: found for found in definitions}
