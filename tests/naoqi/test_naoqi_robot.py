@@ -13,6 +13,7 @@ import textwrap
 import threading
 import time
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -93,19 +94,26 @@ def moved_in(robot, seconds):
 
 
 @contextlib.contextmanager
-def once_moving(robot, act):
-    """Do something with another connection as soon as an elbow has moved."""
+def once_moving(robot, act, moved=0.03):
+    """Do something with another connection as soon as an elbow has moved [rad]; its error ends the motion."""
     start = robot.state().of(["LElbowRoll"])
+    errors = []
 
     def watch():
-        with Robot(robot.url) as other:
-            if until(lambda: np.abs(other.state().of(["LElbowRoll"]) - start)[0] > 0.03):
+        try:
+            with Robot(robot.url) as other:
+                assert until(lambda: np.abs(other.state().of(["LElbowRoll"]) - start)[0] > moved)
                 act(other)
+        except BaseException as error:
+            errors.append(error)
+            robot.stop()
 
     thread = threading.Thread(target=watch)
     thread.start()
     yield
     thread.join()
+    if errors:
+        raise errors[0]
 
 
 def off_the_path(run, trajectory):
@@ -322,25 +330,40 @@ def test_a_cut_connection_in_mid_motion_is_reported_and_the_robot_stands(robot, 
     time.sleep(LOOSE.silence + 0.5)  # until the watchdog has stopped what moves, which may be the next test's
 
 
+def rocking(standing, times=12):
+    """A certified motion of an elbow to and fro, never farther from a posture than a start may be."""
+    pepper = pk.load_pepper()
+    elbow = pepper.joint_index("LElbowRoll")
+    ends = [standing.copy(), standing.copy()]
+    ends[0][elbow] += 0.018
+    ends[1][elbow] -= 0.018
+    there = pk.Trajectory.from_positions([0.0, 4.0], ends, pepper)
+    once = there.then(there.reversed())
+    return reduce(pk.Trajectory.then, [once] * times)
+
+
 def test_of_two_clients_that_follow_at_once_the_second_is_refused(robot):
     results, going = [], []
+    pepper = pk.load_pepper()
+    standing = pepper.posture("Stand").copy()
+    standing[pepper.joint_index("LElbowRoll")] = -0.3
+    stay = pk.Trajectory.from_positions([0.0, 2.0], [standing, standing], pepper)
+    rocked = rocking(standing)
+    here = [float(x) for x in rocked.start]
+    robot._link.call(
+        "ALMotion", "angleInterpolationWithSpeed", list(rocked.joint_names), here, 0.5, timeout=30.0
+    )
+    assert until(lambda: moved_in(robot, 0.3) < 1e-3)
 
     def intrude(other):
-        """Stay where the robot is; that it moves on meanwhile is within the tolerance of a start."""
-        pepper, here = pk.load_pepper(), other.state().q
-        q = pepper.posture("Stand").copy()
-        for name in pepper.joint_names:
-            q[pepper.joint_index(name)] = here[other.pepper.joint_index(name)]
-        q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
-        results.append(other.follow(pk.Trajectory.from_positions([0.0, 2.0], [q, q], pepper), options=LOOSE))
-        time.sleep(0.5)
-        going.append(moved_in(other, 0.5))
+        results.append(other.follow(stay, options=LOOSE))
+        going.append(until(lambda: moved_in(other, 0.5) > 1e-3))
         robot.stop()
 
-    with once_moving(robot, intrude):
-        result = robot.follow(waving(100.0), options=LOOSE)
+    with once_moving(robot, intrude, moved=0.02):
+        result = robot.follow(rocked, options=LOOSE)
     assert result.status is RobotMotionStatus.STOPPED, result.report()
-    assert going[0] > 1e-3
+    assert going == [True]
     (refused,) = results
     assert refused.status is RobotMotionStatus.REFUSED
     assert "another client moves HeadPitch, HeadYaw" in refused.message
