@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -182,7 +181,7 @@ def _temporary(target: Path) -> tuple[int, Path]:
         mode = None
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     # Of a long name a part: with more around it no file could be named so.
-    temporary = target.parent / f".{target.name[:32]}.{secrets.token_hex(6)}.part"
+    temporary = target.parent / f".{target.name[:32]}.{os.urandom(6).hex()}.part"
     handle = os.open(temporary, flags, 0o666 if mode is None else mode)
     if mode is not None:
         os.chmod(temporary, mode)

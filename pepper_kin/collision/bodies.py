@@ -19,6 +19,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.moving_tree import moving_tree
 
 GeometryType = Literal["collision", "visual"]
 """What stands for the robot: its collision shapes, or the surfaces that are drawn."""
@@ -225,9 +226,8 @@ def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, in
 
     Both poses have shape (4, 4), their translations are in [m].
     """
-    index = pepper.frame_id(name)
-    frame = pepper.inner_model.frames[index]
-    return index, int(frame.parentJoint), read_only(frame.placement.homogeneous @ pose)
+    tree = moving_tree(pepper)
+    return pepper.frame_id(name), tree.frame_joints[name], read_only(tree.frame_poses[name] @ pose)
 
 
 @kept_for_robot(most=256)
@@ -240,14 +240,14 @@ def _links_of_hand(pepper: PepperModel, joint: int) -> frozenset[str]:
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
     """Return the joints of the hand that a joint moves or is part of, by the SRDF's end effectors."""
-    model, semantics = pepper.inner_model, pepper.semantics
+    tree, semantics = moving_tree(pepper), pepper.semantics
     for effector in semantics.tree.findall("end_effector") if semantics.text else ():
         link = effector.get("parent_link", "")
         wrist = _joint(pepper, link) if link in pepper.frame_names else 0
-        if wrist and joint in set(model.subtrees[wrist]):
-            return frozenset(model.subtrees[wrist])
+        if wrist and joint in tree.below(wrist):
+            return frozenset(tree.below(wrist))
     return frozenset()
 
 
 def _joint(pepper: PepperModel, link: str) -> int:
-    return int(pepper.inner_model.frames[pepper.frame_id(link)].parentJoint)
+    return moving_tree(pepper).frame_joints[link]

@@ -12,7 +12,8 @@ from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.core.motion_bounds import MotionTree, body_motion_bounds
 from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere, kept_for_robot
-from pepper_kin.symbolic.alignment import joint_axis
+from pepper_kin.model.moving_tree import moving_tree
+from pepper_kin.model.tree_order import depth_first
 
 SLACK = 1e-6
 """What joints may leave their ranges by [rad or m]."""
@@ -88,11 +89,10 @@ def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
         hull if np.isfinite(hull.centers).all() else Hull(hull.joint, np.zeros((1, 3)), np.inf)
         for hull in hulls
     ]
-    tree, model = tree_of(pepper, bounded), pepper.inner_model
-    lower, upper = np.full(tree.parents.size, -np.inf), np.full(tree.parents.size, np.inf)
-    for k in np.flatnonzero(tree.slides):
-        place = model.joints[int(k) + 1].idx_q
-        lower[k], upper[k] = model.lowerPositionLimit[place], model.upperPositionLimit[place]
+    tree = tree_of(pepper, bounded)
+    moving = [joint for joint in depth_first(pepper.document) if joint.type != "fixed"]
+    lower = np.where(tree.slides, [joint.lower for joint in moving], -np.inf)
+    upper = np.where(tree.slides, [joint.upper for joint in moving], np.inf)
     motion_bounds = np.empty((len(hulls), tree.parents.size))
     body_motion_bounds(tree, lower, upper, motion_bounds)
     return motion_bounds
@@ -101,30 +101,27 @@ def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
 @kept_for_robot(most=32)
 def motion_tree(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -> MotionTree:
     """Return the joints of a robot with its collision shapes, and what hangs on it, as bodies."""
-    model, hulls = pepper.inner_model, []
+    tree, hulls = moving_tree(pepper), []
     for shape in pepper.collision_shapes:
-        frame = model.frames[pepper.frame_id(shape.link)]
-        pose = frame.placement.homogeneous @ shape.transform_shape_to_link
+        pose = tree.frame_poses[shape.link] @ shape.transform_shape_to_link
         points, radius = _hull(shape.geometry)
-        hulls.append(Hull(int(frame.parentJoint), points @ pose[:3, :3].T + pose[:3, 3], radius))
+        joint = tree.frame_joints[shape.link]
+        hulls.append(Hull(joint, points @ pose[:3, :3].T + pose[:3, 3], radius))
     for name, extent in held:
-        frame = model.frames[pepper.frame_id(name)]
-        hulls.append(Hull(int(frame.parentJoint), np.array([frame.placement.translation]), extent))
+        hulls.append(Hull(tree.frame_joints[name], tree.frame_poses[name][None, :3, 3], extent))
     return tree_of(pepper, hulls)
 
 
 def tree_of(pepper: PepperModel, hulls: Sequence[Hull]) -> MotionTree:
     """Return the joints of a robot with some bodies."""
-    model = pepper.inner_model
-    joints = range(1, model.njoints)
-    axes = [joint_axis(model.joints[j]) for j in joints]
+    tree = moving_tree(pepper)
     counts = [len(hull.centers) for hull in hulls]
     return MotionTree(
-        parents=np.array([model.parents[j] - 1 for j in joints], dtype=np.int64),
-        rotations=np.array([model.jointPlacements[j].rotation for j in joints]).reshape(-1, 3, 3),
-        offsets=np.array([model.jointPlacements[j].translation for j in joints]).reshape(-1, 3),
-        axes=np.array([axis for axis, _ in axes]).reshape(-1, 3),
-        slides=np.array([slides for _, slides in axes], dtype=np.bool_),
+        parents=np.array(tree.parents[1:], dtype=np.int64) - 1,
+        rotations=tree.rotations[1:],
+        offsets=tree.positions[1:],
+        axes=tree.axes[1:],
+        slides=tree.slides[1:],
         carriers=np.array([hull.joint - 1 for hull in hulls], dtype=np.int64),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         centers=np.concatenate([np.empty((0, 3)), *(hull.centers for hull in hulls)]),

@@ -80,17 +80,24 @@ def kinematic_tree(document: UrdfDocument) -> KinematicTree:
     Raises:
         ModelError: naming the joint or link whose numbers are malformed.
     """
-    root = document.tree
-    elements = {element.get("name"): element for element in root.findall("joint")}
-    joints = {joint.child: _place(joint, elements[joint.name]) for joint in document.joints}
     bodies = {}
-    for element in root.findall("link"):
+    for element in document.tree.findall("link"):
         name, inertial = element.get("name", ""), element.find("inertial")
         if inertial is not None:
             body = read_body(inertial, name)
             if body.mass > 0.0:
                 bodies[name] = body
-    return KinematicTree(document, joints, bodies)
+    return KinematicTree(document, placed_joints(document), bodies)
+
+
+def placed_joints(document: UrdfDocument) -> dict[str, PlacedJoint]:
+    """Read the joints' placements, by the name of their child link.
+
+    Raises:
+        ModelError: naming the joint whose numbers are malformed.
+    """
+    elements = {element.get("name"): element for element in document.tree.findall("joint")}
+    return {joint.child: _place(joint, elements[joint.name]) for joint in document.joints}
 
 
 def _place(joint: Joint, element: ET.Element) -> PlacedJoint:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.alignment import Alignment, align, joint_axis, snapped
+from pepper_kin.model.moving_tree import moving_tree
+from pepper_kin.symbolic.alignment import Alignment, align, snapped
 from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.regrouping import regroup
@@ -70,6 +71,51 @@ class Tree:
         return self.ground.mass + sum(body.inertia.mass for body in self.bodies)
 
 
+class BodyFrame(NamedTuple):
+    """Where the frame of a body lies.
+
+    Attributes:
+        parent: Place of the parent in the tree, -1 for the world.
+        slides: Whether its joint is prismatic; both kinds act along the body's z axis.
+        rotation: Constant rotation of the frame at q = 0 to the parent's.
+        translation: Origin in the parent's frame at q = 0 [m].
+    """
+
+    parent: int
+    slides: bool
+    rotation: Matrix
+    translation: Vector
+
+
+class BodyFrames(NamedTuple):
+    """The kinematic tree without its masses, for which Pinocchio is not loaded.
+
+    Attributes:
+        bodies: As in `Tree`.
+        alignments: As in `Tree`.
+    """
+
+    bodies: tuple[BodyFrame, ...]
+    alignments: tuple[Alignment, ...]
+
+
+@remembered
+def read_frames(pepper: PepperModel, *, compact: bool) -> BodyFrames:
+    """Return the frames of the bodies; see `read_tree`."""
+    tree = moving_tree(pepper)
+    alignments, bodies = align(tree, shift_origins=compact), []
+    for i, alignment in enumerate(alignments, start=1):
+        parent = tree.parents[i] - 1
+        rotation = tree.rotations[i] @ alignment.rotation
+        translation = tree.rotations[i] @ alignment.origin + tree.positions[i]
+        if parent >= 0:
+            rotation, translation = alignments[parent].place(rotation, translation)
+        translation = np.where(np.abs(translation) < 1e-14, 0.0, translation)
+        slides = bool(tree.slides[i])
+        bodies.append(BodyFrame(parent, slides, numbers(snapped(rotation)), numbers(translation)))
+    return BodyFrames(tuple(bodies), tuple(alignments))
+
+
 @remembered
 def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
     """Read the kinematic tree of a robot.
@@ -79,43 +125,37 @@ def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
         compact: Whether origins may move along joint axes and masses on joint axes move to the parent, for
             the shortest expressions of dynamics; otherwise each body keeps its joint's origin and its mass.
     """
-    model = pepper.inner_model
-    alignments = align(model, shift_origins=compact)
-    bodies = []
-    for i, alignment in enumerate(alignments, start=1):
-        parent, pose = model.parents[i] - 1, model.jointPlacements[i]
-        rotation = pose.rotation @ alignment.rotation
-        translation = pose.rotation @ alignment.origin + pose.translation
-        if parent >= 0:
-            rotation, translation = alignments[parent].place(rotation, translation)
-        translation = np.where(np.abs(translation) < 1e-14, 0.0, translation)
-        inertia = _inertia(model.inertias[i], alignment)
-        slides = joint_axis(model.joints[i])[1]
-        bodies.append(Body(parent, slides, numbers(snapped(rotation)), numbers(translation), inertia))
+    model, frames = pepper.inner_model, read_frames(pepper, compact=compact)
+    bodies = [
+        Body(*frame, _inertia(inertia, alignment))
+        for frame, alignment, inertia in zip(
+            frames.bodies, frames.alignments, list(model.inertias)[1:], strict=True
+        )
+    ]
     nothing = Inertia(0.0, (0.0,) * 3, ((0.0,) * 3,) * 3)
     grouped, ground = regroup(bodies, nothing) if compact else (bodies, nothing)
     return Tree(
         bodies=tuple(grouped),
         ground=ground,
         still=_inertia(model.inertias[0], Alignment(np.eye(3), np.zeros(3))),
-        alignments=tuple(alignments),
+        alignments=frames.alignments,
         gravity=numbers(np.array(model.gravity.linear)),
         armature=numbers(np.array(model.armature)),
         full_map=pepper.full_map,
         full_offset=pepper.full_offset,
-        anchors={
-            name: _anchor(model.frames[pepper.frame_id(name)], alignments) for name in pepper.frame_names
-        },
+        anchors=_anchors(pepper, frames.alignments),
     )
 
 
-def _anchor(frame: Any, alignments: Sequence[Alignment]) -> tuple[int, Matrix, Vector]:
-    """Return a Pinocchio frame as a body and the frame's rotation and origin in that body's frame."""
-    body, pose = frame.parentJoint - 1, frame.placement
-    rotation, translation = np.array(pose.rotation), np.array(pose.translation)
-    if body >= 0:
-        rotation, translation = alignments[body].place(rotation, translation)
-    return body, numbers(snapped(rotation, 1e-15)), numbers(clean(translation))
+def _anchors(pepper: PepperModel, alignments: Sequence[Alignment]) -> dict[str, tuple[int, Matrix, Vector]]:
+    """Return each frame as a body and the frame's rotation and origin in that body's frame."""
+    tree, anchors = moving_tree(pepper), {}
+    for name, pose in tree.frame_poses.items():
+        body, rotation, translation = tree.frame_joints[name] - 1, pose[:3, :3], pose[:3, 3]
+        if body >= 0:
+            rotation, translation = alignments[body].place(rotation, translation)
+        anchors[name] = body, numbers(snapped(rotation, 1e-15)), numbers(clean(translation))
+    return anchors
 
 
 def _inertia(inertia: Any, alignment: Alignment) -> Inertia:

@@ -27,7 +27,7 @@ from pepper_kin.core.collision.records import (
 )
 from pepper_kin.core.collision.scene_rows import NO_INNER
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.tree import read_frames
 
 _BODY = BODY.columns
 
@@ -39,7 +39,7 @@ class BodyTables:
     """The tables of bodies, groups, balls, cores and pairs; the world is the last body."""
 
     def __init__(self, pepper: PepperModel, structure: Structure) -> None:
-        self._structure, self._tree = structure, read_tree(pepper, compact=True)
+        self._structure, self._tree = structure, read_frames(pepper, compact=True)
         tree, solids = self._tree, structure.solids
         count = len(tree.bodies)
         self.bodies = np.zeros((count + 1, BODY.width), np.int64)

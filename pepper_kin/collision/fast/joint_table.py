@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.kinematic_tree import JOINT
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.moving_tree import moving_tree
 
 
 @kept_for_robot(most=32)
 def joint_table(pepper: PepperModel) -> Array:
     """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), kept."""
-    from pepper_kin.symbolic.alignment import joint_axis
-
-    model = pepper.inner_model
-    table = np.zeros((model.njoints, JOINT))
-    for joint in range(1, model.njoints):
-        axis, slides = joint_axis(model.joints[joint])
-        place = pose_of(model.jointPlacements[joint])
-        table[joint] = (model.parents[joint], slides, *place, *axis)
+    tree = moving_tree(pepper)
+    table = np.zeros((tree.count, JOINT))
+    for joint in range(1, tree.count):
+        place = (*tree.positions[joint], *tree.rotations[joint].ravel("F"))
+        table[joint] = (tree.parents[joint], tree.slides[joint], *place, *tree.axes[joint])
     return table
-
-
-def pose_of(placement: Any) -> Array:
-    """Return one of Pinocchio's placements as a pose."""
-    return np.concatenate([placement.translation, placement.rotation.ravel("F")])

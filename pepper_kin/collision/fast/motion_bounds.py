@@ -9,6 +9,7 @@ from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.fast.structure import Structure
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.model import PepperModel
+from pepper_kin.model.moving_tree import moving_tree
 
 
 def part_motion_bounds(pepper: PepperModel, structure: Structure) -> Array:
@@ -21,11 +22,7 @@ def part_motion_bounds(pepper: PepperModel, structure: Structure) -> Array:
         Shape (classes + groups, n) [m/rad, or 1]; infinite where a joint that slides has no limits.
     """
     motion_bounds = motion_bounds_of(pepper, [Hull(s.joint, _corners(s), s.radius) for s in structure.solids])
-    model = pepper.inner_model
-    carried = np.zeros(motion_bounds.shape, dtype=bool)
-    for row, solid in zip(carried, structure.solids, strict=True):
-        row[[joint - 1 for joint in model.supports[solid.joint].tolist() if joint > 0]] = True
-
+    carried = moving_tree(pepper).carried()[[solid.joint for solid in structure.solids]]
     rows = []
     for pairs in structure.classes:
         one, other = np.array(pairs).T

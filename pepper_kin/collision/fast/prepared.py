@@ -51,6 +51,7 @@ from pepper_kin.core.collision.records import (
 from pepper_kin.core.collision.scene_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model.moving_tree import moving_tree
 
 MET, MOST_AXES = 16, 2048
 """Objects for each solid, and pairs of solids in all, of which the direction that parted them last is kept;
@@ -186,11 +187,7 @@ def _robot_of(pepper: PepperModel, structure: Structure, ranges: tuple[Dependent
 
 
 def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
-    model = pepper.inner_model
-    carried = np.zeros((model.njoints, model.njoints - 1), dtype=bool)
-    for joint in range(1, model.njoints):
-        carried[joint - 1, [k - 1 for k in model.supports[joint].tolist() if k > 0]] = True
-    return carried
+    return np.roll(moving_tree(pepper).carried(), -1, axis=0)  # the world last
 
 
 def _constants(
@@ -269,7 +266,7 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
 
 
 def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
-    n, joints, bodies = pepper.n, pepper.inner_model.njoints, len(tables.bodies)
+    n, joints, bodies = pepper.n, moving_tree(pepper).count, len(tables.bodies)
     pose = LANE_POSE.row(rotation=np.repeat(np.eye(3).ravel(), LANES), origin=np.zeros(3 * LANES))
     poses = np.zeros((bodies + 1, LANE_POSE.width), np.float32)
     poses[[0, bodies]] = pose

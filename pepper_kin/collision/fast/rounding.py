@@ -9,7 +9,7 @@ import numpy as np
 from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.tree import read_frames
 
 ROUNDING = 2.0**-24
 """Greatest relative error of one operation in single precision."""
@@ -53,7 +53,7 @@ class Rounding:
     """
 
     def __init__(self, pepper: PepperModel, solids: Sequence[Solid]) -> None:
-        tree = read_tree(pepper, compact=True)
+        tree = read_frames(pepper, compact=True)
         count = len(tree.bodies)
         turn, shift, reach = np.zeros(count + 1), np.zeros(count + 1), np.zeros(count + 1)  # the world last
         for b, body in enumerate(tree.bodies):

@@ -27,6 +27,7 @@ from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
 from pepper_kin.core.collision.scene_trees import write_gaps
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.moving_tree import moving_tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,7 @@ def _limbs(pepper: PepperModel) -> list[int]:
     From the world to the first joint that carries several, each joint is a limb; beyond, all that hangs on
     one of those is.
     """
-    parents = list(pepper.inner_model.parents)
+    parents = moving_tree(pepper).parents
     children = [[c for c in range(1, len(parents)) if parents[c] == j] for j in range(len(parents))]
     limbs = [-1] * len(parents)
     joint = limbs[0] = 0
