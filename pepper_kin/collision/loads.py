@@ -24,6 +24,7 @@ from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import shown
+from pepper_kin.model.moving_tree import moving_tree
 
 if TYPE_CHECKING:
     from pepper_kin.collision.scene import Scene
@@ -215,20 +216,20 @@ def load_parameters(pepper: PepperModel, loads: Loads) -> LoadParameters:
     What hangs on a body that has a hand's effector is moved there, so that the machine code of payloads in
     hands serves it; else it stays at its frame, or at that of the body's first load.
     """
-    model = pepper.inner_model
-    places = {frame: model.frames[pepper.frame_id(frame)] for frame in (load.frame for load in loads)}
+    tree = moving_tree(pepper)
     anchors: dict[int, str] = {
-        model.frames[pepper.frame_id(frame)].parentJoint: frame
-        for frame in HANDS.values()
-        if frame in pepper.frame_names
+        tree.frame_joints[frame]: frame for frame in HANDS.values() if frame in tree.frame_joints
     }
     found: dict[str, Array] = {}
     for load in loads:
-        place = places[load.frame]
-        anchor = anchors.setdefault(place.parentJoint, load.frame)
-        to_anchor = model.frames[pepper.frame_id(anchor)].placement.actInv(place.placement)
-        center = to_anchor.rotation @ np.array(load.center) + to_anchor.translation
-        tensor = to_anchor.rotation @ load.tensor @ to_anchor.rotation.T
+        pose, anchor = (
+            tree.frame_poses[load.frame],
+            anchors.setdefault(tree.frame_joints[load.frame], load.frame),
+        )
+        at = tree.frame_poses[anchor]
+        turn, shift = at[:3, :3].T @ pose[:3, :3], at[:3, :3].T @ (pose[:3, 3] - at[:3, 3])
+        center = turn @ np.array(load.center) + shift
+        tensor = turn @ load.tensor @ turn.T
         second = np.trace(tensor) / 2 * np.eye(3) - tensor + load.mass * np.outer(center, center)
         row = np.concatenate([[load.mass], load.mass * center, second[np.triu_indices(3)]])
         found[anchor] = found.get(anchor, np.zeros(PARAMETERS)) + row
