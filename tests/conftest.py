@@ -34,6 +34,13 @@ LARGE_PROCESS = 600e6
 """Memory from which on robots forget what is kept for them [bytes]."""
 
 
+if sys.platform == "linux":
+    # Arrays of 0.5 MB and more are given back when they go: glibc would raise this limit to 32 MB, and a
+    # worker would keep the largest moment of every test.  Two arenas serve all threads.
+    ctypes.CDLL(None).mallopt(-3, 1 << 19)
+    ctypes.CDLL(None).mallopt(-8, 2)
+
+
 class PatientSys:
     """`sys`, whose `settrace` tries again where another thread installs its trace function at the moment.
 
