@@ -15,8 +15,7 @@ from pepper_kin import _PACKAGES, __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "arrays", "lazy_names", "forked_children", "exceptions", "status", "atomic_file", "file_reading",
-    "numpy_archive", "server_access", "frozen_arrays", "connection_gate", "http_server", "end_signals",
+    "arrays", "lazy_names", "forked_children", "exceptions", "status", "file_access", "servers",
     "proxsuite_library", "plugins", "ros_messages",
     "model",
     "symbolic",
@@ -27,9 +26,9 @@ ORDER = (
 """From the top down: a package may import those before it."""
 APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
 ONLY = {
-    "kernels": {"exceptions", "atomic_file"},
+    "kernels": {"exceptions", "file_access"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "status", "frozen_arrays", "kernels", "core"},
+    "planners": {"exceptions", "status", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
     "status": set(),
@@ -37,13 +36,9 @@ ONLY = {
     "lazy_names": set(),
     "plugins": set(),
     "forked_children": set(),
-    "atomic_file": {"exceptions"},
-    "file_reading": {"exceptions", "atomic_file"},
-    "frozen_arrays": set(),
-    "connection_gate": {"exceptions"},
-    "http_server": {"connection_gate"},
-    "numpy_archive": {"exceptions", "atomic_file", "file_reading"},
-    "ros_messages": {"exceptions", "atomic_file", "file_reading"},
+    "file_access": {"exceptions"},
+    "servers": {"exceptions"},
+    "ros_messages": {"exceptions", "file_access"},
 }
 """All that these packages may import; they are independent of the robot."""
 COMMANDS = {*(ROOT / "pepper_kin/cli").glob("*.py"), *(ROOT / "pepper_kin").glob("*/command*.py")}

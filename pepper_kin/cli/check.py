@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_folder, make_folder, write_text
 from pepper_kin.cli.terminal import FAILED, Json, progress
+from pepper_kin.file_access.atomic_file import check_folder, make_folder, write_text
 
 app = typer.Typer(
     name="check",

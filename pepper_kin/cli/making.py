@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli.terminal import (
     FAILED,
     FORMATS,
@@ -23,6 +22,7 @@ from pepper_kin.cli.terminal import (
     progress,
 )
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_folder
 
 app = typer.Typer()
 

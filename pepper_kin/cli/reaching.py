@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli.terminal import (
     FAILED,
     SIDES,
@@ -22,6 +21,7 @@ from pepper_kin.cli.terminal import (
     stages,
 )
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_folder
 from pepper_kin.lazy_names import lazy_module
 
 result_files = lazy_module("pepper_kin.jobs.result_files")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_file
 from pepper_kin.cli.terminal import (
     VIEWS,
     Base,
@@ -23,6 +22,7 @@ from pepper_kin.cli.terminal import (
     scene_of,
 )
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_file
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.camera import CameraView

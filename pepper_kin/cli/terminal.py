@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_file
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_file
 
 FAILED = 1
 MISUSED = 2

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -20,7 +21,6 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.motion_points import NANOSECONDS
 from pepper_kin.files.table_file import numbers_of, read_lines
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive

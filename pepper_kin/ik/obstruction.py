@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import read_only
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus

@@ -76,7 +76,7 @@ def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
     Returns:
         Its size [bytes].
     """
-    from pepper_kin.atomic_file import write_bytes
+    from pepper_kin.file_access.atomic_file import write_bytes
 
     line = json.dumps(head).encode() + b"\n"
     whole = hashlib.sha256(line).digest() + line + body

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.plan_result import Plan

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
 from pepper_kin.planners import Result

@@ -13,12 +13,12 @@ import typer
 
 import pepper_kin as pk
 from pepper_kin import naoqi
-from pepper_kin.atomic_file import check_file
 from pepper_kin.cli.terminal import FAILED, Json, check_record, one_of, print_json, print_written
-from pepper_kin.end_signals import ended_by_signals
 from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin.file_access.atomic_file import check_file
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.naoqi.qi_library import libqi
+from pepper_kin.servers.end_signals import ended_by_signals
 
 body_page = lazy_module("pepper_kin.naoqi.body_page")
 

@@ -12,12 +12,12 @@ import typer
 import pepper_kin as pk
 from pepper_kin import naoqi, ros
 from pepper_kin.cli.terminal import Json, check_record, one_of, print_json
-from pepper_kin.end_signals import ended_by_signals
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.naoqi.commands import save_log
 from pepper_kin.ros import transports
 from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number, stay_on_this_machine
+from pepper_kin.servers.end_signals import ended_by_signals
 
 body = lazy_module("pepper_kin.naoqi.body")
 body_page = lazy_module("pepper_kin.naoqi.body_page")

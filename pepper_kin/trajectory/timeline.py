@@ -12,7 +12,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
-from pepper_kin.file_reading import repeated
+from pepper_kin.file_access.reading import repeated
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.trajectory.enforce_limits import enforce_limits

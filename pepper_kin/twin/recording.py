@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.numpy_archive import read_arrays
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.recording_header import STATES, described, loads_in, read_header

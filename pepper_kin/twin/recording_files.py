@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin import atomic_file
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.plugins import plugins
 from pepper_kin.twin.recording import Recording
 

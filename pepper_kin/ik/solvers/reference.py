@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget

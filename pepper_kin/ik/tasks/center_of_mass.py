@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.model import PepperModel

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from pepper_kin.connection_gate import listening_sockets
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
-from pepper_kin.server_access import Access, is_loopback
+from pepper_kin.servers.access import Access, is_loopback
+from pepper_kin.servers.connection_gate import listening_sockets
 
 if TYPE_CHECKING:
     from pepper_kin.ros.transports.rosbridge_session import Session
@@ -95,8 +95,8 @@ class RosbridgeServer(LocalTransport):
             self._loop.close()
 
     async def _serve(self) -> None:
-        from pepper_kin.http_server import GatedHttpServer
         from pepper_kin.ros.transports.rosbridge_socket import application
+        from pepper_kin.servers.http_server import GatedHttpServer
 
         self._stop = asyncio.Event()
         server = GatedHttpServer(application(self), "rosbridge", self.fault)
