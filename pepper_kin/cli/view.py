@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -49,6 +48,8 @@ def view(
     def announce(url: str) -> None:
         print(json.dumps({"url": url}) if as_json else url, flush=True)
         if not no_open:
+            import webbrowser
+
             webbrowser.open(url)
 
     server.serve(

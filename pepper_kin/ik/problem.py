@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
+from pepper_kin.dynamics import mass_matrix
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.structure import generic_configurations
 from pepper_kin.ik.tasks.task import Task, TaskGroup
@@ -174,8 +175,6 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
     Returns:
         d, shape (n,).
     """
-    from pepper_kin.dynamics import mass_matrix
-
     return scale_of(mass_matrix(pepper, q))
 
 

@@ -24,8 +24,9 @@ from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.timeline import ImportedMotion, JointCurve, Timeline, import_timeline
-from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.trajectory import Trajectory
 
 __all__ = [
     "ActiveLimits",

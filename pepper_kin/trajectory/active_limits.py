@@ -19,10 +19,11 @@ from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits, motion_limits, share_of
-from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 _ACTS = 0.99  # share of a limit from which on it is said to act

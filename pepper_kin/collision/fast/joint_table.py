@@ -9,13 +9,12 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.core.kinematic_tree import JOINT
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.symbolic.alignment import joint_axis
 
 
 @kept_for_robot(most=32)
 def joint_table(pepper: PepperModel) -> Array:
     """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), kept."""
-    from pepper_kin.symbolic.alignment import joint_axis
-
     model = pepper.inner_model
     table = np.zeros((model.njoints, JOINT))
     for joint in range(1, model.njoints):

@@ -16,7 +16,9 @@ from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
-from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver, TaskSolver
+from pepper_kin.ik.solver import HalfSpaces, StepSolver, TaskSolver
+from pepper_kin.ik.solvers.placo import PlacoSolver
+from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
 
 RESTARTS = 16
 """Further starts at most, also where the budget allows for more."""
@@ -147,11 +149,7 @@ def make_step_solver(name: str, problem: Problem) -> StepSolver:
         InvalidValueError: where the library cannot take the robot; names one that can.
     """
     if name == "placo":
-        from pepper_kin.ik.solvers.placo import PlacoSolver
-
         return PlacoSolver(problem)
-    from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
-
     return ProxsuiteSolver(problem)
 
 
