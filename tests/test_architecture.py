@@ -254,6 +254,23 @@ def test_nothing_depends_on_what_happens_to_be_imported():
     assert found == ASKS_WHAT_IS_IMPORTED
 
 
+MOST_IN_FUNCTIONS = 40
+"""Imports of our own modules in functions: what few calls need and takes long, and pairs of files."""
+
+
+def test_few_imports_stand_in_functions():
+    found = {
+        (str(path.relative_to(ROOT)), inner.lineno)
+        for path in ALL_FILES
+        for function in ast.walk(tree_of(path))
+        if isinstance(function, ast.FunctionDef)
+        for inner in ast.walk(function)
+        if isinstance(inner, ast.ImportFrom)
+        and (inner.level or (inner.module or "").partition(".")[0] == "pepper_kin")
+    }
+    assert len(found) <= MOST_IN_FUNCTIONS, sorted(found)
+
+
 def test_heavy_libraries_are_not_loaded_by_importing_the_package():
     code = (
         "import sys, pepper_kin; "

@@ -17,6 +17,8 @@ from pepper_kin.trajectory import editing
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate
 from pepper_kin.trajectory.check import check
+from pepper_kin.trajectory.interpolation import from_positions
+from pepper_kin.trajectory.key_frames import Frame, from_keyframes
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.samples import Samples, names_and_units
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pepper_kin.model import PepperModel
-    from pepper_kin.trajectory.key_frames import Frame
 
 _Value = TypeVar("_Value", "Samples", "Trajectory")
 
@@ -117,9 +118,8 @@ class Trajectory(FrozenArrays):
             OvershootWarning: naming the worst joints, where the trajectory leaves the range of a joint's
                 samples, or its limits, by more than `overshoot`.
         """
-        from pepper_kin.trajectory.interpolation import from_positions
-
         return from_positions(
+            cls,
             times,
             positions,
             pepper,
@@ -162,9 +162,7 @@ class Trajectory(FrozenArrays):
             UnknownNameError: for a posture, joint or group that the robot lacks.
             LimitError: for a position outside the limits, naming frame and joint.
         """
-        from pepper_kin.trajectory.key_frames import from_keyframes
-
-        return from_keyframes(keyframes, pepper, start)
+        return from_keyframes(cls, keyframes, pepper, start)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.n} joints, {self.duration:.4g} s, {self.breaks.size - 1} pieces)"
