@@ -75,9 +75,9 @@ ROWS = (
     (("motion/", "planning, gestures, optimization"),),
     (("twin/  paper/", "simulation, contacts, sensors"),),
     (("supervision", "motions on a robot"), ("jobs/  viewer/", "whole jobs, pages, films")),
-    (("cli", "the commands"),),
-    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin"),),
-    (("body_page  qibullet/", "a page; qiBullet's classes"), ("cli_naoqi  cli_ros", "their commands")),
+    (("cli/", "the commands"),),
+    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin, and their commands"),),
+    (("qibullet/", "qiBullet's classes over the twin"),),
 )
 """Packages from the top down, side by side: name and contents."""
 FROM_CORE = (2, 3, 4, 5, 6, 7)

@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import write_bytes
+from pepper_kin.file_access.atomic_file import write_bytes
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--count", type=int, default=100_000, help="number of targets")

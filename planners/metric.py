@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import FrozenArrays
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays
 
 from .vectors import FloatArray, finite_vector, real_numbers
 

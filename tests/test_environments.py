@@ -108,7 +108,7 @@ print(pk.Twin(pepper, timestep=0.001).execute(trajectory).status.value, f"{traje
 
 LOCALE_NAMES = """
 import pepper_kin as pk
-from pepper_kin.atomic_file import write_text
+from pepper_kin.file_access.atomic_file import write_text
 
 try:
     write_text("f\\u00fc\\u00df.txt", "x")

@@ -8,9 +8,9 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import planners
-from pepper_kin.atomic_file import as_path, write_text
 from pepper_kin.base_placement import PlacementWeights, place_base
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.file_access.atomic_file import as_path, write_text
 from pepper_kin.files import load_table, read_naoqi_export, save_table
 from pepper_kin.motion.optimization.cost import Cost
 from pepper_kin.trajectory import Key, OnlineMotion, active_limits, check, phase_plane

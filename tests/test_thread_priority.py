@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from pepper_kin.thread_priority import PATIENCE, SLICE, wake_promptly, yield_to_others
+from pepper_kin.naoqi.thread_priority import PATIENCE, SLICE, wake_promptly, yield_to_others
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="threads have no nice value of their own")
 GET_ATTRIBUTES = {"x86_64": 315, "aarch64": 275}

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from pepper_kin.atomic_file import write_bytes
+from pepper_kin.file_access.atomic_file import write_bytes
 
 from .camera import Camera
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.atomic_file import write_bytes
 from pepper_kin.base_placement.placement_map import PlacementMap
 from pepper_kin.exceptions import MissingDependencyError
+from pepper_kin.file_access.atomic_file import write_bytes
 from pepper_kin.model.joint_vectors import as_finite
 
 

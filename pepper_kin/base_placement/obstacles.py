@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision import clearance, in_collision
 from pepper_kin.model import PepperModel, RobotMemory
 
 if TYPE_CHECKING:
@@ -28,15 +29,11 @@ def obstacle_clearance(robot: PepperModel, q: Array, scene: Scene) -> Array:
     Returns:
         The least over the T configurations, shape (N,); below zero where shapes overlap.
     """
-    from pepper_kin.collision import clearance
-
     return np.asarray(np.min([clearance(_without_self(robot), states, scene) for states in q], axis=0))
 
 
 def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
     """Whether the robot touches an obstacle, shape (N,), at joint positions q, shape (N, n) [rad or m]."""
-    from pepper_kin.collision import in_collision
-
     return np.asarray(in_collision(_without_self(robot), q, scene))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.base_placement.job import Job, make_job
 from pepper_kin.base_placement.moving_base import wrapped
 from pepper_kin.base_placement.obstacles import obstacle_clearance
@@ -18,7 +18,6 @@ from pepper_kin.base_placement.result import Placement, PlacementResult, Placeme
 from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
 from pepper_kin.base_placement.task_sets import Given, TaskSet
 from pepper_kin.base_placement.trial import Trials
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.result import IKResult, IKStatus
 from pepper_kin.ik.solve import solve

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.base_placement.job import make_job
 from pepper_kin.base_placement.moving_base import wrapped
 from pepper_kin.base_placement.score import PlacementWeights
 from pepper_kin.base_placement.task_sets import Given
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive, check_whole
 

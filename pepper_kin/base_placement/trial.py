@@ -11,6 +11,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.base_placement.moving_base import MovingBase
 from pepper_kin.base_placement.score import Scorer
 from pepper_kin.base_placement.task_sets import TaskSet
+from pepper_kin.collision import in_collision
 from pepper_kin.ik.batch import solve_batch
 
 if TYPE_CHECKING:
@@ -146,8 +147,6 @@ class CandidateEvaluator:
         touching = np.zeros(q.shape[1], dtype=bool)
         if self.scene is None:
             return q, touching
-        from pepper_kin.collision import in_collision
-
         robot, found, generator = self.moving.robot, q.copy(), np.random.default_rng((self.seed, 2))
         movable = np.isin(robot.joint_names, self.names)
         low = np.maximum(robot.lower_limits[movable], -np.pi)

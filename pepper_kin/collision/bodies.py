@@ -10,13 +10,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision.coal_shapes import coal_geometry, is_empty
 from pepper_kin.collision.dependent_ranges import REASON
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
 from pepper_kin.collision.solids import HalfSpace, SceneGeometry, padding
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.moving_tree import moving_tree

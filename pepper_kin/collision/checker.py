@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision.bodies import GeometryType, check_geometry_type, check_names
 from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.coal_shapes import coal_geometry
@@ -20,7 +21,6 @@ from pepper_kin.collision.pair_queries import KeptPairs, SinglePairs, ball_dista
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Mesh, PepperModel, kept_for_robot
 from pepper_kin.model.dynamics_model import working_memory
 from pepper_kin.model.joint_vectors import as_joint_vectors, as_real

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.frozen_arrays import FrozenArrays
+from pepper_kin.arrays import FrozenArrays
 
 
 @dataclass(frozen=True, eq=False)

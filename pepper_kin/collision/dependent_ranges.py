@@ -15,7 +15,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 
 REASON = "DependentRange"

@@ -20,6 +20,7 @@ import numpy as np
 
 from pepper_kin import dynamics, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.collision.scene import Scene
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -77,8 +78,6 @@ def loads_of(
         InvalidValueError: for a mass that is not a finite number above 0, or a scene that is none.
         UnknownNameError: for a frame that the robot lacks.
     """
-    from pepper_kin.collision.scene import Scene  # which imports what this module imports
-
     if scene is not None and not isinstance(scene, Scene):
         raise InvalidValueError("scene", repr(scene), "a Scene, or None")
     loads = [Load(frame, mass) for frame, mass in at_frames(pepper, "payload", payload, "kg")]

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.core.motion_bounds import MotionTree, body_motion_bounds
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Geometry, PepperModel, Sphere, kept_for_robot
 from pepper_kin.model.moving_tree import moving_tree
 from pepper_kin.model.tree_order import depth_first

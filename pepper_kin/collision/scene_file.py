@@ -26,7 +26,6 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin import atomic_file
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import WOOD, AttachedObject, SceneObject
 from pepper_kin.collision.solids import (
@@ -37,7 +36,8 @@ from pepper_kin.collision.solids import (
     TriangleMesh,
 )
 from pepper_kin.exceptions import FileFormatError, PepperKinError, shortened
-from pepper_kin.file_reading import read_json
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.reading import read_json
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import transform

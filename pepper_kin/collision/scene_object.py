@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
+from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.collision.solids import (
     ConvexMesh,
     HalfSpace,
@@ -18,9 +20,9 @@ from pepper_kin.collision.solids import (
     padding,
     within_world,
 )
+from pepper_kin.collision.uniform_solid import uniform_solid
 from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 
@@ -128,8 +130,6 @@ class AttachedObject(FrozenArrays):
         object.__setattr__(self, "mass", mass)
         if weightless:
             return None
-        from pepper_kin.collision.uniform_solid import uniform_solid
-
         solid = uniform_solid(self.name, self.geometry)
         turn, origin = self.transform_object_to_frame[:3, :3], self.transform_object_to_frame[:3, 3]
         own = solid.center if self.center_of_mass is None else self.center_of_mass
@@ -143,8 +143,6 @@ class AttachedObject(FrozenArrays):
         """Greatest distance of a point of it from the frame's origin, or a little more [m]."""
         pose, shape = self.transform_object_to_frame, self.geometry
         if isinstance(shape, Mesh):
-            from pepper_kin.collision.mesh_file import read_mesh
-
             shape = TriangleMesh(*read_mesh(shape.path, shape.scale))
         if isinstance(shape, ConvexMesh | TriangleMesh | PointCloud):
             points = shape.points if isinstance(shape, PointCloud) else shape.vertices
@@ -177,8 +175,6 @@ def grown(geometry: SceneGeometry, margin: float) -> SceneGeometry:
         case TriangleMesh():
             return TriangleMesh(geometry.vertices, geometry.faces, geometry.padding + margin)
         case Mesh():
-            from pepper_kin.collision.mesh_file import read_mesh
-
             return TriangleMesh(*read_mesh(geometry.path, geometry.scale), margin)
 
 

@@ -10,9 +10,9 @@ from typing import TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.core.collision.clouds import extent, thin
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import Geometry
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, shown
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision.mesh_file import read_mesh
 from pepper_kin.collision.solids import ConvexMesh, PointCloud, SceneGeometry, TriangleMesh
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
@@ -55,8 +56,6 @@ def uniform_solid(name: str, geometry: SceneGeometry) -> UniformSolid:
         case TriangleMesh():
             return _of_surface(name, geometry)
         case Mesh():
-            from pepper_kin.collision.mesh_file import read_mesh
-
             return _of_surface(name, TriangleMesh(*read_mesh(geometry.path, geometry.scale)))
         case PointCloud() if len(geometry.points):
             center = geometry.points.mean(axis=0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_finite

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.file_reading import is_real_text, plain_number, read_bytes, read_text
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import is_real_text, plain_number, read_bytes, read_text
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.trajectory.joint_curves import JointCurve
 from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.timeline import HANDS, JointCurve, Timeline
+from pepper_kin.trajectory.timeline import HANDS, Timeline
 
 # How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.
 NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}

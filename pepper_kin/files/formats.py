@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Unpack
 
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.csv_file import read_csv, write_csv
 from pepper_kin.files.json_file import read_json, write_json

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, shortened
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.motion_points import NANOSECONDS
 from pepper_kin.files.table_file import numbers_of, read_lines
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
 from pepper_kin.plugins import plugins
 from pepper_kin.trajectory.interpolation import INTERPOLATIONS, OVERSHOOT, from_positions
 from pepper_kin.trajectory.quantities import UNITS
+from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
-    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 IGNORED = ("LHand", "RHand", "WheelFL", "WheelFR", "WheelB")
@@ -109,6 +109,7 @@ def read_joint_states(
     check_positive("overshoot", overshoot, "rad or m")
     try:
         return from_positions(
+            Trajectory,
             time,
             np.column_stack([columns[name] for name in known]),
             pepper,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pepper_kin import atomic_file, file_reading
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.file_reading import line_of
+from pepper_kin.file_access import atomic_file, reading
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import line_of
 from pepper_kin.files.npz_file import FORMAT, VERSION, build
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
@@ -50,7 +50,7 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path, and line or field, and what is wrong.
     """
-    content, text = file_reading.read_json(path)
+    content, text = reading.read_json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise FileFormatError(path, f'is not a trajectory: it lacks "format": "{FORMAT}"', 1)
     for name in _FIELDS:

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from pepper_kin import atomic_file
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.file_reading import read_text
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import read_text
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.sampled_motion import check_joint_names, check_times, points_of_file

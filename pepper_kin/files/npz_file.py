@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin import atomic_file
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
-from pepper_kin.numpy_archive import read_arrays
 from pepper_kin.trajectory.trajectory import Trajectory
 
 FORMAT = "pepper_kin.trajectory"

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
-from pepper_kin import atomic_file
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
-from pepper_kin.file_reading import plain_whole, read_text
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import plain_whole, read_text
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.files.sampled_motion import (

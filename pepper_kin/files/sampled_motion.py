@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.file_reading import is_real_text
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import is_real_text
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.interpolation import through_points
+from pepper_kin.trajectory.through_points import through_points
 from pepper_kin.trajectory.trajectory import Trajectory
 
 

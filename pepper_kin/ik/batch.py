@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import BatchSearch

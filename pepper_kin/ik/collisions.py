@@ -11,9 +11,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision import clearance
+from pepper_kin.collision.checker import checker_for
+from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.loads import load_torque, loads_of
+from pepper_kin.collision.near_pairs import near_pairs
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
+from pepper_kin.core.inverse_kinematics.proximity import near_rows
+from pepper_kin.core.inverse_kinematics.verdict import verdict
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.ik.fast.proximity_table import proximity_block
 from pepper_kin.kernels.interrupts import STOPPED
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel
@@ -39,8 +47,6 @@ def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
     torque = gravity_torque(pepper, q)
     if not loads:
         return torque
-    from pepper_kin.collision.loads import load_torque
-
     rest = np.zeros(pepper.n)
     return torque + load_torque(pepper, loads, q, rest, rest)
 
@@ -75,8 +81,6 @@ class Collisions:
         """What is attached to the robot with a mass."""
         if self.scene is None or not self.scene.attached:
             return ()
-        from pepper_kin.collision.loads import loads_of
-
         return loads_of(self.pepper, self.scene)
 
     @property
@@ -88,24 +92,18 @@ class Collisions:
         """Whether nothing touches at q, shape (n,) [rad or m]."""
         if self.scene is None:
             return True
-        from pepper_kin.collision.checker import checker_for
-
         return not bool(checker_for(self.pepper, self.scene, self.margin).in_collision(q))
 
     def free_many(self, q: Array) -> np.ndarray:
         """Whether nothing touches at each of many configurations [rad or m], shape (m, n) -> (m,)."""
         if self.scene is None:
             return np.ones(len(q), dtype=bool)
-        from pepper_kin.collision.fast import fast_checker_for
-
         return ~fast_checker_for(self.pepper, self.scene, self.margin).in_collision(q)
 
     def clearance(self, q: Array) -> float | None:
         """Return the smallest distance [m] at q, shape (n,) [rad or m]; None where nothing is checked."""
         if self.scene is None:
             return None
-        from pepper_kin.collision import clearance
-
         return float(clearance(self.pepper, q, self.scene))
 
     def half_spaces(self, q: Array, count: int) -> Array:
@@ -122,8 +120,6 @@ class Collisions:
         Returns:
             g and b of each, shape (m, n + 1), m <= count.
         """
-        from pepper_kin.collision.near_pairs import near_pairs
-
         pairs = near_pairs(self.pepper, q, NOTICE + self.margin, self.scene)
         slopes, distances = pairs.gradients[:count], pairs.distances[:count]
         return np.column_stack([slopes, MARGIN + self.margin - distances + slopes @ q])
@@ -137,8 +133,6 @@ class Collisions:
         """
         if self.scene is None:
             return NO_TESTS
-        from pepper_kin.collision.fast import fast_checker_for
-
         checker = fast_checker_for(self.pepper, self.scene, self.margin)
         known: WeakKeyDictionary[FastChecker, _Blocks] | None = getattr(_local, "known", None)
         if known is None:
@@ -203,10 +197,6 @@ class _Blocks:
     """
 
     def __init__(self, checker: FastChecker) -> None:
-        from pepper_kin.core.inverse_kinematics.proximity import near_rows
-        from pepper_kin.core.inverse_kinematics.verdict import verdict
-        from pepper_kin.ik.fast.proximity_table import proximity_block
-
         validity, block, address = None, np.empty(0), 0
         if checker.supported:
             validity = checker.compiled(checker.pepper.neutral(), np.arange(checker.pepper.n))

@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import read_only
+from pepper_kin.collision.checker import checker_for
 from pepper_kin.ik.collisions import Collisions
+from pepper_kin.ik.fast.search import alternatives, search_compiled
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus
 from pepper_kin.ik.solvers import make_solver
@@ -72,9 +74,6 @@ def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchB
     Returns:
         A clause; empty where no posture meets the tasks.
     """
-    from pepper_kin.collision.checker import checker_for
-    from pepper_kin.ik.fast.search import alternatives, search_compiled
-
     pepper, tasks, q0, movable = problem.pepper, problem.tasks, problem.q0, problem.movable
     first = search_compiled(pepper, tasks, q0, movable, budget)
     postures = [first.q] if first.status is IKStatus.SOLVED else []

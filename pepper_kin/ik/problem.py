@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.inverse_kinematics.local_solver import CLOSE
+from pepper_kin.dynamics import mass_matrix
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.tasks.structure import generic_configurations
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -175,8 +175,6 @@ def motion_scale(pepper: PepperModel, q: Array) -> Array:
     Returns:
         d, shape (n,).
     """
-    from pepper_kin.dynamics import mass_matrix
-
     return scale_of(mass_matrix(pepper, q))
 
 

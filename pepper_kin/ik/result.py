@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.exceptions import ModelError
-from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.status import ResultStatus
 

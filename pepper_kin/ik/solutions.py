@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.collisions import Collisions, torque_ratios
+from pepper_kin.ik.fast import alternatives
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start
@@ -73,8 +73,6 @@ def solutions(
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
     """
-    from pepper_kin.ik.fast import alternatives
-
     parts = flatten_tasks(pepper, tasks)
     q0 = checked_start(pepper, start)
     movable = None if joints is None else movable_joints(pepper, joints)

@@ -12,9 +12,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
+from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.closest import closest
 from pepper_kin.ik.collisions import Collisions
@@ -313,8 +313,6 @@ def checked_scene(scene: Scene | None, collisions: bool, margin: float) -> tuple
         InvalidValueError: as `checked_world`, and unless the margin is a finite number of 0 or more, 0 where
             collisions are left out.
     """
-    from pepper_kin.collision.checked_world import checked_world
-
     world = checked_world(scene, collisions)
     if margin == 0:
         return world, 0.0

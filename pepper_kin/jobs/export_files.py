@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pepper_kin import atomic_file
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.model import PepperModel, export, mesh_files
 
 

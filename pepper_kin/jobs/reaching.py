@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision import Scene, clearance
 from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import HandPosition, IKResult, IKStatus, LookAt, solve
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pepper_kin import atomic_file
+from pepper_kin.file_access import atomic_file
 from pepper_kin.files import save
 from pepper_kin.jobs.motion_file import SCENE_FILE
 from pepper_kin.jobs.reaching import ReachOutcome

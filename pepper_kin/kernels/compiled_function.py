@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
-from pepper_kin.kernels.portable import portable_unit
+from pepper_kin.kernels.portable import needed, portable_unit
 from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest, function_digest
 from pepper_kin.kernels.store import find, is_recording, obtain
@@ -229,7 +229,6 @@ class Unit:
         parts = portable_unit(self.key(), self.symbols)
         if parts is None:
             from pepper_kin.kernels.numba_builder import portable_parts
-            from pepper_kin.kernels.portable import needed
 
             made = portable_parts(self.functions)
             parts = [made[symbol].bitcode for symbol in needed(self.symbols, made.__getitem__)]

@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pepper_kin.file_access.atomic_file import write_bytes
+
 _DIGEST_SIZE = hashlib.sha256().digest_size
 _logger = logging.getLogger(__name__)
 
@@ -76,8 +78,6 @@ def write_file(path: Path, head: Mapping[str, Any], body: bytes) -> int:
     Returns:
         Its size [bytes].
     """
-    from pepper_kin.atomic_file import write_bytes
-
     line = json.dumps(head).encode() + b"\n"
     whole = hashlib.sha256(line).digest() + line + body
     path.parent.mkdir(parents=True, exist_ok=True)

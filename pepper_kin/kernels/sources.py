@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.file_access.atomic_file import write_bytes
 
 _SIZE = 32
 """Of a digest [hexadecimal digits]."""
@@ -109,8 +110,6 @@ def sources_path() -> Path:
 
 def write_sources(path: Path) -> None:
     """Write the digests of all files that were asked for in this process, a line each."""
-    from pepper_kin.atomic_file import write_bytes
-
     lines = [f"{json.dumps(content)}: {json.dumps(_asked[content])}" for content in sorted(_asked)]
     write_bytes(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
 

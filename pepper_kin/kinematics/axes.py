@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.kinematics.frames import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite

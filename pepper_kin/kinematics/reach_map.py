@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import batch
-from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import write_bytes
+from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays
+from pepper_kin.file_access.atomic_file import write_bytes
+from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
-from pepper_kin.numpy_archive import read_arrays
 
 MOST_SAMPLES = 1_000_000_000
 MOST_VOXELS = 40_000_000

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.atomic_file import write_bytes
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.file_access.atomic_file import write_bytes
 from pepper_kin.kinematics.reach_map import ReachMap
 
 VIEWS = (("from the side", 1, "x [m]", "z [m]"), ("from above", 2, "x [m]", "y [m]"))

@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 
 from pepper_kin import urdf
-from pepper_kin.atomic_file import write_text
+from pepper_kin.file_access.atomic_file import write_text
 
 BASES = ("fixed", "planar")
 HANDS = ("locked", "mimic", "independent")

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import ModelError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.shapes import rotation_rpy, transform
 from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import number_of, vector_of

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pepper_kin.atomic_file import as_path
+from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
 from pepper_kin.model.joint_vectors import check_choice, check_positive

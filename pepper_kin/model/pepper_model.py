@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits

@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 
 __all__ = [

@@ -7,9 +7,9 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import InvalidValueError, ModelError
-from pepper_kin.file_reading import read_text
+from pepper_kin.file_access.atomic_file import as_path
+from pepper_kin.file_access.reading import read_text
 from pepper_kin.model.dynamics_model import described
 from pepper_kin.model.pepper_model import PepperModel
 

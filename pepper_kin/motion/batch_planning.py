@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
+from pepper_kin.motion.planning_process import UnansweredError, helpers
 
 if TYPE_CHECKING:
     from pepper_kin.motion.planning_process import Helper
@@ -126,8 +127,6 @@ def plan_batch(
     count = os.cpu_count() or 1 if processes is None else processes
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InvalidValueError("processes", repr(processes), "a whole number of at least 1, or None")
-    from pepper_kin.motion.planning_process import helpers  # pipes and processes take long to import
-
     run = _BatchRun(requested, _chunks(requested, count), progress)
     run.all(helpers(min(count, len(run.waiting)) - 1))
     plans, errors = zip(*run.outcomes, strict=True) if requested else ((), ())
@@ -196,8 +195,6 @@ class _BatchRun:
 
     def _hand_out(self, helper: Helper) -> None:
         """Let a helper solve pieces until none is left; what it cannot answer is left to this process."""
-        from pepper_kin.motion.planning_process import UnansweredError
-
         while True:
             while not helper.ready.wait(_PAUSE):
                 if not self.waiting or helper.ended:

@@ -20,13 +20,14 @@ from pepper_kin.collision.fast import CompiledValidity, StaticLoads, fast_checke
 from pepper_kin.collision.fast.tables import tables_of
 from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
 from pepper_kin.collision.mesh_changes import as_on_disk
-from pepper_kin.core.collision.check import row_verdicts, valid_steps
+from pepper_kin.core.collision.check import check_many, row_verdicts, valid_steps
 from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins, sound_ends
 from pepper_kin.core.collision.gjk import CONTACT, TIE
 from pepper_kin.core.collision.layout import EDGE_NUMBERS, STATES_AT_ONCE
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.static_limits import StaticLimits
+from pepper_kin.planners.deadline import load_code
 
 LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""
@@ -361,7 +362,4 @@ _ASK_ADDRESS = int(ctypes.cast(_ask, ctypes.c_void_p).value or 0)
 @functools.cache
 def _load_code() -> None:
     """Load, or compile, what planning needs, before any clock starts."""
-    from pepper_kin.core.collision.check import check_many
-    from pepper_kin.planners.deadline import load_code
-
     load_code(check_many, sound_ends)

@@ -13,6 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik.fast.expression import residuals
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
@@ -200,8 +201,6 @@ def _kernel(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
 def _expression(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi.Function:
     """Return the function (q, targets) -> all residuals, then their Jacobian by q, row by row."""
     import casadi
-
-    from pepper_kin.ik.fast.expression import residuals
 
     q = casadi.SX.sym("q", pepper.n)
     targets = casadi.SX.sym("targets", sum(task.target_size for task in structures))

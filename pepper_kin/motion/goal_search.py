@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.collision.curve_check import MotionCheck, _check_states, _held, blocked, kept_margins
 from pepper_kin.core.collision.gjk import FREE
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
@@ -31,7 +31,6 @@ from pepper_kin.core.inverse_kinematics.search import (
     SearchOptions,
     TaskTables,
 )
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult, IKStatus, Task, TaskGroup, solve
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions

@@ -13,6 +13,7 @@ from pepper_kin import planners
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.ik.fast.expression import residuals
 from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
 from pepper_kin.ik.tasks.structure import Structure, target_of
 from pepper_kin.ik.tasks.task import checked_weight
@@ -280,8 +281,6 @@ def _expression(
 ) -> casadi.Function:
     """Return the function (q, targets and weights) -> sum of prices, its gradient by q, single prices."""
     import casadi
-
-    from pepper_kin.ik.fast.expression import residuals
 
     q = casadi.SX.sym("q", pepper.n)
     size = sum(task.target_size for task in structures)

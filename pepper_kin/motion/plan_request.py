@@ -29,7 +29,16 @@ from pepper_kin.motion.path_search import run
 from pepper_kin.motion.plan_result import Ending
 from pepper_kin.motion.problem import checked_start
 from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.planners.cbirrt import grow as grow_on_manifold
+from pepper_kin.planners.cbirrt import measure_rows, walk
+from pepper_kin.planners.constraint_manifold import edges_hold, project_rows
+from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
 from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.rejoin import shortest_end
+from pepper_kin.planners.shortcut import drop_flat, shorten
+from pepper_kin.planners.transition_rrt import grow as grow_by_cost
+from pepper_kin.planners.transition_rrt import last_valid_step, price_at
+from pepper_kin.planners.tree_growth import first_round, grow
 from pepper_kin.planners.vectors import seed_number
 
 
@@ -227,20 +236,8 @@ def _load_code_of(kind: str) -> None:
     """
     load_code(search_nearby, run)
     if kind in ("aorrtc", "costs"):
-        from pepper_kin.planners.rejoin import shortest_end
-        from pepper_kin.planners.shortcut import drop_flat, shorten
-        from pepper_kin.planners.tree_growth import first_round, grow
-
         load_code(first_round, grow, drop_flat, shorten, shortest_end)
     if kind in ("costs", "constraints"):
-        from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
-        from pepper_kin.planners.transition_rrt import grow as grow_by_cost
-        from pepper_kin.planners.transition_rrt import last_valid_step, price_at
-
         load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step)
     if kind == "constraints":
-        from pepper_kin.planners.cbirrt import grow as grow_on_manifold
-        from pepper_kin.planners.cbirrt import measure_rows, walk
-        from pepper_kin.planners.constraint_manifold import edges_hold, project_rows
-
         load_code(grow_on_manifold, walk, measure_rows, project_rows, edges_hold)

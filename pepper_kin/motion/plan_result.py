@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.margins import proven_margin
 from pepper_kin.planners import Result
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
@@ -240,8 +241,6 @@ def _proven_margin(
         curve: The curve; None where the robot stays at the only way-point.
         most: The most that is asked for [m].
     """
-    from pepper_kin.motion.margins import proven_margin
-
     return proven_margin(pepper, scene, path, curve, most)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin import symbolic
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.fast import StaticLoads
@@ -288,8 +289,6 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
     stands as well wherever its base is.
     """
     import casadi
-
-    from pepper_kin import symbolic
 
     inputs = casadi.SX.sym("inputs", pepper.n + STATIC_PARAMETERS * len(frames))
     q, carried = inputs[: pepper.n], inputs[pepper.n :]

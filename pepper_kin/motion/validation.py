@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.motion.checks import Checks, checks_for
@@ -22,7 +21,7 @@ from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.trajectory import State
+from pepper_kin.trajectory.sampling import State
 
 TOLERANCE = 1e-7
 """Of a limit, for rounding."""

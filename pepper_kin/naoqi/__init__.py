@@ -12,22 +12,29 @@ Mirror, states_of_run                     a twin beside a robot, live or recorde
 RobotConnectionError, UnusableStateError   there is no connection; a state that cannot be used
 """
 
-from pepper_kin.naoqi.broker import Broker
-from pepper_kin.naoqi.coverage import Covered, coverage
-from pepper_kin.naoqi.errors import (
-    NaoqiError,
-    NotSimulatedError,
-    RefusedByRobotError,
-    RobotConnectionError,
-)
-from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult
-from pepper_kin.naoqi.host import Host
-from pepper_kin.naoqi.mirror import Mirror, states_of_run
-from pepper_kin.naoqi.robot import Robot
-from pepper_kin.naoqi.robot_state import RobotState
-from pepper_kin.naoqi.run_log import RunLog
-from pepper_kin.naoqi.scripts import ScriptResult, run_script
-from pepper_kin.supervision import RobotMotionStatus, UnusableStateError
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.naoqi.broker import Broker
+    from pepper_kin.naoqi.coverage_table import Covered, coverage
+    from pepper_kin.naoqi.errors import (
+        NaoqiError,
+        NotSimulatedError,
+        RefusedByRobotError,
+        RobotConnectionError,
+    )
+    from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult
+    from pepper_kin.naoqi.host import Host
+    from pepper_kin.naoqi.mirror import Mirror, states_of_run
+    from pepper_kin.naoqi.robot import Robot
+    from pepper_kin.naoqi.robot_state import RobotState
+    from pepper_kin.naoqi.run_log import RunLog
+    from pepper_kin.naoqi.scripts import ScriptResult, run_script
+    from pepper_kin.supervision import RobotMotionStatus, UnusableStateError
 
 __all__ = [
     "Broker",
@@ -50,3 +57,28 @@ __all__ = [
     "run_script",
     "states_of_run",
 ]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "Broker": "broker",
+        "Covered": "coverage_table",
+        "FollowOptions": "following",
+        "Host": "host",
+        "Mirror": "mirror",
+        "NaoqiError": "errors",
+        "NotSimulatedError": "errors",
+        "RefusedByRobotError": "errors",
+        "Robot": "robot",
+        "RobotConnectionError": "errors",
+        "RobotMotionResult": "following",
+        "RobotMotionStatus": "pepper_kin.supervision",
+        "RobotState": "robot_state",
+        "RunLog": "run_log",
+        "ScriptResult": "scripts",
+        "UnusableStateError": "pepper_kin.supervision",
+        "coverage": "coverage_table",
+        "run_script": "scripts",
+        "states_of_run": "mirror",
+    },
+)

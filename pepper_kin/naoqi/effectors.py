@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin import ik
 from pepper_kin.arrays import Array
-from pepper_kin.model import PepperModel, load_pepper, rpy_from_rotation
+from pepper_kin.model import PepperModel, load_pepper, pose, rpy_from_rotation
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.errors import NaoqiError, quoted
 from pepper_kin.naoqi.joint_names import CHAINS, HANDS
@@ -89,8 +89,6 @@ def position6d(pose: Array) -> list[float]:
 
 def as_pose(values: list[float]) -> Array:
     """Return the pose, shape (4, 4), of a Position6D (6), or of a transform row by row (12 or 16)."""
-    from pepper_kin.model import pose
-
     if len(values) == 6:
         return np.asarray(pose(values[:3], rpy=values[3:]))
     matrix = np.eye(4)

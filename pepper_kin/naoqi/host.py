@@ -8,14 +8,14 @@ import threading
 import time
 from typing import Any
 
-from pepper_kin.connection_gate import listening_sockets
-from pepper_kin.end_signals import EndRequest, ended_by_signals
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.host_gate import HostGate
+from pepper_kin.naoqi.qi_library import libqi
 from pepper_kin.naoqi.wire import Wire
-from pepper_kin.qi_library import libqi
-from pepper_kin.server_access import LOOPBACK, Access
+from pepper_kin.servers.access import LOOPBACK, Access
+from pepper_kin.servers.connection_gate import listening_sockets
+from pepper_kin.servers.end_signals import EndRequest, ended_by_signals
 
 RISK = "they could read what the robot does, and move it with the token"
 
@@ -34,7 +34,7 @@ class Host:
     token neither.
 
     Where other parts of this library were used before `qi` was imported, bytes that are no messages of libqi
-    may end the process; see `pepper_kin.qi_library`.  `pepper-kin naoqi serve` imports it first.
+    may end the process; see `pepper_kin.naoqi.qi_library`.  `pepper-kin naoqi serve` imports it first.
 
     Args:
         broker: The simulated robot.

@@ -9,14 +9,14 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from pepper_kin.connection_gate import (
+from pepper_kin.servers.access import LOOPBACK
+from pepper_kin.servers.connection_gate import (
     FIRST_MESSAGE_SECONDS,
     LARGEST_FIRST_MESSAGE,
     MOST_ADMITTED,
     BoundedPool,
     ConnectionGate,
 )
-from pepper_kin.server_access import LOOPBACK
 
 _MAGIC, _SIZE, _HEADER_SIZE = b"\x42\xde\xad\x42", struct.Struct("<8xI"), 28
 

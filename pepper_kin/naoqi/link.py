@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
-from pepper_kin.qi_library import libqi
+from pepper_kin.naoqi.qi_library import libqi
 
 PORT = 9559
 """Where NAOqi listens."""
@@ -49,7 +49,7 @@ class Link:
     def _look_for(self, url: str) -> None:
         """Refuse an address where nobody listens, before libqi does, which may then never let go.
 
-        It does so in processes that loaded coal before it; see `pepper_kin.qi_library`.
+        It does so in processes that loaded coal before it; see `pepper_kin.naoqi.qi_library`.
         """
         try:
             parts = urlsplit(url)

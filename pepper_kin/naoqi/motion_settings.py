@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin import collision, dynamics
+from pepper_kin import collision, dynamics, kinematics
 from pepper_kin.naoqi.effectors import space_pose
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BODY, CHAINS, WHEELS, names_of
@@ -123,8 +123,6 @@ class ConfigurationMethods(Module):
         """Return mass [kg] and place in the world [m] of the bodies that joints of a chain move."""
         model = self.body.pepper.inner_model
         joints = ["HipRoll"] if name == "Torso" else names_of(name, self.name, method, wheels=False)
-        from pepper_kin import kinematics
-
         q, parts = self.body.configuration(use_sensors), []
         for joint in joints:
             inertia = model.inertias[model.getJointId(joint)]

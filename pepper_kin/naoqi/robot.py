@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin import atomic_file
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.files.certified import pepper_with_joints, refuse_unsafe
 from pepper_kin.files.naoqi_file import naoqi_arguments
 from pepper_kin.model import PepperModel, load_pepper

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.exceptions import InvalidValueError, shortened
-from pepper_kin.frozen_arrays import FrozenArrays
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.device_keys import TOP
 from pepper_kin.naoqi.joint_names import ACTUATED

@@ -20,9 +20,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pepper_kin.atomic_file import as_path
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.file_reading import read_bytes
+from pepper_kin.file_access.atomic_file import as_path
+from pepper_kin.file_access.reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, set_broker, vision_definitions
 from pepper_kin.naoqi.simulated_time import TimeIsUp

@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from pepper_kin.thread_priority import wake_promptly
+from pepper_kin.naoqi.thread_priority import wake_promptly
 
 CYCLE = 0.02
 """Period of ALMotion [s]."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
-from pepper_kin.thread_priority import yield_to_others
+from pepper_kin.naoqi.thread_priority import yield_to_others
 from pepper_kin.twin.sensors import Camera, camera_intrinsics
 
 CAMERAS = {0: "camera_top", 1: "camera_bottom", 2: "camera_depth"}

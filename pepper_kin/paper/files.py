@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.atomic_file import make_folder, write_bytes
 from pepper_kin.exceptions import MissingDependencyError
+from pepper_kin.file_access.atomic_file import make_folder, write_bytes
 from pepper_kin.paper.check import ITERATIONS, MovementCheck, PaperCheck
 
 

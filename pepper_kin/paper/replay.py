@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.paper.table5 import FRAMES, PaperGesture, paper_gesture, paper_inconsistencies
 from pepper_kin.trajectory import Trajectory, retime

@@ -9,9 +9,8 @@ from importlib.resources import files
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 
 GESTURES = ("left-arm", "right-arm", "head")
 FRAMES = ("T0", "T1", "T2", "T3", "T4")

@@ -12,8 +12,8 @@ from pepper_kin.exceptions import shortened
 from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
 
 if TYPE_CHECKING:
-    from pepper_kin.body_page import BodyPage
     from pepper_kin.naoqi.body import Body
+    from pepper_kin.naoqi.body_page import BodyPage
     from pepper_kin.qibullet.robot_virtual import RobotVirtual
 
 TIME_STEP = 1.0 / 240.0
@@ -68,7 +68,7 @@ class Simulation:
     def show(self, robot: RobotVirtual) -> None:
         """Open a page in the browser that follows a robot, where the simulation has a `gui`."""
         if self.gui:
-            from pepper_kin.body_page import BodyPage
+            from pepper_kin.naoqi.body_page import BodyPage
 
             page = self._pages[robot.robot_model] = BodyPage(robot.body, points=robot.shown_points)
             page.open()

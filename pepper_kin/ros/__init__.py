@@ -14,22 +14,22 @@ TransportError                            what a transport cannot do
 from typing import TYPE_CHECKING
 
 from pepper_kin.lazy_names import lazily
-from pepper_kin.ros.errors import TransportError
-from pepper_kin.ros.qos import CLOCK, LATCHED, RELIABLE, SENSOR_DATA, TRANSFORMS, QoS
-from pepper_kin.ros.transport import (
-    ActionServer,
-    GoalHandle,
-    GoalResult,
-    GoalStatus,
-    Publisher,
-    ServerGoal,
-    Transport,
-)
 
 if TYPE_CHECKING:
     from pepper_kin.ros.bag_topics import BagRecorder, play_bag
     from pepper_kin.ros.client import FollowResult, RobotClient
+    from pepper_kin.ros.errors import TransportError
     from pepper_kin.ros.node import RobotNode
+    from pepper_kin.ros.qos import CLOCK, LATCHED, RELIABLE, SENSOR_DATA, TRANSFORMS, QoS
+    from pepper_kin.ros.transport import (
+        ActionServer,
+        GoalHandle,
+        GoalResult,
+        GoalStatus,
+        Publisher,
+        ServerGoal,
+        Transport,
+    )
     from pepper_kin.ros.transports.local import LocalTransport
     from pepper_kin.ros.transports.rosbridge import RosbridgeServer
     from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
@@ -62,6 +62,20 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
+        "TransportError": "errors",
+        "CLOCK": "qos",
+        "LATCHED": "qos",
+        "RELIABLE": "qos",
+        "SENSOR_DATA": "qos",
+        "TRANSFORMS": "qos",
+        "QoS": "qos",
+        "ActionServer": "transport",
+        "GoalHandle": "transport",
+        "GoalResult": "transport",
+        "GoalStatus": "transport",
+        "Publisher": "transport",
+        "ServerGoal": "transport",
+        "Transport": "transport",
         "BagRecorder": "bag_topics",
         "play_bag": "bag_topics",
         "FollowResult": "client",

@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.ros.qos import LATCHED, QoS
 from pepper_kin.ros.transport import Closable, Publisher, Transport
 from pepper_kin.ros_messages.bags import Bag, BagWriter

@@ -12,7 +12,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import quintic_hermite
 from pepper_kin.exceptions import PepperKinError, shortened
-from pepper_kin.file_reading import repeated
+from pepper_kin.file_access.reading import repeated
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros_messages import message_type

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.joint_states import StateMessage
 from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.files.sampled_motion import (

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple, Self
 
-from pepper_kin.atomic_file import PathName, as_path, whole_file
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, shortened
-from pepper_kin.file_reading import read_bytes
+from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
+from pepper_kin.file_access.reading import read_bytes
 from pepper_kin.ros_messages.cdr import decode, encode
 from pepper_kin.ros_messages.errors import MessageError
 from pepper_kin.ros_messages.messages import Message

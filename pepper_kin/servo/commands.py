@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays
+from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup

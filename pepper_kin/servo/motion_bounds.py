@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.motion_tree import bounds_anywhere
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel, kept_for_robot
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from pepper_kin.arrays import read_only
 from pepper_kin.core.braking import JointLimits
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
 

@@ -8,12 +8,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
 from pepper_kin.ik.tasks import Task, TaskGroup

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays
+from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.status import ResultStatus
 

@@ -17,6 +17,7 @@ from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
 from pepper_kin.trajectory.enforce_limits import enforce_limits
+from pepper_kin.trajectory.joint_curves import JointCurve
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.online import OnlineMotion
@@ -24,8 +25,9 @@ from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.timeline import ImportedMotion, JointCurve, Timeline, import_timeline
-from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.timeline import ImportedMotion, Timeline, import_timeline
+from pepper_kin.trajectory.trajectory import Trajectory
 
 __all__ = [
     "ActiveLimits",

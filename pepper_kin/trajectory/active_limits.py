@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.support_polygon import inner_radius
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves_base, support_polygon
 from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits, motion_limits, share_of
-from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 _ACTS = 0.99  # share of a limit from which on it is said to act

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
+from pepper_kin.arrays import Array, FrozenArrays, kept_read_only
 
 
 @dataclass(frozen=True, eq=False)

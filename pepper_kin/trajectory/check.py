@@ -25,11 +25,12 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
-from pepper_kin.trajectory.trajectory import State, Trajectory, examination_step, sample_times
+from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,10 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
-from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+
+if TYPE_CHECKING:
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 _MEET = 1e-6  # [rad or m] ends no further apart than this meet
 
@@ -76,7 +80,7 @@ def blended(first: Trajectory, second: Trajectory, overlap: float) -> Trajectory
 
 
 def _check_meeting(first: Trajectory, second: Trajectory) -> None:
-    if not isinstance(second, Trajectory):
+    if not isinstance(second, type(first)):
         raise InvalidValueError("trajectory", repr(second), "a Trajectory")
     if (first.joint_names, first.joint_units) != (second.joint_names, second.joint_units):
         raise InvalidValueError(
@@ -98,7 +102,7 @@ def _check_meeting(first: Trajectory, second: Trajectory) -> None:
 
 def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
     """Return a trajectory with the same joints, breaks [s], shape (m + 1,), and coefficients, (m, k, n)."""
-    return Trajectory(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
+    return type(trajectory)(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
 
 def _padded(coefficients: Array, order: int) -> Array:

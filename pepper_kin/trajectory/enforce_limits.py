@@ -16,7 +16,8 @@ from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.limits import refuse_motionless, share_of
 from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:

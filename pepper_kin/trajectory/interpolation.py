@@ -13,11 +13,10 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, OvershootWarning
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.trajectory.path import turning_points
-from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 INTERPOLATIONS = ("cubic", "monotone")
@@ -27,47 +26,33 @@ OVERSHOOT = 0.01
 _NAMED = 3  # joints in one warning
 
 
-def through_points(
-    names: tuple[str, ...],
-    units: tuple[str, ...],
-    time: Array,
-    position: Array,
-    velocity: Array | None = None,
-    acceleration: Array | None = None,
-) -> Trajectory:
-    """Return the trajectory through points, by as much as is known of them.
+def cubic_pieces(time: Array, position: Array, velocity: Array | None = None) -> Array:
+    """Return coefficients of the cubic pieces through points, constant term first, shape (T - 1, 4, n).
 
     Args:
-        names: Joints.
-        units: Of the joints.
-        time: Rising from 0 [s], shape (T,).
+        time: Rising [s], shape (T,).
         position: [rad or m], shape (T, n).
         velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
-        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None: cubic pieces through the velocities.
-
-    Returns:
-        The trajectory; of degree 5 where all three are known.
 
     Raises:
-        InvalidValueError: for points so near in time, or so far apart, that the polynomials overflow.
+        InvalidValueError: for points so near in time, or so far apart, that the slopes overflow.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        if velocity is not None and acceleration is not None:
-            return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
         try:
             if velocity is None:
                 spline = CubicSpline(time, position, bc_type="clamped")
             else:
                 spline = CubicHermiteSpline(time, position, velocity)
-        except ValueError as error:  # slopes that overflow
+        except ValueError as error:
             far = f"{np.diff(time).min():.3g} s between two points"
             raise InvalidValueError("times", far, "times between which finite speeds lie") from error
-    return Trajectory(names, time, np.moveaxis(spline.c[::-1], 0, 1), units)
+    return np.moveaxis(spline.c[::-1], 0, 1)
 
 
 def from_positions(
+    kind: type[Trajectory],
     times: ArrayLike,
     positions: ArrayLike,
     pepper: PepperModel | None,
@@ -79,8 +64,8 @@ def from_positions(
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors.
 
-    Times [s] have shape (T,), positions [rad or m] a column for each joint given, and `rest` [rad or m] has
-    shape (n,).
+    It is of a `kind`.  Times [s] have shape (T,), positions [rad or m] a column for each joint given, and
+    `rest` [rad or m] has shape (n,).
     """
     time = as_finite(times, "times", (None,))
     check_choice("interpolation", interpolation, INTERPOLATIONS)
@@ -102,7 +87,7 @@ def from_positions(
         units, limits = pepper.joint_units, (pepper.lower_limits, pepper.upper_limits)
     time = time - time[0]
     slopes = _monotone_slopes(time, q) if interpolation == "monotone" else None
-    trajectory = through_points(names, units, time, q, slopes)
+    trajectory = kind(names, time, cubic_pieces(time, q, slopes), units)
     _warn(trajectory, _excesses(trajectory, q, limits, allowed), interpolation)
     return trajectory
 

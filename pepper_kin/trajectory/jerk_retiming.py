@@ -30,9 +30,10 @@ from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, CubicPath
 from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.sampling import sample_times
 from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.time_optimal import refuse_long
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory
 
 _ITERATIONS = 12  # linear programs
 _ENOUGH = 1e-3  # gain of duration below which to stop

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,22 +12,25 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
+from pepper_kin.trajectory.joint_curves import JointCurve, on_common_knots
 from pepper_kin.trajectory.key_curve import Key
-from pepper_kin.trajectory.timeline import JointCurve, Timeline
-from pepper_kin.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 Frame: TypeAlias = str | Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64]
 """A posture's name, joints and groups with their positions, or the positions of all joints."""
 
 
 def from_keyframes(
+    kind: type[Trajectory],
     keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
     pepper: PepperModel,
     start: str | ArrayLike | None,
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors.
 
-    A start that is not a posture's name has shape (n,) [rad or m].
+    The trajectory is of a `kind`; a start that is not a posture's name has shape (n,) [rad or m].
     """
     frames = _in_order(keyframes)
     keys: dict[str, list[Key]] = {name: [] for name in pepper.joint_names}
@@ -37,7 +40,8 @@ def from_keyframes(
             keys[name].append(Key(time, float(q[pepper.joint_index(name)])))
     curves = tuple(JointCurve(name, tuple(those)) for name, those in keys.items() if those)
     begin = pepper.neutral() if start is None else _position(pepper, start, "start")
-    return Timeline("key frames", curves).to_trajectory(pepper, begin)
+    knots, coefficients = on_common_knots(pepper, curves, begin, frames[-1][0])
+    return kind(pepper.joint_names, knots, coefficients, pepper.joint_units)
 
 
 def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:

@@ -10,7 +10,8 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits, share_of
-from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,8 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.trajectory import (
-    EXAMINED_EVERY,
-    State,
-    Trajectory,
-    examination_step,
-    sample_times,
-)
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, State, examination_step, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory
 
 JUMP = 1e-6  # [rad, m, rad/s or m/s] at a knot
 _RELATIVE = 1e-7  # of a limit, for rounding

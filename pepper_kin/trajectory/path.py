@@ -10,10 +10,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_whole
-from pepper_kin.trajectory.trajectory import State, Trajectory
+from pepper_kin.trajectory.sampling import State
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 _HALVINGS = 50

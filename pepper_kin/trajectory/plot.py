@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName, write_bytes
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.exceptions import MissingDependencyError, UnknownNameError
+from pepper_kin.file_access.atomic_file import PathName, write_bytes
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 
 FORMATS = ("png", "pdf", "svg")

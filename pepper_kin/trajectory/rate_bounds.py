@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from math import comb
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,10 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.extremes import derivative, greatest_size
-from pepper_kin.trajectory.trajectory import TIME_TOLERANCE, Trajectory
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+
+if TYPE_CHECKING:
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 CUT = 20
 """Pieces longer than so many steps of an examination are cut, at one of its states."""

@@ -48,9 +48,10 @@ from pepper_kin.trajectory.limits import (
     refuse_motionless,
 )
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
+from pepper_kin.trajectory.sampling import sample_times
 from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

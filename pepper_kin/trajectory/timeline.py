@@ -4,61 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TypeVar
-
-import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
-from pepper_kin.file_reading import repeated
+from pepper_kin.file_access.reading import repeated
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.trajectory.enforce_limits import enforce_limits
-from pepper_kin.trajectory.key_curve import Key, curve_segments
+from pepper_kin.trajectory.joint_curves import JointCurve, checked_parts, on_common_knots
 from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
 from pepper_kin.trajectory.trajectory import Trajectory
 
 HANDS = ("LHand", "RHand")
 _CYCLE = 0.02  # [s] of NAOqi
-Part = TypeVar("Part")
-_SAME = 1e-9  # [s] knots of two joints that are nearer are one
-
-
-def _checked_parts(quantity: str, parts: Sequence[Part], kind: type[Part]) -> tuple[Part, ...]:
-    """Return keys or curves as a tuple; refuse anything else among them."""
-    found = tuple(parts)
-    for part in found:
-        if not isinstance(part, kind):
-            raise InvalidValueError(quantity, repr(part), f"a {kind.__name__}")
-    return found
-
-
-@dataclass(frozen=True)
-class JointCurve:
-    """The keys of one joint, in order of time.
-
-    Attributes:
-        joint: Name of the joint.
-        keys: One or more.
-    """
-
-    joint: str
-    keys: tuple[Key, ...]
-
-    def __post_init__(self) -> None:
-        """Check the keys.
-
-        Raises:
-            InvalidValueError: naming the joint, for no key, or times that do not increase from 0 or later.
-        """
-        object.__setattr__(self, "keys", _checked_parts(f"keys of {self.joint}", self.keys, Key))
-        times = [key.time for key in self.keys]
-        if not times or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
-            raise InvalidValueError(
-                f"times of {self.joint}", times[:8], "one or more increasing times, the first 0 or later"
-            )
 
 
 @dataclass(frozen=True)
@@ -79,7 +37,7 @@ class Timeline:
         Raises:
             InvalidValueError: where a joint has two curves, there is none, or no time passes.
         """
-        object.__setattr__(self, "curves", _checked_parts(f"curves of {self.name}", self.curves, JointCurve))
+        object.__setattr__(self, "curves", checked_parts(f"curves of {self.name}", self.curves, JointCurve))
         joints = [curve.joint for curve in self.curves]
         doubled = repeated(joints)
         if doubled or not joints:
@@ -131,16 +89,7 @@ class Timeline:
         # A value that is jumped to at the very end has to be there for a while to be seen.
         jumps = any(len(c.keys) > 1 and c.keys[-2].behind.kind == "constant" for c in curves)
         duration = self.duration + (_CYCLE if jumps else 0.0)
-        places = [pepper.joint_index(curve.joint) for curve in curves]
-        segments = {
-            j: curve_segments(curve.keys, float(rest[j]), duration)
-            for j, curve in zip(places, curves, strict=True)
-        }
-        knots = _merged([breaks for breaks, _ in segments.values()], duration)
-        coefficients = np.zeros((knots.size - 1, 4, pepper.n))
-        coefficients[:, 0] = rest
-        for j, (breaks, powers) in segments.items():
-            coefficients[:, :, j] = _on(knots, breaks, powers)
+        knots, coefficients = on_common_knots(pepper, curves, rest, duration)
         return Trajectory(pepper.joint_names, knots, coefficients, pepper.joint_units)
 
 
@@ -214,19 +163,3 @@ def _start(pepper: PepperModel, start: Array | None) -> Array:
     if q.ndim != 1:
         raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
     return q
-
-
-def _merged(all_breaks: list[Array], duration: float) -> Array:
-    """Return the knots of all joints [s], shape (m + 1,), those nearly equal once, from 0 to the duration."""
-    knots = np.unique(np.concatenate([[0.0, duration], *all_breaks]))
-    keep = np.concatenate([[True], np.diff(knots) > _SAME])
-    knots = knots[keep]
-    knots[-1] = duration
-    return knots
-
-
-def _on(knots: Array, breaks: Array, powers: Array) -> Array:
-    """Return the cubic pieces of one joint on finer knots, shape (m, 4)."""
-    middle = (knots[:-1] + knots[1:]) / 2
-    segment = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
-    return shifted(powers[segment][..., None], knots[:-1] - breaks[segment])[..., 0]

@@ -16,9 +16,10 @@ from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
+from pepper_kin.trajectory.sampling import sample_times
 from pepper_kin.trajectory.time_optimal import CHECK_STEP, refuse_long
 from pepper_kin.trajectory.timing_problem import TimingProblem
-from pepper_kin.trajectory.trajectory import Trajectory, sample_times
+from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again

@@ -4,49 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.splines import evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
+from pepper_kin.trajectory import editing
+from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
+from pepper_kin.trajectory.certificate import Certificate
+from pepper_kin.trajectory.check import check
+from pepper_kin.trajectory.interpolation import from_positions
+from pepper_kin.trajectory.key_frames import Frame, from_keyframes
+from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.samples import Samples, names_and_units
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
 from pepper_kin.trajectory.segment_values import checked_derivatives
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pepper_kin.model import PepperModel
-    from pepper_kin.trajectory.active_limits import ActiveLimits
-    from pepper_kin.trajectory.certificate import Certificate
-    from pepper_kin.trajectory.key_frames import Frame
 
 _Value = TypeVar("_Value", "Samples", "Trajectory")
-
-TIME_TOLERANCE = 1e-9
-EXAMINED_EVERY = 0.001
-"""Time between the states of a motion that are looked at [s]."""
-
-_LONG = 300.0  # [s] duration up to which that is so
-_MOST_SAMPLES = 10_000_000
-
-
-class State(NamedTuple):
-    """Joint positions, velocities and accelerations at some times.
-
-    Attributes:
-        position: q [rad or m], shape (..., n).
-        velocity: dq/dt [rad/s or m/s], shape (..., n).
-        acceleration: d2q/dt2 [rad/s^2 or m/s^2], shape (..., n).
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +118,8 @@ class Trajectory(FrozenArrays):
             OvershootWarning: naming the worst joints, where the trajectory leaves the range of a joint's
                 samples, or its limits, by more than `overshoot`.
         """
-        from pepper_kin.trajectory.interpolation import from_positions
-
         return from_positions(
+            cls,
             times,
             positions,
             pepper,
@@ -180,9 +162,7 @@ class Trajectory(FrozenArrays):
             UnknownNameError: for a posture, joint or group that the robot lacks.
             LimitError: for a position outside the limits, naming frame and joint.
         """
-        from pepper_kin.trajectory.key_frames import from_keyframes
-
-        return from_keyframes(keyframes, pepper, start)
+        return from_keyframes(cls, keyframes, pepper, start)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.n} joints, {self.duration:.4g} s, {self.breaks.size - 1} pieces)"
@@ -314,9 +294,7 @@ class Trajectory(FrozenArrays):
         Raises:
             InvalidValueError: for a factor that is not above zero.
         """
-        from pepper_kin.trajectory.editing import scaled
-
-        return scaled(self, factor)
+        return editing.scaled(self, factor)
 
     def with_duration(self, duration: float) -> Trajectory:
         """Return the trajectory that takes `duration` [s] along the same path.
@@ -328,9 +306,7 @@ class Trajectory(FrozenArrays):
 
     def reversed(self) -> Trajectory:
         """Return the way back, q(T - t)."""
-        from pepper_kin.trajectory.editing import backward
-
-        return backward(self)
+        return editing.backward(self)
 
     def between(self, start: float, end: float) -> Trajectory:
         """Return the part from one time to another [s], which then begins at zero.
@@ -338,9 +314,7 @@ class Trajectory(FrozenArrays):
         Raises:
             InvalidValueError: for times outside [0, duration], or no time between them.
         """
-        from pepper_kin.trajectory.editing import between
-
-        return between(self, start, end)
+        return editing.between(self, start, end)
 
     def then(self, other: Trajectory) -> Trajectory:
         """Return this trajectory with another one after it.
@@ -348,9 +322,7 @@ class Trajectory(FrozenArrays):
         Raises:
             InvalidValueError: where joints differ, or position or velocity do not meet to 1e-6.
         """
-        from pepper_kin.trajectory.editing import joined
-
-        return joined(self, other)
+        return editing.joined(self, other)
 
     def blend(self, other: Trajectory, overlap: float) -> Trajectory:
         """Return this trajectory with another one that sets out `overlap` [s] before this one ends.
@@ -362,26 +334,18 @@ class Trajectory(FrozenArrays):
         Raises:
             InvalidValueError: where joints differ, the two do not meet, or one is shorter than the overlap.
         """
-        from pepper_kin.trajectory.editing import blended
-
-        return blended(self, other, overlap)
+        return editing.blended(self, other, overlap)
 
     def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
         """Return which limit acts at times t [s], shape (T,); see `pepper_kin.trajectory.active_limits`."""
-        from pepper_kin.trajectory.active_limits import active_limits
-
         return active_limits(pepper, self, t, **limits)
 
     def check(self, pepper: PepperModel, scene: Any = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
-        from pepper_kin.trajectory.check import check
-
         return check(pepper, self, scene=scene, **limits)
 
     def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:
         """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
-        from pepper_kin.trajectory.plot import plot
-
         return plot(pepper, self, path, **options)
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
@@ -434,24 +398,3 @@ def checked_trajectory(value: Trajectory) -> Trajectory:
         allowed = "a Trajectory: of a plan that of retime(), of other results their `trajectory`"
         raise InvalidValueError("trajectory", f"a {type(value).__name__}", allowed)
     return value
-
-
-def examination_step(duration: float) -> float:
-    """Return the time between states that an examination looks at [s]: 1 ms, or more where that is long."""
-    return EXAMINED_EVERY * max(1.0, float(np.ceil(duration / _LONG)))
-
-
-def sample_times(duration: float, dt: float) -> Array:
-    """Return 0, dt, 2 dt, ... and exactly the duration [s], shape (T,).
-
-    Raises:
-        InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
-    """
-    dt = check_positive("dt", dt, "s")
-    if duration / dt > _MOST_SAMPLES:
-        raise InvalidValueError("dt", f"{dt} s", f"at least {duration / _MOST_SAMPLES:.3g} s")
-    time: Array = dt * np.arange(int(np.ceil(duration / dt)) + 1, dtype=float)
-    count = int(np.searchsorted(time, duration - max(TIME_TOLERANCE, 1e-9 * duration)))
-    time = time[: count + 1] if count < time.size else np.append(time, duration)
-    time[-1] = duration
-    return time

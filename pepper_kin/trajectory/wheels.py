@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.kinematics.base_geometry import pepper_base
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import check_whole
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.numpy_archive import decompressed
+from pepper_kin.file_access.numpy_archive import decompressed
 
 _HEAD = np.dtype("<i8")
 _LEVEL = 6

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_finite, as_real

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.state import TwinState
 

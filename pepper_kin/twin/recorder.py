@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin import atomic_file
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.numpy_archive import read_arrays
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_together
 from pepper_kin.twin.push import Push
+from pepper_kin.twin.recording_files import save_recording
 from pepper_kin.twin.recording_header import STATES, described, loads_in, read_header
 from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -197,8 +198,6 @@ class Recording:
             FileFormatError: for another suffix, or where it cannot be written.
             MissingDependencyError: for .mcap where the package `mcap` is not installed.
         """
-        from pepper_kin.twin.recording_files import save_recording
-
         return save_recording(self, path)
 
     def _states(self, chunk: dict[str, Any], before: Array) -> dict[str, Array]:

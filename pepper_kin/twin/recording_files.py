@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin import atomic_file
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.plugins import plugins
-from pepper_kin.twin.recording import Recording
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.recording import Recording
 
 
 def save_recording(recording: Recording, path: PathName) -> Path:

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pepper_kin import atomic_file
 from pepper_kin.dynamics.load import Load, Loads
 from pepper_kin.exceptions import FileFormatError, shortened
-from pepper_kin.file_reading import read_json
+from pepper_kin.file_access import atomic_file
+from pepper_kin.file_access.reading import read_json
 from pepper_kin.twin.integrator import GREATEST_TIMESTEP
 from pepper_kin.twin.twin import FEEDFORWARDS
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, kept_read_only
 from pepper_kin.exceptions import PepperKinError
-from pepper_kin.frozen_arrays import FrozenArrays, kept_read_only
 
 
 class DivergedError(PepperKinError):

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin import dynamics
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,

@@ -10,8 +10,8 @@ import tempfile
 from pathlib import Path
 from urllib.parse import urlencode
 
-from pepper_kin import atomic_file
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 CHROMIUM_VARIABLE = "PEPPER_KIN_CHROMIUM"

@@ -8,8 +8,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.model.joint_vectors import as_finite
 
 CameraView: TypeAlias = Literal["three-quarter", "front", "side", "top"]

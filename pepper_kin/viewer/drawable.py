@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import NO_COLOR, Mesh, Shape, Sphere
 from pepper_kin.viewer.surface import Surface, read_colored_surfaces

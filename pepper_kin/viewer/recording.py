@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
 from pepper_kin.viewer.motion_frames import MotionFrames, limited_series, motion_frames

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import read_only
 
 
 class TargetListener:

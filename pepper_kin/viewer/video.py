@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin import atomic_file
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.browser_session import BrowserSession
 from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 

@@ -8,9 +8,9 @@ import pytest
 import typer
 
 import pepper_kin as pk
-from pepper_kin.atomic_file import check_folder
 from pepper_kin.cli import app
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access.atomic_file import check_folder
 
 PROGRAM = [sys.executable, "-c", "from pepper_kin.cli import main; main()"]
 

@@ -27,7 +27,8 @@ ALL = dict(commands(get_command(app)))
 
 def extras_named():
     """Extras in the docstrings of commands: what pip gets in brackets."""
-    for path in Path(pepper_kin.__file__).parent.glob("cli*.py"):
+    package = Path(pepper_kin.__file__).parent
+    for path in (*package.glob("cli/*.py"), *package.glob("*/command*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef) and (text := ast.get_docstring(node)):
                 for extra in re.findall(r"pepper_kin\\?\[(\w+)\]", text):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin import numpy_archive
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.numpy_archive import decompressed, read_arrays
+from pepper_kin.file_access import numpy_archive
+from pepper_kin.file_access.numpy_archive import decompressed, read_arrays
 
 
 def test_arrays_come_back(tmp_path: Path) -> None:

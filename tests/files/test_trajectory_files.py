@@ -6,8 +6,8 @@ import os
 import numpy as np
 import pytest
 
-from pepper_kin import atomic_file
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.files import load_columns, load_table, save, save_table
 from pepper_kin.files.csv_file import read_csv
 from pepper_kin.trajectory import Trajectory

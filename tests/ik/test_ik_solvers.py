@@ -8,9 +8,9 @@ import pepper_kin as pk
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import POSTURE_WEIGHT, make_problem
+from pepper_kin.ik.solver import HalfSpaces
 from pepper_kin.ik.solvers import SOLVERS
 from pepper_kin.ik.solvers.reference import make_step_solver
-from pepper_kin.ik.solvers.solver import HalfSpaces
 from pepper_kin.model.shapes import rotation_rpy, transform
 
 TASK_LISTS = {

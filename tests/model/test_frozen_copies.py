@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.files.certified import refuse_unsafe
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.trajectory import Trajectory
 
 COPIES = {

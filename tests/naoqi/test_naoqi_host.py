@@ -11,9 +11,9 @@ import textwrap
 
 import pytest
 
-from pepper_kin.connection_gate import MOST_WAITING
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.naoqi import Broker, Host
+from pepper_kin.servers.connection_gate import MOST_WAITING
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("qi") is None, reason="the package qi has no wheel for this machine"
@@ -102,7 +102,7 @@ def test_only_this_machine_unless_remote_is_allowed(host):
 SERVER = textwrap.dedent(
     """
     from pepper_kin.naoqi import Broker, Host
-    from pepper_kin.end_signals import ended_by_signals
+    from pepper_kin.servers.end_signals import ended_by_signals
     with ended_by_signals() as ended, Broker() as broker, Host(broker, port=0) as host:
         print(host.url, flush=True)
         host.wait(ended)

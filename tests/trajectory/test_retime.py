@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.trajectory import retime
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 

@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from pepper_kin import connection_gate
-from pepper_kin.connection_gate import BoundedPool, ConnectionGate, listening_sockets
 from pepper_kin.ros.transports.rosbridge import RosbridgeServer
+from pepper_kin.servers import connection_gate
+from pepper_kin.servers.connection_gate import BoundedPool, ConnectionGate, listening_sockets
 
 TOKEN = "0123456789abcdef"
 HALF = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-a: b\r\n"

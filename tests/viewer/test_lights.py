@@ -5,8 +5,8 @@ import pytest
 import umsgpack
 
 import pepper_kin as pk
-from pepper_kin.body_page import BodyPage, shade
 from pepper_kin.naoqi import Broker
+from pepper_kin.naoqi.body_page import BodyPage, shade
 from pepper_kin.naoqi.leds import GROUPS
 from pepper_kin.viewer.lights import pepper_lights
 from pepper_kin.viewer.surface import read_surface

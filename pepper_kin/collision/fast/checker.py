@@ -24,7 +24,10 @@ from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
 from pepper_kin.collision.mesh_changes import as_on_disk
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.check import check_many, check_rows
 from pepper_kin.core.collision.layout import WIDEST
+from pepper_kin.core.collision.lower_bounds import part_bounds
+from pepper_kin.core.collision.narrow_phase import near_robot
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -184,8 +187,6 @@ class FastChecker:
             InvalidValueError: for a q of wrong shape, or with NaN, or a robot whose shapes the compiled check
                 does not know.
         """
-        from pepper_kin.core.collision.narrow_phase import near_robot
-
         state = as_joint_vectors(self.pepper, q, "q")
         if state.ndim != 1:
             raise InvalidValueError(
@@ -290,20 +291,16 @@ class FastChecker:
         """Return the verdict on one configuration, shape (n,); TIE as well where numbers are not finite."""
         memory = self._prepared.memory()
         try:
-            check_rows, row, status = self._local.one
+            row, status = self._local.one
         except AttributeError:
-            from pepper_kin.core.collision.check import check_rows
-
             row, status = at.section(memory, at.ROWS)[: q.size], at.section_bits(memory, at.STATUS)
-            self._local.one = check_rows, row, status
+            self._local.one = row, status
         row[:] = q
         check_rows(memory, row, 1)
         return int(status[0])
 
     def _verdicts(self, flat: Array, threads: int) -> tuple[NDArray[np.uint8], int]:
         """Return verdicts, shape (m,), on states, shape (m, n), and how many spheres leave in doubt."""
-        from pepper_kin.core.collision.check import check_many
-
         verdicts = np.empty(len(flat), np.uint8)
         if self._resting:
             verdicts[:] = 1
@@ -328,8 +325,6 @@ class FastChecker:
 
         They have shape (m, parts): one for each class of pairs and for each group to the scene.
         """
-        from pepper_kin.core.collision.lower_bounds import part_bounds
-
         bounds = np.full((len(flat), len(self._prepared.motion_bounds)), np.inf)
         if not self.supported:
             bounds[:] = -np.inf

@@ -16,6 +16,7 @@ from pepper_kin.batch import kernel
 from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.core.collision import layout as at
+from pepper_kin.core.collision.check import begin_motion, check_many, check_rows, valid_steps
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.collision.records import GROUP, LINK
 from pepper_kin.exceptions import InvalidValueError
@@ -108,8 +109,6 @@ class CompiledValidity:
     @cached_property
     def blocked(self) -> bool:
         """Whether something that the free joints do not move is nearer than the margins."""
-        from pepper_kin.core.collision.check import check_rows
-
         if resting_contact(self._prepared, self.margins[0]):
             return True
         still = self._prepared.named(self.blocks()[0], self.margins)
@@ -122,8 +121,6 @@ class CompiledValidity:
         Args:
             q: Whole configurations, shape (m, n), contiguous [rad or m].
         """
-        from pepper_kin.core.collision.check import check_many
-
         found = np.ones(len(q), np.uint8)
         if not self.blocked:
             check_many(self._named(self.blocks()[1]), q, found, 0, len(q))
@@ -171,8 +168,6 @@ class CompiledValidity:
 
     def _begin(self, memory: Array) -> None:
         """Make a block, shape (memory_size,), ready for this motion."""
-        from pepper_kin.core.collision.check import begin_motion
-
         self._prepared.named(memory, self.margins)
         gravity, lanes = 0, 1
         if self.loads is not None:
@@ -262,8 +257,6 @@ def trusted_validity(
         effort: What holding still may take of each joint [N m or N], shape (n,).
         loads: What is held, and balanced; None where that is not asked for.
     """
-    from pepper_kin.core.collision.check import valid_steps
-
     address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
     return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared)
 

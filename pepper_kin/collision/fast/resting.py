@@ -15,6 +15,7 @@ from pepper_kin.collision.solids import PointCloud
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import CONTACT, TIE
+from pepper_kin.core.collision.narrow_phase import pair_verdict
 
 SURE = 1e-4
 """What bounds of distances are not relied on by [m]."""
@@ -24,8 +25,6 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
     """Return whether any pair that never moves against one another is nearer than a margin [m]."""
     if margin < resting_margin(prepared.structure):
         return False
-    from pepper_kin.core.collision.narrow_phase import pair_verdict
-
     structure, (gaps, _) = prepared.structure, prepared.structure.gaps
     memory = at.aligned_copy(prepared.memory())
     set_margins(memory, margin, 0.0, RANGE_RADIUS)

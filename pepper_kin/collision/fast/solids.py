@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.fast.cloud_block import box_around, cloud_block
 from pepper_kin.collision.solids import (
@@ -21,7 +21,6 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL, OTHER
 from pepper_kin.core.collision.scene_rows import BALL, BAR, BLOCK, ROUND
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
 VAST = 25.0

@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.batch import kernel
 from pepper_kin.core.clock import CLOCK
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.problem import SearchBudget, joints_used, scale_of
 from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
 from pepper_kin.ik.tasks.task import Task

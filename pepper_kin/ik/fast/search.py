@@ -15,7 +15,7 @@ from pepper_kin.ik.collisions import NO_TESTS, Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, squared_tolerance, unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
-from pepper_kin.ik.solvers.solver import TaskSolver
+from pepper_kin.ik.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 

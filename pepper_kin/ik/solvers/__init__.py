@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pepper_kin.ik.fast.search import FastSolver
 from pepper_kin.ik.problem import Problem
-from pepper_kin.ik.solvers.solver import TaskSolver
+from pepper_kin.ik.solver import TaskSolver
 
 SOLVERS = ("placo", "proxsuite")
 ALL_SOLVERS = ("fast", *SOLVERS)
@@ -22,9 +23,7 @@ def make_solver(name: str, problem: Problem) -> TaskSolver:
         InvalidValueError: where the solver cannot take the robot; names one that can.
     """
     if name == "fast":
-        from pepper_kin.ik.fast.search import FastSolver
-
         return FastSolver(problem)
-    from pepper_kin.ik.solvers.reference import ReferenceSolver
+    from pepper_kin.ik.solvers.reference import ReferenceSolver  # few need it
 
     return ReferenceSolver(name, problem)

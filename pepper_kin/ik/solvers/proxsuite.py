@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
-from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver
+from pepper_kin.ik.solver import HalfSpaces, StepSolver
 from pepper_kin.proxsuite_library import proxqp
 
 ACCURACY = 1e-9

@@ -9,15 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast.compiled_tasks import unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
-from pepper_kin.ik.solvers.solver import HalfSpaces, StepSolver, TaskSolver
+from pepper_kin.ik.solver import HalfSpaces, StepSolver, TaskSolver
+from pepper_kin.ik.solvers.placo import PlacoSolver
+from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
 
 RESTARTS = 16
 """Further starts at most, also where the budget allows for more."""
@@ -148,11 +149,7 @@ def make_step_solver(name: str, problem: Problem) -> StepSolver:
         InvalidValueError: where the library cannot take the robot; names one that can.
     """
     if name == "placo":
-        from pepper_kin.ik.solvers.placo import PlacoSolver
-
         return PlacoSolver(problem)
-    from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
-
     return ProxsuiteSolver(problem)
 
 

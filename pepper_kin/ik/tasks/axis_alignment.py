@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks import symbolic_angles
 from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis, unit_vector
 from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
+from pepper_kin.collision.loads import center_of_mass_jacobian_with, center_of_mass_with
 from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.model import PepperModel
@@ -23,8 +23,6 @@ def center_of(pepper: PepperModel, loads: Loads, q: Array) -> Array:
     """Return the center of mass of a robot with what it carries [m], shape (3,), at q, shape (n,)."""
     if not loads:
         return center_of_mass(pepper, q)
-    from pepper_kin.collision.loads import center_of_mass_with  # loads the checkers of collisions
-
     return center_of_mass_with(pepper, loads, q)
 
 
@@ -32,8 +30,6 @@ def center_jacobian_of(pepper: PepperModel, loads: Loads, q: Array) -> Array:
     """Return the Jacobian of `center_of`, shape (3, n), at q, shape (n,)."""
     if not loads:
         return center_of_mass_jacobian(pepper, q)
-    from pepper_kin.collision.loads import center_of_mass_jacobian_with
-
     return center_of_mass_jacobian_with(pepper, loads, q)
 
 

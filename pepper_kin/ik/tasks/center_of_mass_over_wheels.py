@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import (
     checked_polygon,
@@ -18,7 +18,6 @@ from pepper_kin.dynamics.support_polygon import (
     wheel_contacts,
 )
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
 from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change

@@ -8,9 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.model.joint_vectors import as_finite
 
 # Below this sine the two directions count as parallel: there the exact formulas would divide by zero.

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.ik.tasks.structure import Motion, Structure
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, words_for
 from pepper_kin.model import PepperModel

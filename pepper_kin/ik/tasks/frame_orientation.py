@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.symbolic_angles import rotation_residual
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, TargetTask, as_targets, words_for_angle, words_for_turn

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.kinematics import frame_jacobian, frame_pose

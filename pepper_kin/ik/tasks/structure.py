@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
 
 if TYPE_CHECKING:
     from pepper_kin.ik.tasks.task import Task
@@ -85,8 +86,6 @@ class Motion:
     @cached_property
     def center(self) -> tuple[Any, Any]:
         """The center of mass (3) and its Jacobian (3, n)."""
-        from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
-
         return center_of_mass(self.pepper)(self.q), center_of_mass_jacobian(self.pepper)(self.q)
 
     def joints(self, names: Sequence[str]) -> tuple[Any, Any]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pepper_kin import symbolic
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics import total_mass
@@ -82,8 +83,6 @@ def _wrench_derivatives(pepper: PepperModel) -> Kernel:
 def _compile_derivatives(pepper: PepperModel) -> Kernel:
     def build() -> casadi.Function:
         import casadi
-
-        from pepper_kin import symbolic
 
         state = [casadi.SX.sym(name, pepper.n) for name in ("q", "v", "a")]
         wrench = symbolic.base_wrench(pepper)(*state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from pepper_kin import symbolic
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import PARAMETERS, Loads
 from pepper_kin.kernels import Kernel, compile_function, source_digest
@@ -73,8 +74,6 @@ def _loaded(pepper: PepperModel, quantity: str, frames: tuple[str, ...], state: 
     """Return the expression of a quantity of the robot with loads, given by their parameters."""
     import casadi
 
-    from pepper_kin import symbolic
-
     values = getattr(symbolic, quantity)(pepper)(*state)
     for k, frame in enumerate(frames):
         own = casadi.vertsplit(loads[PARAMETERS * k : PARAMETERS * (k + 1)])
@@ -96,8 +95,6 @@ def _wrench(pepper: PepperModel, frame: str, state: list[Any], parameters: list[
         n = h x (d2p/dt2 - g) + I alpha + omega x (I omega).
     """
     import casadi
-
-    from pepper_kin import symbolic
 
     q, v, a = state
     mass, first, (xx, xy, xz, yy, yz, zz) = parameters[0], casadi.vertcat(*parameters[1:4]), parameters[4:]

@@ -9,6 +9,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene, checker_for
+from pepper_kin.collision.fast.near_table import near_table
 from pepper_kin.core.collision.distances import (
     CARRIER,
     HALF,
@@ -99,8 +100,6 @@ def _prepared(
 
 def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
     """Return the pairs that move against each other, and what they keep; clouds and meshes as their boxes."""
-    from pepper_kin.collision.fast.near_table import near_table
-
     table = near_table(checker_for(pepper, scene))
     shapes, (first, second) = table.shapes.copy(), table.pairs[:, :2].T
     boxed = np.isin(shapes[:, KIND], (HULL, CLOUD))

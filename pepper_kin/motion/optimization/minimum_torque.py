@@ -30,7 +30,7 @@ from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.trajectory import examination_step, sample_times
+from pepper_kin.trajectory.sampling import examination_step, sample_times
 from pepper_kin.trajectory.wheels import wheel_limits
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits, MotionLimits, motion_limits
 from pepper_kin.trajectory.path import PathLike
-from pepper_kin.trajectory.trajectory import examination_step, sample_times
+from pepper_kin.trajectory.sampling import examination_step, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem

@@ -1,1 +1,41 @@
-"""Ways by which messages travel."""
+"""Ways by which messages travel.
+
+LocalTransport                            within this program
+RosbridgeServer, RosbridgeClient          JSON over web sockets
+RclpyTransport, CycloneTransport          the graph of ROS 2, by either library
+DEFAULT_PORT                              of rosbridge
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.cyclonedds import CycloneTransport
+    from pepper_kin.ros.transports.local import LocalTransport
+    from pepper_kin.ros.transports.rclpy import RclpyTransport
+    from pepper_kin.ros.transports.rosbridge import DEFAULT_PORT, RosbridgeServer
+    from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
+
+__all__ = [
+    "DEFAULT_PORT",
+    "CycloneTransport",
+    "LocalTransport",
+    "RclpyTransport",
+    "RosbridgeClient",
+    "RosbridgeServer",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "DEFAULT_PORT": "rosbridge",
+        "CycloneTransport": "cyclonedds",
+        "LocalTransport": "local",
+        "RclpyTransport": "rclpy",
+        "RosbridgeClient": "rosbridge_client",
+        "RosbridgeServer": "rosbridge",
+    },
+)

@@ -9,19 +9,17 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
 from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number
+from pepper_kin.ros.transports.rclpy_actions import Client, Server, wait
 from pepper_kin.ros.transports.rclpy_types import Converter, converter, ros_class
 from pepper_kin.ros_messages import message_type, service_type
 from pepper_kin.ros_messages.messages import check_message
-
-if TYPE_CHECKING:
-    from pepper_kin.ros.transports.rclpy_actions import Client
 
 logger = logging.getLogger(__name__)
 
@@ -125,8 +123,6 @@ class RclpyTransport(Transport):
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
         """Offer an action; see `Transport.offer_action`."""
-        from pepper_kin.ros.transports.rclpy_actions import Server
-
         self._check_open(name)
         offered = Server(self, name, type_name, server)
         return self._kept(Part(self, offered.close))
@@ -140,8 +136,6 @@ class RclpyTransport(Transport):
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
         """Send a goal; see `Transport.send_goal`."""
-        from pepper_kin.ros.transports.rclpy_actions import Client
-
         self._check_open(name)
         with self._lock:
             client = self._action_clients.get((name, type_name))
@@ -239,18 +233,6 @@ class RclpyPublisher(Part, Publisher):
     def subscription_count(self) -> int:
         """Number of subscriptions that match."""
         return 0 if self.closed else int(self._publisher.get_subscription_count())
-
-
-def wait(future: Any, timeout: float | None) -> bool:
-    """Wait for a future of rclpy on another thread than its executor's; return whether it is done.
-
-    Args:
-        future: The future.
-        timeout: Longest time [s]; any if None.
-    """
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    return done.wait(timeout)
 
 
 def _profile(qos: QoS) -> Any:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, GoalHandle, GoalResult, GoalStatus, ServerGoal
-from pepper_kin.ros.transports.rclpy import wait
 from pepper_kin.ros.transports.rclpy_types import converter, ros_class, uuid_bytes
 from pepper_kin.ros_messages import action_type
 from pepper_kin.ros_messages.messages import check_message
@@ -337,3 +336,15 @@ class SentGoal(GoalHandle):
             result = self._client.types.result.from_ros(answer.result)
             self._result = GoalResult(GoalStatus(answer.status), result)
         self._ended.set()
+
+
+def wait(future: Any, timeout: float | None) -> bool:
+    """Wait for a future of rclpy on another thread than its executor's; return whether it is done.
+
+    Args:
+        future: The future.
+        timeout: Longest time [s]; any if None.
+    """
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    return done.wait(timeout)

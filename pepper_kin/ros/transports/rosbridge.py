@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from pepper_kin.connection_gate import listening_sockets
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
-from pepper_kin.server_access import Access, is_loopback
+from pepper_kin.servers.access import Access, is_loopback
+from pepper_kin.servers.connection_gate import listening_sockets
 
 if TYPE_CHECKING:
     from pepper_kin.ros.transports.rosbridge_session import Session
@@ -23,14 +22,8 @@ logger = logging.getLogger(__name__)
 DEFAULT_PORT = 9090
 """Where rosbridge servers listen."""
 
-PING_SECONDS, PONG_SECONDS = 2.0, 2.0
-"""A client is asked for a sign of life this often, and is gone without one after this time [s]."""
-
 END_SECONDS = 5.0
 """What is under way when the server ends is waited for no longer [s]."""
-
-MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
-"""Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
 
 RISK = "others could move the robot, plan on this machine, and see what its cameras see"
 
@@ -95,8 +88,8 @@ class RosbridgeServer(LocalTransport):
             self._loop.close()
 
     async def _serve(self) -> None:
-        from pepper_kin.http_server import GatedHttpServer
         from pepper_kin.ros.transports.rosbridge_socket import application
+        from pepper_kin.servers.http_server import GatedHttpServer
 
         self._stop = asyncio.Event()
         server = GatedHttpServer(application(self), "rosbridge", self.fault)
@@ -129,18 +122,4 @@ class RosbridgeServer(LocalTransport):
         return self.access.fault(host, None if local else origin, token)
 
 
-class Allowance:
-    """How many messages of a client are read: so many a second."""
-
-    def __init__(self) -> None:
-        self._left, self._asked_at = AT_ONCE, time.monotonic()
-
-    def wait(self) -> float:
-        """Take one message; return the time until the next one may be read [s]."""
-        now = time.monotonic()
-        self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE) - 1.0
-        self._asked_at = now
-        return max(-self._left / MOST_PER_SECOND, 0.0)
-
-
-__all__ = ["DEFAULT_PORT", "LARGEST_TEXT", "Allowance", "RosbridgeServer"]
+__all__ = ["DEFAULT_PORT", "LARGEST_TEXT", "RosbridgeServer"]

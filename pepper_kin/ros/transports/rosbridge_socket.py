@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import Any
+import time
+from typing import TYPE_CHECKING, Any
 
 import tornado.web
 import tornado.websocket
 
-from pepper_kin.ros.transports.rosbridge import PING_SECONDS, PONG_SECONDS, Allowance, RosbridgeServer
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
 from pepper_kin.ros.transports.rosbridge_outbox import Outbox
 from pepper_kin.ros.transports.rosbridge_session import Session
 
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.rosbridge import RosbridgeServer
+
 logger = logging.getLogger(__name__)
+
+PING_SECONDS, PONG_SECONDS = 2.0, 2.0
+"""A client is asked for a sign of life this often, and is gone without one after this time [s]."""
+
+MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
+"""Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
 
 
 def application(server: RosbridgeServer) -> tornado.web.Application:
@@ -81,3 +90,17 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
     def _overflow(self) -> None:
         logger.warning("rosbridge: a client does not read its answers; it is disconnected")
         self.close(1008, "answers are not read")
+
+
+class Allowance:
+    """How many messages of a client are read: so many a second."""
+
+    def __init__(self) -> None:
+        self._left, self._asked_at = AT_ONCE, time.monotonic()
+
+    def wait(self) -> float:
+        """Take one message; return the time until the next one may be read [s]."""
+        now = time.monotonic()
+        self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE) - 1.0
+        self._asked_at = now
+        return max(-self._left / MOST_PER_SECOND, 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
@@ -20,7 +20,6 @@ from pepper_kin.dynamics.support_polygon import (
     wheel_contacts,
 )
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry
 from pepper_kin.model import PepperModel

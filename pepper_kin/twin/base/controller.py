@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import read_only
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive
 from pepper_kin.twin.base.odometry import arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase

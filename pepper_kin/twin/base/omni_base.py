@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError, ModelError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.dynamics import total_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel

@@ -12,7 +12,7 @@ from pepper_kin.model.joint_vectors import as_numbers
 from pepper_kin.twin.sensors.reading import SensedState
 from pepper_kin.twin.sensors.robot_rays import RobotRays
 from pepper_kin.twin.sensors.sensor import LinearSensor
-from pepper_kin.twin.sensors.specification import SensorSpecification
+from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
 
 _RINGS = 8
 _BLANK = 8
@@ -143,8 +143,6 @@ def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left
     Raises:
         InvalidValueError: for another number of beams, or NaN.
     """
-    from pepper_kin.twin.sensors.specification import sensor_specifications
-
     parts = []
     base = frame_pose(pepper, pepper.neutral(), "base_footprint")
     for name, measured in (("laser_right", right), ("laser_front", front), ("laser_left", left)):

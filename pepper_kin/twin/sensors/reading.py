@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.collision import Scene
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 

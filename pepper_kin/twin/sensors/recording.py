@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import FrozenArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)

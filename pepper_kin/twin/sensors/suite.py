@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import kept_read_only
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.frozen_arrays import kept_read_only
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import MOST, as_joint_vectors, as_real, shown
 from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera

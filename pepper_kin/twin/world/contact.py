@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.arrays import Array
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.model import Box, Sphere
 
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
 from pepper_kin.core.simulation.contact_solver import ADDRESSES, FASTEST, SOLVE_PROBLEM, RobotMotion
@@ -27,7 +27,6 @@ from pepper_kin.core.simulation.contact_step import (
 from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, BodyTable
 from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.frozen_arrays import read_only
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from pepper_kin.server_access import Access
+    from pepper_kin.servers.access import Access
     from pepper_kin.viewer.server.server import DEFAULT_PORT, ViewerServer
     from pepper_kin.viewer.server.serving import serve
 
@@ -22,7 +22,7 @@ __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "Access": "pepper_kin.server_access",
+        "Access": "pepper_kin.servers.access",
         "serve": "serving",
         "DEFAULT_PORT": "server",
         "ViewerServer": "server",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene, closest_pair, load_wrench, loads_of
+from pepper_kin.collision import Scene, clearance, closest_pair, load_wrench, loads_of
 from pepper_kin.collision.loads import center_of_mass_with, inverse_dynamics_with
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
@@ -161,8 +161,6 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
         motion: The same as joint positions over time.
         scene: The world around it, with what it carries.
     """
-    from pepper_kin.collision import clearance
-
     count = min(motion.times.size, MOST_POINTS)
     kept = np.unique(np.linspace(0, motion.times.size - 1, count).round().astype(int))
     times, q = motion.times[kept], motion.positions[kept]

@@ -8,10 +8,10 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from pepper_kin.connection_gate import listening_sockets
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.server_access import Access
+from pepper_kin.servers.access import Access
+from pepper_kin.servers.connection_gate import listening_sockets
 from pepper_kin.viewer.server.hub import Hub
 from pepper_kin.viewer.server.session import Session
 from pepper_kin.viewer.server.tasks import LongTasks
@@ -133,7 +133,7 @@ class ViewerServer:
                     outcome.set_exception(_has_ended())
 
     async def _serve(self) -> None:
-        from pepper_kin.http_server import GatedHttpServer
+        from pepper_kin.servers.http_server import GatedHttpServer
         from pepper_kin.viewer.server.app import application
 
         self._stop = asyncio.Event()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel
-from pepper_kin.server_access import Access
+from pepper_kin.servers.access import Access
 from pepper_kin.viewer.joint_motion import Playable
 from pepper_kin.viewer.server.planning import show_motion
 from pepper_kin.viewer.server.server import ViewerServer

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from pepper_kin.atomic_file import check_file
-from pepper_kin.cli_terminal import FAILED, Json, check_record, one_of, print_json, print_written
-from pepper_kin.exceptions import InvalidValueError
+import pepper_kin as pk
+from pepper_kin import naoqi
+from pepper_kin.cli.terminal import FAILED, Json, check_record, one_of, print_json, print_written
+from pepper_kin.exceptions import InvalidValueError, PepperKinError
+from pepper_kin.file_access.atomic_file import check_file
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.naoqi.qi_library import libqi
+from pepper_kin.servers.end_signals import ended_by_signals
 
-if TYPE_CHECKING:
-    from pepper_kin.naoqi import Broker, Mirror, RunLog
+body_page = lazy_module("pepper_kin.naoqi.body_page")
 
 app = typer.Typer(
     add_completion=False, help="NAOqi's modules over the twin: for clients of qi, and for scripts."
@@ -58,16 +63,11 @@ def serve(
 
     Example: pepper-kin naoqi serve --view
     """
-    from pepper_kin.qi_library import libqi
-
     libqi()  # before all others
-    from pepper_kin.end_signals import ended_by_signals
-    from pepper_kin.naoqi.host import Host
-
     with (
         ended_by_signals() as ended,
         _broker(mode, True, scene, view, record) as broker,
-        Host(broker, address, port, allow_remote=allow_remote, token=token) as host,
+        naoqi.Host(broker, address, port, allow_remote=allow_remote, token=token) as host,
     ):
         if as_json:
             print_json({"url": host.url, "modules": list(broker.module_names), "token": host.token})
@@ -100,22 +100,18 @@ def run(
 
     Example: pepper-kin naoqi run wave.py --fast
     """
-    from pepper_kin.naoqi.scripts import run_script
-
     if max_time is not None and not max_time > 0:
         raise InvalidValueError("--max-time", max_time, "a time above 0, in seconds")
     with _broker(mode, not fast, scene, view, record) as broker:
         broker.on_log = lambda time, text: print(f"[{time:8.2f} s] {text}", file=sys.stderr)
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
-            result = run_script(script, context.args, broker=broker, longest=max_time)
+            result = naoqi.run_script(script, context.args, broker=broker, longest=max_time)
         logged = [{"time": time, "text": text} for time, text in broker.logged]
     if as_json:
         outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
         print_json(outcome)
     print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
     if result.ended == "failed":
-        import traceback
-
         traceback.print_exception(result.error)
     if not result.success:
         raise typer.Exit(result.code or FAILED)
@@ -139,29 +135,21 @@ def mirror(
 
     Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
     """
-    from pepper_kin.qi_library import libqi
-
     if "://" in source:
         libqi()  # before all others, or a connection that is refused keeps the process from its end
-    from pepper_kin.body_page import MirrorPage
-    from pepper_kin.end_signals import ended_by_signals
-    from pepper_kin.exceptions import PepperKinError
-    from pepper_kin.model import load_pepper
-    from pepper_kin.naoqi import Mirror, Robot, states_of_run
-    from pepper_kin.twin import load_run
-
     check_record(record, ".csv")
-    pepper = load_pepper(base="planar", hands="mimic")
-    made, lost = Mirror(pepper), None
+    pepper = pk.load_pepper(base="planar", hands="mimic")
+    made, lost = naoqi.Mirror(pepper), None
     with ExitStack() as stack:
         ended = stack.enter_context(ended_by_signals())
         if "://" in source:
-            robot = stack.enter_context(Robot(source, pepper=pepper))
+            robot = stack.enter_context(naoqi.Robot(source, pepper=pepper))
             states, pause = robot.states(seconds), 0.0
         else:
-            run = load_run(source, pepper)
-            states, pause = states_of_run(run), float(run.time[-1]) / (len(run) - 1) if view else 0.0
-        page = stack.enter_context(closing(MirrorPage(pepper))) if view else None
+            run = pk.twin.load_run(source, pepper)
+            states = naoqi.states_of_run(run)
+            pause = float(run.time[-1]) / (len(run) - 1) if view else 0.0
+        page = stack.enter_context(closing(body_page.MirrorPage(pepper))) if view else None
         if page is not None:
             page.open()
         try:
@@ -190,7 +178,7 @@ def mirror(
         raise lost
 
 
-def _print_difference(made: Mirror) -> None:
+def _print_difference(made: naoqi.Mirror) -> None:
     """Print the three joints that are farthest from the twin now, on standard error."""
     off, names = made.difference, made.pepper.joint_names
     worst = sorted(range(len(names)), key=lambda k: -abs(off[k]))[:3]
@@ -206,10 +194,8 @@ def watchdog(
 
     Example: pepper-kin naoqi watchdog -o watchdog.py
     """
-    from pepper_kin.naoqi import Robot
-
     check_file(output)
-    print_written([Robot.write_watchdog(output)], as_json)
+    print_written([naoqi.Robot.write_watchdog(output)], as_json)
 
 
 @app.command()
@@ -218,9 +204,7 @@ def methods(as_json: Json = False) -> None:
 
     Example: pepper-kin naoqi methods
     """
-    from pepper_kin.naoqi import coverage
-
-    table = coverage()
+    table = naoqi.coverage()
     if as_json:
         print_json([row._asdict() for row in table])
         return
@@ -231,17 +215,13 @@ def methods(as_json: Json = False) -> None:
 @contextmanager
 def _broker(
     mode: str, real_time: bool, scene: Path | None, view: bool, record: Path | None
-) -> Iterator[Broker]:
+) -> Iterator[naoqi.Broker]:
     """Yield a simulated robot, with a page in the browser and a log where these were asked for."""
-    from pepper_kin.collision import Scene
-    from pepper_kin.naoqi import Broker
-    from pepper_kin.naoqi.run_log import RunLog
-
     check_record(record, ".csv")
-    around = None if scene is None else Scene.load(scene)
-    with Broker(mode=mode, real_time=real_time, scene=around) as broker:
+    around = None if scene is None else pk.Scene.load(scene)
+    with naoqi.Broker(mode=mode, real_time=real_time, scene=around) as broker:
         close = _shown(broker) if view else None
-        log = None if record is None else RunLog(broker.body)
+        log = None if record is None else naoqi.RunLog(broker.body)
         try:
             yield broker
         finally:
@@ -251,7 +231,7 @@ def _broker(
                 close()
 
 
-def save_log(log: RunLog, path: Path) -> None:
+def save_log(log: naoqi.RunLog, path: Path) -> None:
     """Write a log as a run, and say so; one that is too short for a run is no failure of what was logged."""
     if len(log) < 2:
         print(f"Not written: {path}: fewer than two cycles of 20 ms were logged", file=sys.stderr)
@@ -260,10 +240,8 @@ def save_log(log: RunLog, path: Path) -> None:
     print(f"Written: {path}", file=sys.stderr)
 
 
-def _shown(broker: Broker) -> Callable[[], Any]:
+def _shown(broker: naoqi.Broker) -> Callable[[], Any]:
     """Open a page that follows the robot; return what closes it."""
-    from pepper_kin.body_page import BodyPage
-
-    page = BodyPage(broker.body, lights=broker.module("ALLeds").colors)
+    page = body_page.BodyPage(broker.body, lights=broker.module("ALLeds").colors)
     page.open()
     return page.close

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from pepper_kin.atomic_file import check_file
-from pepper_kin.cli_terminal import (
+import pepper_kin as pk
+from pepper_kin.cli.terminal import (
     VIEWS,
     Base,
     Hands,
@@ -22,6 +22,7 @@ from pepper_kin.cli_terminal import (
     scene_of,
 )
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_file
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.camera import CameraView
@@ -51,16 +52,11 @@ def plot(
 
     Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
     """
-    from pepper_kin.collision import Scene
-    from pepper_kin.files import load
-    from pepper_kin.model import load_pepper
-    from pepper_kin.trajectory import plot as draw
-
-    pepper = load_pepper(base=base, hands=hands)
-    trajectory = load(file, pepper)
+    pepper = pk.load_pepper(base=base, hands=hands)
+    trajectory = pk.files.load(file, pepper)
     check_file(output)
-    held = None if scene is None else Scene.load(scene)
-    draw(pepper, trajectory, output, title=file.name, scene=held)
+    held = None if scene is None else pk.Scene.load(scene)
+    pk.trajectory.plot(pepper, trajectory, output, title=file.name, scene=held)
     print_written([output], as_json)
 
 
@@ -102,22 +98,20 @@ def render(
 
     Example: pepper-kin render demo/run.csv -o demo/movie.mp4
     """
-    from pepper_kin.jobs import load_motion
-    from pepper_kin.model import load_pepper
-    from pepper_kin.viewer import Viewpoint, render_motion
-
     if camera is not None and view is not None:
         raise InvalidValueError("--camera", camera, f"to be left out with --view {view}")
-    view_or_camera = cast("CameraView | None", view) if camera is None else Viewpoint(camera[:3], camera[3:])
+    view_or_camera = (
+        cast("CameraView | None", view) if camera is None else pk.viewer.Viewpoint(camera[:3], camera[3:])
+    )
     pixels = None if size is None else _size(size)
-    pepper = load_pepper(base=base, hands=hands)
-    motion = load_motion(file, pepper)
+    pepper = pk.load_pepper(base=base, hands=hands)
+    motion = pk.jobs.load_motion(file, pepper)
     around = scene_of(file, scene, no_scene)
     check_file(output)
     if not as_json:
         print(f"  rendering {output} ...", file=sys.stderr, flush=True)
     with progress("rendering") as report:
-        path = render_motion(
+        path = pk.viewer.render_motion(
             pepper, motion, output, scene=around, fps=fps, size=pixels, view=view_or_camera,
             at_time=at_time, on_frame=report,
         )  # fmt: skip

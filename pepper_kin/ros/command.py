@@ -5,15 +5,22 @@ from __future__ import annotations
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from pepper_kin.cli_naoqi import save_log
-from pepper_kin.cli_terminal import Json, check_record, one_of, print_json
+import pepper_kin as pk
+from pepper_kin import naoqi, ros
+from pepper_kin.cli.terminal import Json, check_record, one_of, print_json
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.naoqi.commands import save_log
+from pepper_kin.ros import transports
+from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number, stay_on_this_machine
+from pepper_kin.servers.end_signals import ended_by_signals
 
-if TYPE_CHECKING:
-    from pepper_kin.ros import RobotNode, Transport
+body = lazy_module("pepper_kin.naoqi.body")
+body_page = lazy_module("pepper_kin.naoqi.body_page")
 
 app = typer.Typer(add_completion=False)
 
@@ -21,7 +28,7 @@ TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds")
 
 
 @app.command()
-def ros(
+def serve(
     transport: Annotated[
         str,
         typer.Option(help="rosbridge, rclpy or cyclonedds.", autocompletion=one_of(TRANSPORTS)),
@@ -54,33 +61,26 @@ def ros(
 
     Example: pepper-kin ros --transport rosbridge --view
     """
-    from pepper_kin.body_page import BodyPage
-    from pepper_kin.collision import Scene
-    from pepper_kin.end_signals import ended_by_signals
-    from pepper_kin.naoqi.body import Body
-    from pepper_kin.naoqi.run_log import RunLog
-    from pepper_kin.ros.node import RobotNode
-
     check_record(record, ".csv", ".mcap")
     chosen = () if cameras == "none" else tuple(cameras.split(","))
-    around = None if scene is None else Scene.load(scene)
+    around = None if scene is None else pk.Scene.load(scene)
     carrier, where = _transport(transport, address, port, allow_remote, token)
     with carrier, ended_by_signals() as ended:
-        body = Body(scene=around)
-        log = RunLog(body) if record is not None and record.suffix.lower() == ".csv" else None
-        body.time.start()
-        page = BodyPage(body) if view else None
+        robot = body.Body(scene=around)
+        log = naoqi.RunLog(robot) if record is not None and record.suffix.lower() == ".csv" else None
+        robot.time.start()
+        page = body_page.BodyPage(robot) if view else None
         if page is not None:
             page.open()
         try:
             with (
-                RobotNode(body, carrier, cameras=chosen, resolution=resolution) as node,
+                ros.RobotNode(robot, carrier, cameras=chosen, resolution=resolution) as node,
                 _recorded(node, record if log is None else None),
             ):
                 _print_start(transport, where, as_json)
                 ended.wait()
         finally:
-            body.time.stop()
+            robot.time.stop()
             if log is not None and record is not None:
                 save_log(log, record)
             elif record is not None and record.exists():
@@ -89,14 +89,12 @@ def ros(
                 page.close()
 
 
-def _recorded(node: RobotNode, path: Path | None) -> AbstractContextManager[Any]:
+def _recorded(node: ros.RobotNode, path: Path | None) -> AbstractContextManager[Any]:
     """Return what writes all topics of a node but pictures to a bag."""
-    from pepper_kin.ros.bag_topics import BagRecorder
-
     if path is None:
         return nullcontext()
     topics = {name: kind for name, kind in node.topics.items() if not name.endswith("image_raw")}
-    return BagRecorder(node.transport, path, topics)
+    return ros.BagRecorder(node.transport, path, topics)
 
 
 def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:
@@ -114,16 +112,12 @@ def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:
 
 def _transport(
     name: str, address: str | None, port: int | None, allow_remote: bool, token: str | None
-) -> tuple[Transport, dict[str, Any]]:
+) -> tuple[ros.Transport, dict[str, Any]]:
     """Return a transport by name, and where clients find it."""
-    from pepper_kin.exceptions import InvalidValueError
-
     if name == "rosbridge":
-        from pepper_kin.ros.transports.rosbridge import DEFAULT_PORT, RosbridgeServer
-
-        server = RosbridgeServer(
+        server = transports.RosbridgeServer(
             "127.0.0.1" if address is None else address,
-            DEFAULT_PORT if port is None else port,
+            transports.DEFAULT_PORT if port is None else port,
             allow_remote=allow_remote,
             token=token,
         )
@@ -134,15 +128,9 @@ def _transport(
         if value is not None:
             reason = "to be left out: only rosbridge has it; ROS_DOMAIN_ID names the graph"
             raise InvalidValueError(option, value, reason)
-    from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number, stay_on_this_machine
-
     if not allow_remote:
         stay_on_this_machine()
     where = {"domain_id": domain_number(), "discovery_range": discovery_range()}
     if name == "rclpy":
-        from pepper_kin.ros.transports.rclpy import RclpyTransport
-
-        return RclpyTransport("pepper_kin"), where
-    from pepper_kin.ros.transports.cyclonedds import CycloneTransport
-
-    return CycloneTransport("pepper_kin"), where
+        return transports.RclpyTransport("pepper_kin"), where
+    return transports.CycloneTransport("pepper_kin"), where

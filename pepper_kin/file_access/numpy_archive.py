@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.atomic_file import PathName
 from pepper_kin.exceptions import FileFormatError, shortened
-from pepper_kin.file_reading import read_bytes
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.reading import read_bytes
 
 MOST_BYTES = 500_000_000
 """Most that the arrays of a file may take [bytes]."""

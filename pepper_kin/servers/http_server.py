@@ -13,7 +13,7 @@ from tornado.httputil import HTTPHeaders, HTTPInputError, HTTPMessageDelegate, p
 from tornado.iostream import IOStream
 from tornado.web import Application
 
-from pepper_kin.connection_gate import FIRST_MESSAGE_SECONDS, LARGEST_FIRST_MESSAGE, ConnectionGate
+from pepper_kin.servers.connection_gate import FIRST_MESSAGE_SECONDS, LARGEST_FIRST_MESSAGE, ConnectionGate
 
 _END = re.compile(rb"\r?\n\r?\n")
 

@@ -9,8 +9,8 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any, NoReturn
 
-from pepper_kin.atomic_file import PathName, as_path
 from pepper_kin.exceptions import FileFormatError, shortened
+from pepper_kin.file_access.atomic_file import PathName, as_path
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)

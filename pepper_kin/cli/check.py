@@ -9,8 +9,9 @@ from typing import Annotated
 
 import typer
 
-from pepper_kin.atomic_file import check_folder, make_folder, write_text
-from pepper_kin.cli_terminal import FAILED, Json, progress
+import pepper_kin as pk
+from pepper_kin.cli.terminal import FAILED, Json, progress
+from pepper_kin.file_access.atomic_file import check_folder, make_folder, write_text
 
 app = typer.Typer(
     name="check",
@@ -31,12 +32,9 @@ def dynamics(
 
     Example: pepper-kin check dynamics my_robot.urdf --states 500
     """
-    from pepper_kin.jobs import check_dynamics
-    from pepper_kin.model import load_pepper, load_robot
-
-    pepper = load_pepper() if urdf is None else load_robot(urdf)
+    pepper = pk.load_pepper() if urdf is None else pk.load_robot(urdf)
     with progress("checking dynamics") as report:
-        found = check_dynamics(pepper, states=states, seed=seed, progress=report)
+        found = pk.jobs.check_dynamics(pepper, states=states, seed=seed, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if not found.success:
         raise typer.Exit(FAILED)
@@ -51,12 +49,10 @@ def model(
 
     Example: pepper-kin check model other_pepper.urdf
     """
-    from pepper_kin.model import audit, compare, load_pepper
-
-    ours = load_pepper(hands="mimic")
-    found = audit(ours if urdf is None else urdf)
+    ours = pk.load_pepper(hands="mimic")
+    found = pk.model.audit(ours if urdf is None else urdf)
     # A file without a link would differ in every name, which hides its faults.
-    difference = None if urdf is None or not found.frames else compare(ours, urdf)
+    difference = None if urdf is None or not found.frames else pk.model.compare(ours, urdf)
     if as_json:
         summary = {"audit": found.to_dict()}
         if difference is not None:
@@ -76,9 +72,7 @@ def limits(as_json: Json = False) -> None:
 
     Example: pepper-kin check limits
     """
-    from pepper_kin.model import limits_table
-
-    table = limits_table()
+    table = pk.model.limits_table()
     print(json.dumps(table.to_dict(), indent=2) if as_json else table.report())
 
 
@@ -94,15 +88,13 @@ def paper(
 
     Example: pepper-kin check paper -o validation
     """
-    from pepper_kin.jobs import check_paper, save_paper_check
-
     if output is not None:
         check_folder(output)
     with progress("replaying the paper's movements") as report:
-        found = check_paper(seed=seed, progress=report)
+        found = pk.jobs.check_paper(seed=seed, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if output is not None:
-        for path in save_paper_check(found, output).values():
+        for path in pk.jobs.save_paper_check(found, output).values():
             print(f"wrote {path}", file=sys.stderr)
     if not found.success:
         raise typer.Exit(FAILED)
@@ -118,12 +110,10 @@ def physics(
 
     Example: pepper-kin check physics -o validation
     """
-    from pepper_kin.jobs import check_physics
-
     if output is not None:
         check_folder(output)
     with progress("running both engines") as report:
-        found = check_physics(seed=seed, progress=report)
+        found = pk.jobs.check_physics(seed=seed, progress=report)
     numbers = json.dumps(found.as_dict(), indent=2)
     print(numbers if as_json else found.report())
     if output is not None:

@@ -8,15 +8,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from pepper_kin.atomic_file import check_file
+import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
-
-if TYPE_CHECKING:
-    from pepper_kin.collision import Scene
+from pepper_kin.file_access.atomic_file import check_file
 
 FAILED = 1
 MISUSED = 2
@@ -45,17 +43,12 @@ def one_of(names: tuple[str, ...]) -> Completer:
 
 def complete_posture(incomplete: str) -> list[str]:
     """Complete the name of a posture."""
-    from pepper_kin.model import load_pepper
-
-    return one_of(load_pepper().posture_names)(incomplete)
+    return one_of(pk.load_pepper().posture_names)(incomplete)
 
 
 def complete_gesture(incomplete: str) -> list[str]:
     """Complete the name of a gesture, of the paper's or of the library's."""
-    from pepper_kin.motion import gesture_names
-    from pepper_kin.twin import GESTURES
-
-    return one_of((*GESTURES, *gesture_names()))(incomplete)
+    return one_of((*pk.twin.GESTURES, *pk.motion.gesture_names()))(incomplete)
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of words and tables.")]
@@ -70,21 +63,18 @@ SceneFile = Annotated[
 NoScene = Annotated[bool, typer.Option("--no-scene", help="Show no scene.")]
 
 
-def scene_of(motion: Path | None, scene: Path | None, no_scene: bool) -> Scene | None:
+def scene_of(motion: Path | None, scene: Path | None, no_scene: bool) -> pk.Scene | None:
     """Return the scene to show with a motion: the one that is named, else the one in the motion's folder.
 
     Raises:
         InvalidValueError: where one is named and none is to be shown.
         FileFormatError: for a file that is not a scene.
     """
-    from pepper_kin.collision import Scene
-    from pepper_kin.jobs import scene_beside
-
     if no_scene and scene is not None:
         raise InvalidValueError("--scene", str(scene), "to be left out with --no-scene")
     if scene is None and motion is not None and not no_scene:
-        scene = scene_beside(motion)
-    return None if scene is None else Scene.load(scene)
+        scene = pk.jobs.scene_beside(motion)
+    return None if scene is None else pk.Scene.load(scene)
 
 
 def print_json(value: Any) -> None:

@@ -1,0 +1,140 @@
+"""The commands `pepper-kin warm-up`, `export` and `gesture`: argument parsing and printing, nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import pepper_kin as pk
+from pepper_kin.cli.terminal import (
+    FAILED,
+    FORMATS,
+    SIDES,
+    Base,
+    Hands,
+    Json,
+    complete_gesture,
+    one_of,
+    print_json,
+    print_written,
+    progress,
+)
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import check_folder
+
+app = typer.Typer()
+
+
+@app.command("warm-up")
+def warm_up(
+    native: Annotated[
+        bool, typer.Option("--native", help="Make and use code for this very processor, not the package's.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Make all machine code that this processor needs, on all cores, once.
+
+    Needed only where the code that comes with the package does not fit; otherwise it is done in a moment.
+
+    Example: pepper-kin warm-up --native
+    """
+    with progress("machine code") as on_progress:
+        made = pk.jobs.warm_up(native, on_progress)
+    _print(made, as_json)
+
+
+@app.command()
+def export(
+    format: Annotated[str, typer.Argument(help="urdf, srdf, sdf or mjcf.", autocompletion=one_of(FORMATS))],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write; printed if left out.")
+    ] = None,
+    base: Base = "fixed",
+    hands: Hands = "locked",
+    mesh_paths: Annotated[
+        str | None,
+        typer.Option(help="package, absolute or relative; relative copies the meshes beside the file."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the robot for another program.
+
+    Example: pepper-kin export mjcf --hands mimic --mesh-paths relative -o pepper/pepper.xml
+    """
+    pepper = pk.load_pepper(base=base, hands=hands)
+    if output is None:
+        text = pk.model.export(pepper, format, mesh_paths=mesh_paths)
+        if as_json:
+            print_json({"format": format, "text": text})
+        else:
+            print(text)
+        return
+    print_written(pk.jobs.save_export(pepper, format, output, mesh_paths=mesh_paths), as_json)
+
+
+@app.command()
+def gesture(
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="left-arm, right-arm, head (the paper's), or wave, bow, ...", autocompletion=complete_gesture
+        ),
+    ],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the files.")] = None,
+    side: Annotated[
+        str | None,
+        typer.Option(help="right or left; right if left out.", autocompletion=one_of(SIDES)),
+    ] = None,
+    amplitude: Annotated[
+        float | None, typer.Option(help="Share of the authored way, up to 1.25; 1 if left out.")
+    ] = None,
+    tempo: Annotated[
+        float | None,
+        typer.Option(help="Speed relative to the authored one, 0.25 to 4; 1 if left out."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a gesture of the library and examine it, or replay one of the paper's table 5 on the twin.
+
+    Example: pepper-kin gesture wave --side left -o wave
+    """
+    if output is not None:
+        check_folder(output)
+    pepper = pk.load_pepper()
+    if name in pk.twin.GESTURES:
+        _refuse_options(name, side=side, amplitude=amplitude, tempo=tempo)
+        replayed = pk.twin.replay(pepper, name)
+        if output is not None:
+            pk.jobs.save_gesture(replayed, output)
+        _print(replayed, as_json)
+        return
+    made = pk.jobs.make_gesture(
+        pepper,
+        name,
+        side="right" if side is None else side,
+        amplitude=1.0 if amplitude is None else amplitude,
+        tempo=1.0 if tempo is None else tempo,
+    )
+    if output is not None:
+        pk.jobs.save_library_gesture(made, output)
+    _print(made, as_json)
+    if not made.certificate.success:
+        raise typer.Exit(FAILED)
+
+
+def _refuse_options(gesture: str, **options: object) -> None:
+    """Refuse options of authored gestures where one of the paper's is replayed, which has none."""
+    for option, value in options.items():
+        if value is not None:
+            raise InvalidValueError(
+                f"--{option}", value, f"to be omitted: {gesture!r} is replayed as published"
+            )
+
+
+def _print(found: Any, as_json: bool) -> None:
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.report())

@@ -1,0 +1,99 @@
+"""The command `pepper-kin`: its commands, and how it ends."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from pepper_kin.cli import check, making, reaching, show, view
+from pepper_kin.cli.terminal import FAILED, INTERRUPTED, MISUSED, discard_output
+from pepper_kin.exceptions import InfeasibleError, PepperKinError
+from pepper_kin.plugins import plugins
+
+WELCOME = """\
+See it work:      pepper-kin demo                                     then open pepper-kin-demo/motion.html
+Your own target:  pepper-kin reach --hand left --at 0.38 0.22 0.82
+Learn more:       pepper-kin COMMAND --help, and docs/start.md
+"""
+
+
+class _Commands(TyperGroup):
+    """The commands below, and those that are registered, which are imported where they are needed."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all."""
+        self._add_registered()
+        return super().list_commands(ctx)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, or None."""
+        if cmd_name not in self.commands:
+            self._add_registered()
+        return super().get_command(ctx, cmd_name)
+
+    def _add_registered(self) -> None:
+        for name, entry in plugins("commands").items():
+            if name not in self.commands:
+                self.commands[name] = typer.main.get_command(entry.load())
+                self.commands[name].name = name
+
+
+app = typer.Typer(
+    name="pepper-kin",
+    cls=_Commands,
+    help="Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper.",
+    pretty_exceptions_enable=False,
+)
+
+for commands in (reaching.app, making.app, view.app, check.app, show.app):
+    app.add_typer(commands)
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    """Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper."""
+    if version:
+        from importlib.metadata import version as version_of
+
+        print(f"pepper-kin {version_of('pepper_kin')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(WELCOME)
+        print(context.get_help())
+
+
+def main() -> None:
+    """Run the command line.
+
+    Exit codes: 0 done; 1 not found, or a check failed; 2 misuse, with one line of explanation; 130 Ctrl-C.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text in its encoding
+    try:
+        try:
+            app()
+        finally:
+            # Here a failure to write can still be reported; there is no stream where it was closed.
+            if sys.stdout is not None and not sys.stdout.closed:
+                sys.stdout.flush()
+    except InfeasibleError as error:
+        print(f"pepper-kin: {error}", file=sys.stderr)
+        sys.exit(FAILED)
+    except PepperKinError as error:
+        print(f"pepper-kin: {error}", file=sys.stderr)
+        sys.exit(MISUSED)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        print(f"pepper-kin: the output cannot be written: {error.strerror or error}", file=sys.stderr)
+        discard_output()
+        sys.exit(FAILED)
+    except KeyboardInterrupt:  # while the command line was being read
+        sys.exit(INTERRUPTED)
