@@ -27,7 +27,7 @@ from pepper_kin.motion.margins import checked_least
 from pepper_kin.motion.path_costs import PathCost, PathCosts
 from pepper_kin.motion.path_search import run
 from pepper_kin.motion.plan_result import Ending
-from pepper_kin.motion.problem import checked_start
+from pepper_kin.motion.problem import check_robot, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.vectors import seed_number
@@ -129,10 +129,11 @@ def plan_request(
         name: The planner's name in the plan; None: as in the options.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, and an option that is not allowed.
+        InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
         LimitError: for a start outside the joint limits, naming the joint.
         UnknownNameError: for an unknown frame.
     """
+    check_robot(pepper)
     seed = seed_number(options.seed)
     statics = static_limits(pepper, options.balance, options.payload, scene)
     constraints: tuple[Task, ...] = ()
@@ -175,8 +176,9 @@ def refuse_what_cannot_drive(
     """Refuse options that would let a differential base go sideways.
 
     Raises:
-        InvalidValueError: for constraints or another planner while the base may move.
+        InvalidValueError: for constraints or another planner while the base may move, or no robot.
     """
+    check_robot(pepper)
     if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
         return
     if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
