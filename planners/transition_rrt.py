@@ -117,7 +117,7 @@ def transition_rrt(
                 ended = grow(space, price, trees, deadline.time_slice, key, max_iterations)
                 if ended == FULL:
                     trees = with_room(trees, 1)
-                elif ended != TIME_UP or deadline.expired or counters[STOP]:
+                elif ended != TIME_UP or deadline.expired or counters[STOP] or price.stop[0]:
                     break
             status = {FOUND: Status.SOLVED, GOING_ON: Status.OUT_OF_ITERATIONS}.get(
                 ended, Status.NO_PATH_IN_TIME
