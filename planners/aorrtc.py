@@ -23,9 +23,8 @@ from .problem import FINEST_RESOLUTION, Problem
 from .result import Improvement, Result, Status, StopReason
 from .rrt_connect import Search
 from .sampling import luby, stream_key, uniform
-from .search_space import measure
 from .shortcut import LEAST_GAIN, shortcut, shorten
-from .tree import take_trees, trace
+from .tree import take_trees
 from .tree_growth import first_round, grow
 from .vectors import positive_number, seed_number, whole_number
 
@@ -100,7 +99,7 @@ def aorrtc(
         InvalidValueError: The path has another number of coordinates, an option is not allowed, or the
             checker answers in a wrong shape.
     """
-    load_code(first_round, grow, trace, measure, shorten)
+    load_code(first_round, grow, shorten)
     deadline = Deadline(timeout)
     seed, gap = seed_number(seed), _checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)

@@ -17,7 +17,7 @@ from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
 from .sampling import luby, stream_key
-from .search_space import STOP, last_valid_step, measure, space_of
+from .search_space import STOP, last_valid_step, space_of
 from .tree import (
     BY_EDGE,
     FOUND,
@@ -31,8 +31,6 @@ from .tree import (
     Trees,
     leave_trees,
     take_trees,
-    trace,
-    traced,
     with_room,
 )
 from .tree_growth import (
@@ -54,6 +52,7 @@ from .tree_growth import (
     grow,
     narrow,
     plant,
+    write_path,
 )
 from .vectors import FloatArray, positive_number, seed_number, whole_number
 
@@ -119,7 +118,7 @@ def rrt_connect(
     Raises:
         InvalidValueError: An option is not allowed, or the checker answers in a wrong shape.
     """
-    load_code(first_round, trace, measure)
+    load_code(first_round)
     deadline = Deadline(timeout)
     seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
@@ -387,15 +386,13 @@ class Search:
 
     def path(self) -> tuple[Path, int]:
         """Return the path along which the trees have met, and its goal."""
-        trees, count = self._trees, int(self._trees.counters[WAY_POINTS])
-        if count:
-            points, lengths = _workspace(self._problem.n)
-            goal = int(trees.counters[GOAL])
-            return Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy()), goal
-        points, goal = traced(trees)
-        lengths = np.empty(len(points))
-        measure(points, len(points), self._space.weights, lengths)
-        return Path.trusted(points, self._problem.metric, lengths), goal
+        trees, (points, lengths) = self._trees, _workspace(self._problem.n)
+        count = int(trees.counters[WAY_POINTS]) or write_path(self._space, trees, points, lengths)
+        if count > len(lengths):
+            points, lengths = np.empty((count, self._problem.n)), np.empty(count)
+            write_path(self._space, trees, points, lengths)
+        path = Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy())
+        return path, int(trees.counters[GOAL])
 
     def end(self) -> None:
         """Leave the memory of the trees to other searches; it must not be used afterwards."""

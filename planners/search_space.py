@@ -73,8 +73,8 @@ def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
     return math.sqrt(total)
 
 
-@compiled("void(float64[:, ::1], int64, float64[::1], float64[::1])", lean=True)
-def measure(points: Floats2, size: int, weights: Floats1, lengths: Floats1) -> None:
+@compiled(lean=True)
+def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
     """Write the length of a path from the first to each of its points.
 
     Args:

@@ -395,12 +395,26 @@ def first_round(
     counters = trees.counters
     ended = _grow_first(space, trees, seconds, ends, key, iterations)
     if ended == FOUND:
-        count = way_point_count(trees)
-        if count <= lengths.size:
-            counters[WAY_POINTS] = count
-            counters[GOAL] = trace(trees, points[:count])
-            measure(points, count, space.weights, lengths)
+        count = write_path(space, trees, points, lengths)
+        counters[WAY_POINTS] = count if count <= lengths.size else 0
     return ended
+
+
+@compiled("int64(SearchSpace, Trees, float64[:, ::1], float64[::1])", lean=True)
+def write_path(space: SearchSpace, trees: Trees, points: Floats2, lengths: Floats1) -> int:
+    """Write the path along which the trees have met if it fits; return its number of way-points.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees; counters[GOAL] receives the goal.
+        points: Written, from the start to the goal, shape (m, n).
+        lengths: Written: length of the path up to each, shape (m,) [length unit of the metric].
+    """
+    count = way_point_count(trees)
+    if count <= lengths.size:
+        trees.counters[GOAL] = trace(trees, points[:count])
+        measure(points, count, space.weights, lengths)
+    return count
 
 
 @compiled(lean=True)

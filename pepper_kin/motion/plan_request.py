@@ -238,8 +238,9 @@ def _load_code_of(kind: str) -> None:
         from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
         from pepper_kin.planners.transition_rrt import grow as grow_by_cost
         from pepper_kin.planners.transition_rrt import last_valid_step, price_at
+        from pepper_kin.planners.tree import trace
 
-        load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step)
+        load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step, trace)
     if kind == "constraints":
         from pepper_kin.planners.cbirrt import grow as grow_on_manifold
         from pepper_kin.planners.cbirrt import measure_rows, walk
