@@ -24,7 +24,8 @@ from .result import Improvement, Result, Status, StopReason
 from .rrt_connect import Search
 from .sampling import luby, stream_key, uniform
 from .shortcut import LEAST_GAIN, shortcut, shorten
-from .tree_growth import first_round, grow, take_trees
+from .tree import take_trees
+from .tree_growth import first_round, grow
 from .vectors import positive_number, seed_number, whole_number
 
 _UNLIMITED = 2**62

@@ -17,7 +17,7 @@ import numpy as np
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 from .car_curves import PIECES, CarCurve, car_curve, pose_on_curve, shortest_curve
 from .deadline import Deadline, load_code
@@ -26,40 +26,39 @@ from .motion_validator import machine_code_of
 from .problem import Problem
 from .result import Status
 from .sampling import stream_key, uniform
-from .search_space import STOP, SearchSpace, last_valid_step, space_of
-from .tree import grown
+from .search_space import STATES, STOP, SearchSpace, last_valid_step, space_of
+from .tree import (
+    BY_EDGE,
+    FOUND,
+    FULL,
+    GOAL_NODE,
+    GOAL_SIZE,
+    ITERATIONS,
+    OWN_COUNTERS,
+    SAMPLE,
+    START_NODE,
+    START_SIZE,
+    TARGET,
+    TIME_UP,
+    Trees,
+    add_node,
+    leave_trees,
+    room,
+    take_trees,
+    trace,
+    traced,
+    with_room,
+)
 from .vectors import FloatArray, positive_number, read_only, seed_number
 
-ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, SIZE = range(STOP + 1, STOP + 7)
-_COUNTERS = SIZE + 1
-
-FOUND, GOING_ON, TIME_UP, FULL = range(4)
+SIZE = OWN_COUNTERS  # of the counters: pieces of a path that is shortened
 
 _REACH = 6.0  # longest extension, in turning radii
-_FIRST_CAPACITY = 256
 _STRIDE = 16  # states of a curve that are looked at first
 _LEAST_GAIN = 0.01  # of the length: what a short-cut has to save
 _SHORTCUTS = 400
 _LEAST_PIECE = 1e-12  # [m]: what is shorter comes from rounding
 _STREAM = 0xCA2
-
-
-class CarTrees(NamedTuple):
-    """Two trees of poses, and space for a curve.
-
-    Attributes:
-        poses: (x, y, yaw), shape (2, capacity, 3).
-        parents: Numbers of the nodes before; -1 - k for root k, shape (2, capacity).
-        segments: Memory for two curves, shape (2, 2, PIECES).
-        rows: Memory for poses, shape (4, 3).
-        counters: See the places above.
-    """
-
-    poses: Floats3
-    parents: Ints2
-    segments: Floats3
-    rows: Floats2
-    counters: Ints1
 
 
 class Car(NamedTuple):
@@ -129,71 +128,58 @@ def car_connect(
     Raises:
         InvalidValueError: The problem has not three coordinates or draws its goals, or an option is wrong.
     """
-    load_code(grow_car, shorten_car)
+    load_code(grow_car, shorten_car, add_node, trace)
     deadline, radius = Deadline(timeout), positive_number("radius", radius)
     if problem.n != 3 or problem.goal_sampler is not None:
         raise InvalidValueError("problem", f"{problem.n} coordinates", "three, and goals that are given")
-    counters, key = np.zeros(_COUNTERS, np.int64), stream_key(seed_number(seed), _STREAM)
-    weights = problem.metric.weights
+    key, weights, trees = stream_key(seed_number(seed), _STREAM), problem.metric.weights, take_trees(3)
+    counters = trees.counters
     rate = math.hypot(float(weights[:2].max()), float(weights[2]) / radius)
     car = Car(radius, bool(backward), rate, _REACH * radius)
     with machine_code_of(problem, deadline, counters=counters) as code:
         space = space_of(problem, code, problem.spacing)
-        status, curve, goal, frontier = _searched(problem, space, car, counters, key, deadline)
+        status, curve, goal, frontier = _searched(problem, space, car, trees, key, deadline)
         if curve is not None:
             curve = _shortened(space, car, curve, counters, deadline, stream_key(seed, _STREAM + 1))
-    states, sizes = int(counters[0]), (int(counters[START_SIZE]), int(counters[GOAL_SIZE]))
+    samples, start, end = counters[ITERATIONS : GOAL_SIZE + 1].tolist()
+    leave_trees(trees)
     return CarResult(
-        status, curve, goal, int(counters[ITERATIONS]), states, deadline.elapsed, seed,
-        None if frontier is None else sizes, frontier,
+        status, curve, goal, samples, int(counters[STATES]), deadline.elapsed, seed,
+        None if frontier is None else (start, end), frontier,
     )  # fmt: skip
 
 
 def _searched(
-    problem: Problem, space: SearchSpace, car: Car, counters: Ints1, key: np.uint64, deadline: Deadline
+    problem: Problem, space: SearchSpace, car: Car, trees: Trees, key: np.uint64, deadline: Deadline
 ) -> tuple[Status, CarCurve | None, int | None, FloatArray | None]:
     """Return how it ended, the path, its goal, and some nodes of the smaller tree where there is none."""
-    start, goals = problem.start.copy(), problem.goals.copy()
+    start, goals, counters = problem.start.copy(), problem.goals.copy(), trees.counters
     if last_valid_step(space, start, start, 1, counters) != 1:
         return Status.START_INVALID, None, None, None
     valid = [k for k, goal in enumerate(goals) if last_valid_step(space, goal, goal, 1, counters) == 1]
     if not valid:
         return Status.GOAL_INVALID, None, None, None
-    capacity = _FIRST_CAPACITY + len(valid)
-    trees = CarTrees(
-        np.empty((2, capacity, 3)), np.empty((2, capacity), np.int64), np.zeros((2, 2, PIECES)),
-        np.empty((4, 3)), counters,
-    )  # fmt: skip
-    trees.poses[0, 0], trees.parents[0, 0] = start, -1
-    trees.poses[1, : len(valid)], trees.parents[1, : len(valid)] = goals[valid], -1 - np.array(valid)
-    counters[START_SIZE], counters[GOAL_SIZE] = 1, len(valid)
+    trees, segments = with_room(trees, len(valid)), np.zeros((2, 2, PIECES))
+    add_node(space, trees, 0, -1, start)
+    for k in valid:
+        add_node(space, trees, 1, -1 - k, goals[k])
     while True:
-        ended = grow_car(space, car, trees, deadline.time_slice, key)
+        ended = grow_car(space, car, trees, segments, deadline.time_slice, key)
         if ended == FOUND:
             return Status.SOLVED, *_path(trees, car), None
         if ended == FULL:
-            capacity *= 2
-            trees = trees._replace(
-                poses=grown(trees.poses, capacity, axis=1), parents=grown(trees.parents, capacity, axis=1)
-            )
+            trees = with_room(trees, 1)
         elif deadline.expired or counters[STOP]:
             side = int(counters[GOAL_SIZE] < counters[START_SIZE])
-            nodes = spread(trees.poses[side, : counters[START_SIZE + side]])
+            nodes = spread(trees.states[side, : counters[START_SIZE + side]])
             return Status.NO_PATH_IN_TIME, None, None, nodes
 
 
-def _path(trees: CarTrees, car: Car) -> tuple[CarCurve, int]:
-    branches = []
-    for side, node in enumerate(trees.counters[[START_NODE, GOAL_NODE]]):
-        poses, place = [], int(node)
-        while place >= 0:
-            poses.append(trees.poses[side, place].copy())
-            place = int(trees.parents[side, place])
-        branches.append(poses)
-    ends = [*reversed(branches[0]), *branches[1]]
+def _path(trees: Trees, car: Car) -> tuple[CarCurve, int]:
+    ends, goal = traced(trees)
     curves = [car_curve(a, b, car.radius, backward=car.backward) for a, b in itertools.pairwise(ends)]
     turns, lengths = (np.concatenate([getattr(one, name) for one in curves]) for name in ("turns", "lengths"))
-    return CarCurve(read_only(ends[0]), read_only(turns), read_only(lengths), car.radius), -1 - place
+    return CarCurve(read_only(ends[0]), read_only(turns), read_only(lengths), car.radius), goal
 
 
 def _shortened(
@@ -299,11 +285,11 @@ def curve_is_free(
 
 
 @compiled
-def _nearest(trees: CarTrees, car: Car, side: int, target: Floats1) -> int:
+def _nearest(trees: Trees, car: Car, side: int, target: Floats1, segments: Floats2) -> int:
     """Return the node from which the curve to a pose (or to which that from it) is shortest."""
-    best, found, segments = math.inf, -1, trees.segments[0]
+    best, found = math.inf, -1
     for k in range(trees.counters[START_SIZE + side]):
-        node = trees.poses[side, k]
+        node = trees.states[side, k]
         if math.hypot(node[0] - target[0], node[1] - target[1]) >= best:
             continue
         if side == 0:
@@ -316,23 +302,28 @@ def _nearest(trees: CarTrees, car: Car, side: int, target: Floats1) -> int:
 
 
 @compiled
-def _edge_is_free(space: SearchSpace, car: Car, trees: CarTrees, side: int, node: int, pose: Floats1) -> bool:
+def _edge_is_free(
+    space: SearchSpace, car: Car, trees: Trees, side: int, node: int, pose: Floats1, segments: Floats2
+) -> bool:
     """Return whether the curve between a node and a pose, towards the goals, is free."""
-    own, segments = trees.poses[side, node], trees.segments[1]
+    own = trees.states[side, node]
     first = own if side == 0 else pose
     last = pose if side == 0 else own
     length = shortest_curve(first, last, car.radius, car.backward, segments)
     return curve_is_free(space, car, first, segments, length, trees.counters)
 
 
-@compiled("int64(SearchSpace, Car, CarTrees, float64, uint64)")
-def grow_car(space: SearchSpace, car: Car, trees: CarTrees, seconds: float, key: np.uint64) -> int:
+@compiled("int64(SearchSpace, Car, Trees, float64[:, :, ::1], float64, uint64)")
+def grow_car(
+    space: SearchSpace, car: Car, trees: Trees, curves: Floats3, seconds: float, key: np.uint64
+) -> int:
     """Grow the smaller of two trees until they meet; see the module.
 
     Args:
         space: Box, metric and validity.
         car: How the car turns.
         trees: The trees.
+        curves: Memory for two curves, shape (2, 2, PIECES).
         seconds: Time budget [s].
         key: Of the stream of random numbers.
 
@@ -340,12 +331,12 @@ def grow_car(space: SearchSpace, car: Car, trees: CarTrees, seconds: float, key:
         FOUND (counters[START_NODE] and counters[GOAL_NODE] are joined by a curve), TIME_UP or FULL.
     """
     counters, spare = trees.counters, np.empty(2, np.int64)
-    sample, new, segments = trees.rows[0], trees.rows[1], trees.segments[1]
+    sample, new, tried, segments = trees.rows[SAMPLE], trees.rows[TARGET], curves[0], curves[1]
     end = seconds_now(space.clock, spare) + seconds
     while True:
         if counters[STOP] != 0 or seconds_now(space.clock, spare) >= end:
             return TIME_UP
-        if max(counters[START_SIZE], counters[GOAL_SIZE]) >= trees.parents.shape[1]:
+        if room(trees) < 1:
             return FULL
         number = counters[ITERATIONS]
         counters[ITERATIONS] += 1
@@ -354,24 +345,22 @@ def grow_car(space: SearchSpace, car: Car, trees: CarTrees, seconds: float, key:
             for i in range(2):
                 sample[i] = space.lower[i] + space.extent[i] * uniform(key, 3 * number + i)
             sample[2] = math.pi * (2.0 * uniform(key, 3 * number + 2) - 1.0)
-            near = _nearest(trees, car, side, sample)
-            own = trees.poses[side, near]
+            near = _nearest(trees, car, side, sample, tried)
+            own = trees.states[side, near]
             if side == 0:
                 length = shortest_curve(own, sample, car.radius, car.backward, segments)
                 pose_on_curve(own, segments, car.radius, min(length, car.reach), new)
             else:
                 length = shortest_curve(sample, own, car.radius, car.backward, segments)
                 pose_on_curve(sample, segments, car.radius, max(length - car.reach, 0.0), new)
-            if not _edge_is_free(space, car, trees, side, near, new):
+            if not _edge_is_free(space, car, trees, side, near, new, segments):
                 continue
-            node = counters[START_SIZE + side]
-            for i in range(3):
-                trees.poses[side, node, i] = new[i]
-            trees.parents[side, node] = near
-            counters[START_SIZE + side] += 1
+            node = add_node(space, trees, side, near, new)
         else:
             side, node = 0, 0
-        meeting = _nearest(trees, car, 1 - side, trees.poses[side, node])
-        if _edge_is_free(space, car, trees, 1 - side, meeting, trees.poses[side, node]):
+        pose = trees.states[side, node]
+        meeting = _nearest(trees, car, 1 - side, pose, tried)
+        if _edge_is_free(space, car, trees, 1 - side, meeting, pose, segments):
             counters[START_NODE + side], counters[GOAL_NODE - side] = node, meeting
+            counters[BY_EDGE] = 1
             return FOUND

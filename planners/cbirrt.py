@@ -12,7 +12,7 @@ import numpy as np
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 from .constraint_manifold import (
     INNER,
@@ -32,39 +32,33 @@ from .problem import Problem
 from .result import Result, Status
 from .sampling import random_state, stream_key
 from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of
-from .tree import LANES, grown, nearest, set_lane, whole_blocks
+from .tree import (
+    FOUND,
+    FULL,
+    GOAL_NODE,
+    GOAL_SIZE,
+    GOING_ON,
+    ITERATIONS,
+    SAMPLE,
+    START_NODE,
+    TARGET,
+    TIME_UP,
+    Trees,
+    add_node,
+    leave_trees,
+    nearest_node,
+    room,
+    take_trees,
+    trace,
+    traced,
+    with_room,
+)
 from .vectors import BoolArray, FloatArray, seed_number, whole_number
 
 _ON_MANIFOLD = 1.0 + 1e-9
-_FIRST_CAPACITY = 512
 _MOST_STEPS = 20_000  # of a walk
 _LONGEST = 4.0  # of the diagonal: length of a walk of whole steps
 _SHUT_IN_SAMPLES, _SHUT_IN_NODES, _SHUT_IN_RATE = 1000, 10, 0.002  # from, below, or below, for each sample
-
-# How growth ends.
-_GOING_ON, _FOUND, _TIME_UP, _FULL = range(4)
-
-# Places in `counters`, after those of the validity function.
-_ITERATIONS, _START_NODE, _GOAL_NODE = range(STOP + 1, STOP + 4)
-
-# Rows of `rows`.
-_SAMPLE, _SCALED, _CURRENT, _TARGET = range(4)
-
-
-class Tree(NamedTuple):
-    """A forest of states with space for m nodes, each of which but the roots has a parent added before it.
-
-    Attributes:
-        states: Shape (m, n).
-        lanes: Scaled states, shape (m / 8, n, 8).
-        parents: Shape (m,); -1 of a root.
-        size: Number of nodes, shape (1,).
-    """
-
-    states: Floats2
-    lanes: Floats3
-    parents: Ints1
-    size: Ints1
 
 
 class Workspace(NamedTuple):
@@ -72,14 +66,12 @@ class Workspace(NamedTuple):
 
     Attributes:
         chain: States of a walk, which it has at most, shape (k, n).
-        rows: Shape (4, n).
-        squares: Eight numbers.
-        counters: See the places above.
+        current: The state that the walk has come to, shape (n,).
+        counters: See `search_space.last_valid_step`; those of the trees where there are any.
     """
 
     chain: Floats2
-    rows: Floats2
-    squares: Floats1
+    current: Floats1
     counters: Ints1
 
 
@@ -123,27 +115,28 @@ def cbirrt(
         InvalidValueError: An option is not allowed, the manifold has another number of coordinates, or a
             function answers in a wrong shape.
     """
-    load_code(grow, walk, measure_rows)
+    load_code(grow, walk, measure_rows, trace)
     require_fit(problem, manifold)
     if problem.goal_sampler is not None:
         raise InvalidValueError("goals", "a sampler", "goal states, for a path on a manifold")
     seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     deadline = Deadline(timeout)
     off, residual = _off_manifold(problem, manifold)
-    found, counters = _Candidate(off or Status.SOLVED), np.zeros(_GOAL_NODE + 1, dtype=np.int64)
+    found, trees = _Candidate(off or Status.SOLVED), take_trees(problem.n)
     if off is None:
-        with Explorer(problem, manifold, deadline, counters) as explorer:
-            found = _search(problem, manifold, explorer, seed, max_iterations)
+        with Explorer(problem, manifold, deadline, trees.counters) as explorer:
+            found = _search(problem, manifold, explorer, trees, seed, max_iterations)
     path = None if found.points is None else Path.trusted(found.points, problem.metric)
     if path is not None:
         residual = manifold.worst(path.points)
-    states, calls = counters[:STOP].tolist()
+    states, calls, _, samples = trees.counters[: ITERATIONS + 1].tolist()
+    leave_trees(trees)
     return Result(
         status=found.status,
         path=path,
         goal_index=found.goal_index,
         cost=math.inf if path is None else path.length,
-        iterations=int(counters[_ITERATIONS]),
+        iterations=samples,
         states_checked=states,
         validity_calls=calls,
         time=deadline.elapsed,
@@ -192,7 +185,7 @@ class _Candidate(NamedTuple):
 
 
 def _search(
-    problem: Problem, manifold: ConstraintManifold, explorer: Explorer, seed: int, most: int
+    problem: Problem, manifold: ConstraintManifold, explorer: Explorer, trees: Trees, seed: int, most: int
 ) -> _Candidate:
     """Search until there is a path, or samples or time run out."""
     if not explorer.valid(problem.start):
@@ -209,70 +202,28 @@ def _search(
         if reached:
             return _Candidate(Status.SOLVED, np.concatenate((problem.start[None], states)), int(goal))
         first = states if k == 0 else first
-    weights = problem.metric.weights
-    chain = np.concatenate((problem.start[None], first))
-    trees = (
-        _planted(chain, np.arange(-1, len(chain) - 1), weights),
-        _planted(problem.goals[goals], np.full(goals.size, -1), weights),
-    )
-    ended, workspace, deadline, key = _FULL, explorer.workspace, explorer.deadline, stream_key(seed, 0)
-    while ended == _FULL or (ended == _TIME_UP and not explorer.stopped):
-        if ended == _FULL:
-            trees = (
-                _with_capacity(trees[0], len(workspace.chain)),
-                _with_capacity(trees[1], len(workspace.chain)),
-            )
+    space, chain = explorer.space, explorer.workspace.chain
+    trees = with_room(trees, max(len(first) + 1, goals.size))
+    add_chain(space, trees, 0, add_node(space, trees, 0, -1, problem.start), first)
+    for k in goals:
+        add_node(space, trees, 1, -1 - int(k), problem.goals[k])
+    ended, deadline, key = FULL, explorer.deadline, stream_key(seed, 0)
+    while ended == FULL or (ended == TIME_UP and not explorer.stopped):
+        trees = with_room(trees, len(chain)) if ended == FULL else trees
         seconds = np.array([deadline.time_slice, deadline.left])
-        ended = grow(explorer.space, explorer.surface, *trees, workspace, seconds, key, most)
-    if ended != _FOUND:
-        return _failed(trees, int(workspace.counters[_ITERATIONS]), ended == _TIME_UP)
-    to_start = _branch(trees[0], workspace.counters[_START_NODE])
-    to_goal = _branch(trees[1], workspace.counters[_GOAL_NODE])
-    halves = trees[0].states[to_start[::-1]], trees[1].states[to_goal[1:]]
-    return _Candidate(Status.SOLVED, np.concatenate(halves), int(goals[to_goal[-1]]))
+        ended = grow(space, explorer.surface, trees, explorer.workspace, seconds, key, most)
+    return _Candidate(Status.SOLVED, *traced(trees)) if ended == FOUND else _failed(trees, ended == TIME_UP)
 
 
-def _failed(trees: tuple[Tree, Tree], samples: int, late: bool) -> _Candidate:
+def _failed(trees: Trees, late: bool) -> _Candidate:
     """Return how a search ended that found nothing; an end whose tree hardly grew is shut in."""
-    start, goal = int(trees[0].size[0]), int(trees[1].size[0])
-    small = trees[0] if start <= goal else trees[1]
+    samples, start, goal = trees.counters[ITERATIONS : GOAL_SIZE + 1].tolist()
+    small = 0 if start <= goal else 1
     status = Status.NO_PATH_IN_TIME if late else Status.OUT_OF_ITERATIONS
     if samples >= _SHUT_IN_SAMPLES and min(start, goal) < max(_SHUT_IN_NODES, _SHUT_IN_RATE * samples):
-        status = Status.START_SHUT_IN if start <= goal else Status.GOAL_SHUT_IN
-    return _Candidate(status, sizes=(start, goal), frontier=spread(small.states[: small.size[0]]))
-
-
-def _planted(states: FloatArray, parents: np.ndarray, weights: FloatArray) -> Tree:
-    """Return a tree of states, shape (k, n), and their parents, shape (k,)."""
-    count, n = states.shape
-    capacity = whole_blocks(max(_FIRST_CAPACITY, count))
-    tree = Tree(
-        grown(states, capacity),
-        np.empty((capacity // LANES, n, LANES)),
-        grown(parents.astype(np.int64), capacity),
-        np.array([count], dtype=np.int64),
-    )
-    for node in range(count):
-        set_lane(tree.lanes, node, tree.states[node], weights)
-    return tree
-
-
-def _with_capacity(tree: Tree, spare: int) -> Tree:
-    """Return a tree that has space for some more nodes."""
-    if int(tree.size[0]) + spare <= len(tree.states):
-        return tree
-    capacity = whole_blocks(2 * len(tree.states) + spare)
-    states, lanes = grown(tree.states, capacity), grown(tree.lanes, capacity // LANES)
-    return Tree(states, lanes, grown(tree.parents, capacity), tree.size)
-
-
-def _branch(tree: Tree, node: int) -> list[int]:
-    """Return the nodes from a node to its root, both included."""
-    nodes = []
-    while node >= 0:
-        nodes.append(int(node))
-        node = tree.parents[node]
-    return nodes
+        status = Status.GOAL_SHUT_IN if small else Status.START_SHUT_IN
+    nodes = trees.states[small, : min(start, goal)]
+    return _Candidate(status, sizes=(start, goal), frontier=spread(nodes))
 
 
 @compiled(
@@ -308,7 +259,7 @@ def walk(
         np.empty(2, np.int64),
         workspace.counters,
         workspace.chain,
-        workspace.rows[_CURRENT],
+        workspace.current,
     )
     n, count, walked, end = origin.size, 0, 0.0, seconds_now(space.clock, place) + seconds
     for i in range(n):
@@ -334,39 +285,38 @@ def walk(
     return count, False
 
 
+@compiled("int64(SearchSpace, Trees, int64, int64, float64[:, ::1])")
+def add_chain(space: SearchSpace, trees: Trees, side: int, node: int, chain: Floats2) -> int:
+    """Add states, shape (k, n), behind a node of a tree, each the parent of the next; return the last one."""
+    for k in range(chain.shape[0]):
+        node = add_node(space, trees, side, node, chain[k])
+    return node
+
+
 @compiled
 def _extend(
     space: SearchSpace,
     surface: Surface,
-    tree: Tree,
+    trees: Trees,
+    side: int,
     workspace: Workspace,
     seconds: float,
     target: Floats1,
     exact: bool,
 ) -> tuple[int, bool]:
     """Grow a tree from its node nearest to a target; return the last new node, or -1, and if it got there."""
-    n = target.size
-    for i in range(n):
-        workspace.rows[_SCALED, i] = target[i] * space.weights[i]
-    node = nearest(tree.lanes, tree.size[0], workspace.rows[_SCALED], workspace.squares)
-    origin = tree.states[node]
+    node = nearest_node(space, trees, side, target)
+    origin = trees.states[side, node]
     count, reached = walk(space, surface, workspace, seconds, origin, target, exact, math.inf)
-    for k in range(count):
-        new = tree.size[0]
-        for i in range(n):
-            tree.states[new, i] = workspace.chain[k, i]
-        set_lane(tree.lanes, new, workspace.chain[k], space.weights)
-        tree.parents[new], tree.size[0] = node, new + 1
-        node = new
-    return (node if count > 0 else -1), reached
+    last = add_chain(space, trees, side, node, workspace.chain[:count])
+    return (last if count > 0 else -1), reached
 
 
-@compiled("int64(SearchSpace, Surface, Tree, Tree, Workspace, float64[::1], uint64, int64)")
+@compiled("int64(SearchSpace, Surface, Trees, Workspace, float64[::1], uint64, int64)")
 def grow(
     space: SearchSpace,
     surface: Surface,
-    start: Tree,
-    goal: Tree,
+    trees: Trees,
     workspace: Workspace,
     seconds: Floats1,
     key: np.uint64,
@@ -377,43 +327,40 @@ def grow(
     Args:
         space: Box, metric and validity.
         surface: The manifold.
-        start: The tree of the start, which grows in even iterations.
-        goal: That of the goals.
-        workspace: Its counters hold the iterations, and the nodes at which the trees have met.
+        trees: The trees; that of the start grows in even iterations.
+        workspace: Of the walks.
         seconds: Time after which no iteration begins, and time after which walks end too, shape (2,) [s]: a
             walk cut by the first would make the trees depend on the machine's load.
         key: Of the stream of random numbers.
         iterations: Number of samples in all, those of earlier calls included.
 
     Returns:
-        _FOUND, _GOING_ON if the iterations are used up, _TIME_UP, or _FULL if there may be no space for the
-        nodes of one more iteration.
+        FOUND, GOING_ON if the iterations are used up, TIME_UP, or FULL if there may be no space for the nodes
+        of one more iteration.
     """
-    place, counters, n = np.empty(2, np.int64), workspace.counters, space.lower.size
+    place, counters, rows, n = np.empty(2, np.int64), trees.counters, trees.rows, space.lower.size
     begin = seconds_now(space.clock, place)
-    while counters[_ITERATIONS] < iterations:
+    while counters[ITERATIONS] < iterations:
         spent = seconds_now(space.clock, place) - begin
         if spent >= min(seconds[0], seconds[1]) or counters[STOP] != 0 or surface.stop[0] != 0:
-            return _TIME_UP
-        spare = min(start.lanes.shape[0] * LANES - start.size[0], goal.lanes.shape[0] * LANES - goal.size[0])
-        if spare < workspace.chain.shape[0]:
-            return _FULL
-        random_state(space, key, counters[_ITERATIONS] * n, workspace.rows[_SAMPLE])
-        first = counters[_ITERATIONS] % 2 == 0
-        counters[_ITERATIONS] += 1
-        growing, other = (start, goal) if first else (goal, start)
+            return TIME_UP
+        if room(trees) < workspace.chain.shape[0]:
+            return FULL
+        random_state(space, key, counters[ITERATIONS] * n, rows[SAMPLE])
+        side = counters[ITERATIONS] % 2
+        counters[ITERATIONS] += 1
         left = seconds[1] - spent
-        new, _ = _extend(space, surface, growing, workspace, left, workspace.rows[_SAMPLE], False)
+        new, _ = _extend(space, surface, trees, side, workspace, left, rows[SAMPLE], False)
         if new < 0:
             continue
         for i in range(n):
-            workspace.rows[_TARGET, i] = growing.states[new, i]
+            rows[TARGET, i] = trees.states[side, new, i]
         left = seconds[1] - (seconds_now(space.clock, place) - begin)
-        meeting, reached = _extend(space, surface, other, workspace, left, workspace.rows[_TARGET], True)
+        meeting, reached = _extend(space, surface, trees, 1 - side, workspace, left, rows[TARGET], True)
         if reached:
-            counters[_START_NODE], counters[_GOAL_NODE] = (new, meeting) if first else (meeting, new)
-            return _FOUND
-    return _GOING_ON
+            counters[START_NODE + side], counters[GOAL_NODE - side] = new, meeting
+            return FOUND
+    return GOING_ON
 
 
 @compiled("boolean(SearchSpace, float64[:, ::1], float64, int64[::1])")
@@ -449,8 +396,8 @@ class Explorer:
         """
         n, resolution = problem.n, problem.spacing
         steps = min(int(_LONGEST * problem.diagonal / resolution) + 1, _MOST_STEPS)
-        counters = np.zeros(_GOAL_NODE + 1, dtype=np.int64) if counters is None else counters
-        self.workspace = Workspace(np.empty((steps, n)), np.empty((4, n)), np.empty(LANES), counters)
+        counters = np.zeros(STOP + 1, dtype=np.int64) if counters is None else counters
+        self.workspace = Workspace(np.empty((steps, n)), np.empty(n), counters)
         self.deadline, self.resolution = deadline, resolution
         self._problem, self._contexts = problem, ExitStack()
         self._surface = OnSurface(manifold, problem.lower, problem.upper, problem.metric.weights)

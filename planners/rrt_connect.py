@@ -18,36 +18,41 @@ from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
 from .sampling import luby, stream_key
 from .search_space import STOP, last_valid_step, space_of
-from .tree import LANES
-from .tree_growth import (
-    DIRECT,
+from .tree import (
+    BY_EDGE,
     FOUND,
     FULL,
-    GOAL,
     GOAL_SIZE,
     GOING_ON,
-    GREW,
     ITERATIONS,
+    LANES,
+    START_SIZE,
+    TIME_UP,
+    Trees,
+    leave_trees,
+    take_trees,
+    with_room,
+)
+from .tree_growth import (
+    BOUND,
+    COST,
+    GOAL,
+    GREW,
+    RADIUS,
     ROUND,
     SMALL,
     START_INVALID,
-    START_SIZE,
-    TIME_UP,
     TRIED,
     WAY_POINTS,
     WIDTH,
+    WITHIN,
     PathEnds,
-    Trees,
     diagonal_of,
     first_round,
     grow,
-    leave_trees,
     narrow,
     plant,
-    take_trees,
-    trace,
-    way_point_count,
-    with_capacity,
+    write_path,
 )
 from .vectors import FloatArray, positive_number, seed_number, whole_number
 
@@ -193,10 +198,7 @@ class Search:
 
     def _make_space(self, goals: FloatArray) -> Ints1:
         """Make the tree of the goals large enough for them; return the order in which they are tried."""
-        trees, capacity = self._trees, self._trees.states.shape[1]
-        nodes = int(trees.counters[GOAL_SIZE]) + len(goals)
-        if nodes > capacity:
-            self._trees = with_capacity(trees, max(nodes, 2 * capacity))
+        self._trees = with_room(self._trees, len(goals))
         if len(goals) == 1:
             return _FIRST
         apart = self._problem.metric.distance(self._problem.start, goals)
@@ -220,7 +222,7 @@ class Search:
             if ended != FULL:
                 return ended
             spare = int(self._problem.diagonal / self._space.reach) + 4
-            trees = self._trees = with_capacity(trees, 2 * trees.states.shape[1] + spare)
+            trees = self._trees = with_room(trees, spare)
 
     @property
     def samples(self) -> int:
@@ -230,7 +232,7 @@ class Search:
     @property
     def found_straight(self) -> bool:
         """Whether the path that was found is a straight edge."""
-        return bool(self._trees.counters[DIRECT])
+        return bool(self._trees.counters[BY_EDGE])
 
     def begin(self, deadline: Deadline) -> bool:
         """Make valid ends the roots and try the straight edges; return whether both trees have a root."""
@@ -287,7 +289,7 @@ class Search:
         narrow(self._space, self._trees, 0.0, inside, region)
         self._draw_from(region)
         within = inside if self._is_smaller_than_box(inside) else math.inf
-        self._trees = self._trees._replace(bound=bound, within=within)
+        self._trees.numbers[BOUND], self._trees.numbers[WITHIN] = bound, within
         self._round_end = until = self.samples + iterations
         return self.grow(until, deadline) == FOUND
 
@@ -352,14 +354,14 @@ class Search:
     def _forget_nodes(self) -> None:
         """Forget all nodes but the roots."""
         trees = self._trees
-        trees.counters[DIRECT] = trees.counters[WAY_POINTS] = 0
+        trees.counters[BY_EDGE] = trees.counters[WAY_POINTS] = 0
         for side in range(2):
             size = int(trees.counters[START_SIZE + side])
             roots = np.flatnonzero(trees.parents[side, :size] < 0)
             kept, places = trees.states[side, roots], np.arange(roots.size)
             trees.counters[START_SIZE + side] = roots.size
             trees.states[side, places], trees.parents[side, places] = kept, trees.parents[side, roots]
-            trees.radii[side, places], trees.costs[side, places] = math.inf, 0.0
+            trees.values[RADIUS, side, places], trees.values[COST, side, places] = math.inf, 0.0
             trees.lanes[side, : roots.size // LANES + 1] = math.inf
             trees.lanes[side, places // LANES, :, places % LANES] = kept * self._space.weights
 
@@ -384,15 +386,13 @@ class Search:
 
     def path(self) -> tuple[Path, int]:
         """Return the path along which the trees have met, and its goal."""
-        trees, count = self._trees, int(self._trees.counters[WAY_POINTS])
-        if count:
-            points, lengths = _workspace(self._problem.n)
-            goal = int(trees.counters[GOAL])
-            return Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy()), goal
-        count = way_point_count(trees)
-        points, lengths = np.empty((count, self._problem.n)), np.empty(count)
-        goal = trace(self._space, trees, points, lengths)
-        return Path.trusted(points, self._problem.metric, lengths), goal
+        trees, (points, lengths) = self._trees, _workspace(self._problem.n)
+        count = int(trees.counters[WAY_POINTS]) or write_path(self._space, trees, points, lengths)
+        if count > len(lengths):
+            points, lengths = np.empty((count, self._problem.n)), np.empty(count)
+            write_path(self._space, trees, points, lengths)
+        path = Path.trusted(points[:count].copy(), self._problem.metric, lengths[:count].copy())
+        return path, int(trees.counters[GOAL])
 
     def end(self) -> None:
         """Leave the memory of the trees to other searches; it must not be used afterwards."""

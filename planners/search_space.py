@@ -74,6 +74,21 @@ def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
 
 
 @compiled(lean=True)
+def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
+    """Write the length of a path from the first to each of its points.
+
+    Args:
+        points: The points, shape (m, n), of which the first `size` count.
+        size: How many.
+        weights: Of the metric, shape (n,).
+        lengths: Written, shape (m,).
+    """
+    lengths[0] = 0.0
+    for k in range(1, size):
+        lengths[k] = lengths[k - 1] + distance(points[k - 1], points[k], weights)
+
+
+@compiled(lean=True)
 def distance_to_nearest(state: FloatArray, goals: FloatArray, weights: FloatArray) -> float:
     """Return the distance of a state, shape (n,), from the nearest of some others, shape (k, n)."""
     least = math.inf

@@ -17,7 +17,7 @@ from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
 from .sampling import normal_number, stream_key, uniform, within_ellipsoid
-from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
+from .search_space import STOP, SearchSpace, distance, edge_valid, measure, space_of, step_count
 from .tree import grown
 from .vectors import FloatArray, seed_number, whole_number
 
@@ -146,18 +146,6 @@ def new_polyline(points: FloatArray, counters: Ints1 | None = None) -> Polyline:
     return Polyline(
         points, np.empty_like(points), np.empty((2, len(points))), np.empty((2, points.shape[1])), counters
     )
-
-
-@compiled
-def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatArray) -> None:
-    """Write the length from the first to each point."""
-    lengths[0] = 0.0
-    for k in range(1, size):
-        total = 0.0
-        for i in range(weights.size):
-            scaled = (points[k, i] - points[k - 1, i]) * weights[i]
-            total += scaled * scaled
-        lengths[k] = lengths[k - 1] + math.sqrt(total)
 
 
 @compiled

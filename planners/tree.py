@@ -1,17 +1,198 @@
-"""Nodes of planners: nearest neighbors by a linear scan, eight nodes at a time."""
+"""The two trees of a search, and nearest neighbors by a linear scan, eight nodes at a time."""
 
 from __future__ import annotations
 
 import math
+import threading
+from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import eight_square_distances
-from pepper_kin.kernels.signatures import Floats1, Floats3, Ints1
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+
+from .search_space import STOP, SearchSpace
+from .vectors import FloatArray
 
 LANES = 8
 """Nodes whose scaled states lie side by side."""
+
+_FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
+
+# How growth ends.
+GOING_ON, FOUND, TIME_UP, FULL = range(4)
+
+# Places in `counters`, after those of the validity function; a search has its own ones from OWN_COUNTERS on.
+ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, BY_EDGE, OWN_COUNTERS = range(STOP + 1, STOP + 8)
+_COUNTERS = OWN_COUNTERS + 10
+
+# Rows of `rows`; a search has its own ones from OWN_ROWS on.
+SAMPLE, TARGET, SCALED, OWN_ROWS = range(4)
+_ROWS = OWN_ROWS + 3
+
+
+class Trees(NamedTuple):
+    """The tree of the start (0) and that of the goals (1), in arrays with space for m nodes each.
+
+    Attributes:
+        states: Shape (2, m, n).
+        lanes: Scaled states, shape (2, m / 8, n, 8).
+        parents: Parents; of a root -1 less the number of its goal, shape (2, m).
+        values: Two numbers of each node, which ones depends on the search, shape (2, 2, m).
+        numbers: Three numbers of the search.
+        rows: Workspace, shape (6, n); see the rows above.
+        squares: Workspace of the search of neighbors, shape (8,).
+        counters: See the places above.  The path leads over START_NODE and GOAL_NODE, which are the same
+            state unless they are joined BY_EDGE.
+    """
+
+    states: Floats3
+    lanes: Floats4
+    parents: Ints2
+    values: Floats3
+    numbers: Floats1
+    rows: Floats2
+    squares: Floats1
+    counters: Ints1
+
+
+class _Left(threading.local):
+    """The trees that each thread has left, by the number of coordinates."""
+
+    def __init__(self) -> None:
+        self.trees: dict[int, Trees] = {}
+
+
+_left = _Left()
+
+
+def take_trees(n: int) -> Trees:
+    """Return trees of states of n coordinates, without nodes, in the memory that this thread left last.
+
+    Counters are 0 and numbers infinite.
+    """
+    kept: Trees | None = _left.trees.pop(n, None)
+    if kept is not None:
+        kept.counters.fill(0)
+        kept.numbers.fill(math.inf)
+        return kept
+    return Trees(
+        states=np.empty((2, _FIRST_CAPACITY, n)),
+        lanes=np.empty((2, _FIRST_CAPACITY // LANES, n, LANES)),
+        parents=np.empty((2, _FIRST_CAPACITY), dtype=np.int64),
+        values=np.empty((2, 2, _FIRST_CAPACITY)),
+        numbers=np.full(3, math.inf),
+        rows=np.empty((_ROWS, n)),
+        squares=np.empty(LANES),
+        counters=np.zeros(_COUNTERS, dtype=np.int64),
+    )
+
+
+def leave_trees(trees: Trees) -> None:
+    """Leave the memory of trees to a later search of this thread."""
+    if trees.states.shape[1] <= _MOST_KEPT:
+        _left.trees[trees.states.shape[2]] = trees
+
+
+def with_room(trees: Trees, spare: int) -> Trees:
+    """Return trees with space for some more nodes each: these, or a copy of twice the capacity or more."""
+    capacity = trees.states.shape[1]
+    wanted = max(trees.counters[START_SIZE : GOAL_SIZE + 1].tolist()) + spare
+    if wanted <= capacity:
+        return trees
+    capacity = whole_blocks(max(wanted, 2 * capacity))
+    return trees._replace(
+        states=grown(trees.states, capacity, axis=1),
+        lanes=grown(trees.lanes, capacity // LANES, axis=1),
+        parents=grown(trees.parents, capacity, axis=1),
+        values=grown(trees.values, capacity, axis=2),
+    )
+
+
+@compiled(lean=True)
+def room(trees: Trees) -> int:
+    """Return how many more nodes each tree has space for."""
+    return trees.states.shape[1] - max(trees.counters[START_SIZE], trees.counters[GOAL_SIZE])
+
+
+@compiled("int64(SearchSpace, Trees, int64, int64, float64[::1])", lean=True)
+def add_node(space: SearchSpace, trees: Trees, side: int, parent: int, state: Floats1) -> int:
+    """Add a node to a tree, which has space for it; return its number.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees.
+        side: Which of them.
+        parent: Number of its parent; of a root -1 less the number of its goal.
+        state: Shape (n,).
+    """
+    node = trees.counters[START_SIZE + side]
+    trees.counters[START_SIZE + side] += 1
+    for i in range(state.size):
+        trees.states[side, node, i] = state[i]
+    set_lane(trees.lanes[side], node, state, space.weights)
+    trees.parents[side, node] = parent
+    return node
+
+
+@compiled(lean=True)
+def scale(space: SearchSpace, trees: Trees, state: FloatArray) -> None:
+    """Write a scaled state into rows[SCALED]."""
+    for i in range(state.size):
+        trees.rows[SCALED, i] = state[i] * space.weights[i]
+
+
+@compiled(lean=True)
+def nearest_node(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> int:
+    """Return the node of a tree nearest to a state; the first of equally near ones."""
+    scale(space, trees, state)
+    return nearest(trees.lanes[side], trees.counters[START_SIZE + side], trees.rows[SCALED], trees.squares)
+
+
+@compiled("int64(Trees)", lean=True)
+def way_point_count(trees: Trees) -> int:
+    """Return how many way-points the path has along which the trees have met."""
+    count = 0
+    for side in range(2):
+        node = trees.counters[START_NODE + side]
+        while node >= 0:
+            count += 1
+            node = trees.parents[side, node]
+    return count - (1 - trees.counters[BY_EDGE])
+
+
+@compiled("int64(Trees, float64[:, ::1])", lean=True)
+def trace(trees: Trees, points: Floats2) -> int:
+    """Write the way-points of the path along which the trees have met; return the number of its goal.
+
+    Args:
+        trees: The trees.
+        points: Written, from the start to the goal, shape (`way_point_count`, n).
+    """
+    parents, states = trees.parents, trees.states
+    here, node, goal = 0, trees.counters[START_NODE], trees.counters[GOAL_NODE]
+    while parents[0, node] >= 0:
+        here, node = here + 1, parents[0, node]
+    first = here + 1
+    node = trees.counters[START_NODE]
+    while node >= 0:
+        for i in range(points.shape[1]):
+            points[here, i] = states[0, node, i]
+        here, node = here - 1, parents[0, node]
+    if trees.counters[BY_EDGE] == 0:
+        goal = parents[1, goal]
+    while goal >= 0:
+        for i in range(points.shape[1]):
+            points[first, i] = states[1, goal, i]
+        first, goal = first + 1, parents[1, goal]
+    return -1 - goal
+
+
+def traced(trees: Trees) -> tuple[FloatArray, int]:
+    """Return the way-points of the path along which the trees have met, shape (k, n), and its goal."""
+    points = np.empty((way_point_count(trees), trees.states.shape[2]))
+    return points, trace(trees, points)
 
 
 @compiled("void(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)

@@ -3,19 +3,42 @@
 from __future__ import annotations
 
 import math
-import threading
 from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 from .deadline import TIME_SLICE
 from .sampling import random_state, uniform, within_ellipsoid
-from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, step_count
-from .tree import LANES, grown, nearest, nearest_within, set_lane, whole_blocks
+from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, measure, step_count
+from .tree import (
+    BY_EDGE,
+    FOUND,
+    FULL,
+    GOAL_NODE,
+    GOAL_SIZE,
+    GOING_ON,
+    ITERATIONS,
+    OWN_COUNTERS,
+    OWN_ROWS,
+    SAMPLE,
+    SCALED,
+    START_NODE,
+    START_SIZE,
+    TARGET,
+    TIME_UP,
+    Trees,
+    add_node,
+    nearest_node,
+    nearest_within,
+    room,
+    scale,
+    trace,
+    way_point_count,
+)
 from .vectors import FloatArray
 
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
@@ -23,149 +46,28 @@ _FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's d
 _CLOCK_EVERY = 64  # goals or samples
 ROUND = 16_384  # samples of the shortest round
 WIDTH, SMALL = 2.0, 0.5  # of the first region, in straight lines; of the box, a region that is searched first
-_FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
 _TRIES = 8  # to draw a sample that is of use inside the box
 
-# How a call ends.
-GOING_ON, FOUND, TIME_UP, FULL, START_INVALID = range(5)
+START_INVALID = FULL + 1
+"""A further way in which a call ends."""
 
-# Places in `counters`, after those of the validity function.
-ITERATIONS, START_SIZE, GOAL_SIZE, GROWING, START_NODE, GOAL_NODE, DIRECT, DRAWN = range(STOP + 1, STOP + 9)
-TRIED, GREW = DRAWN + 1, DRAWN + 3  # samples and extensions, of each tree
+# Places in `counters`, after those of all trees.
+GROWING, DRAWN = OWN_COUNTERS, OWN_COUNTERS + 1
+WAY_POINTS, GOAL = DRAWN + 1, DRAWN + 2  # of the path that `first_round` wrote, and the goal it leads to
+TRIED, GREW = GOAL + 1, GOAL + 3  # samples and extensions, of each tree
 MOMENT = GREW + 2  # two numbers of the clock
-WAY_POINTS, GOAL = MOMENT + 2, MOMENT + 3  # of the path that `first_round` wrote, and the goal it leads to
-_COUNTERS = GOAL + 1
 
-# Rows of `rows`; the last one is two.
-SAMPLE, ORIGIN, TARGET, SCALED, SHIFTED = range(5)
-_ROWS = 6
+# Rows of `rows`, after those of all trees; the last one is two.
+ORIGIN, SHIFTED = OWN_ROWS, OWN_ROWS + 1
 
+# Places in `values`: distance of samples up to which a node is extended, and length of the way from its root
+# [length unit of the metric].
+RADIUS, COST = 0, 1
 
-class Trees(NamedTuple):
-    """The tree of the start (0) and that of the goals (1), in arrays of m nodes each.
-
-    Attributes:
-        states: Shape (2, m, n).
-        lanes: Scaled states, shape (2, m / 8, n, 8).
-        parents: Parents; of a root -1 less the number of its goal, shape (2, m).
-        radii: Distances of samples up to which nodes are extended [length unit of the metric], shape (2, m).
-        costs: Lengths of the ways from the nodes to their roots [length unit of the metric], shape (2, m).
-        rows: Workspace, shape (6, n).
-        nearest: Workspace of the search of neighbors, shape (8,).
-        counters: See the places above.
-        bound: Length that a path has to be below; infinite if any will do.
-        within: Length of the paths through the samples that are drawn; infinite for all of the space's box,
-            which holds all paths below the bound anyway.
-    """
-
-    states: Floats3
-    lanes: Floats4
-    parents: Ints2
-    radii: Floats2
-    costs: Floats2
-    rows: Floats2
-    nearest: Floats1
-    counters: Ints1
-    bound: float
-    within: float
-
-
-def take_trees(n: int) -> Trees:
-    """Return trees of states of n coordinates, without nodes, in the memory that this thread left last."""
-    kept: Trees | None = _left.trees.pop(n, None)
-    if kept is not None:
-        kept.counters.fill(0)
-        return kept
-    return Trees(
-        states=np.empty((2, _FIRST_CAPACITY, n)),
-        lanes=np.empty((2, _FIRST_CAPACITY // LANES, n, LANES)),
-        parents=np.empty((2, _FIRST_CAPACITY), dtype=np.int64),
-        radii=np.empty((2, _FIRST_CAPACITY)),
-        costs=np.empty((2, _FIRST_CAPACITY)),
-        rows=np.empty((_ROWS, n)),
-        nearest=np.empty(LANES),
-        counters=np.zeros(_COUNTERS, dtype=np.int64),
-        bound=math.inf,
-        within=math.inf,
-    )
-
-
-def leave_trees(trees: Trees) -> None:
-    """Leave the memory of trees to a later search of this thread."""
-    if trees.states.shape[1] <= _MOST_KEPT:
-        if trees.bound < math.inf or trees.within < math.inf:
-            trees = trees._replace(bound=math.inf, within=math.inf)
-        _left.trees[trees.states.shape[2]] = trees
-
-
-def with_capacity(trees: Trees, capacity: int) -> Trees:
-    """Return trees of a larger capacity, in nodes each."""
-    capacity = whole_blocks(capacity)
-    return trees._replace(
-        states=grown(trees.states, capacity, axis=1),
-        lanes=grown(trees.lanes, capacity // LANES, axis=1),
-        parents=grown(trees.parents, capacity, axis=1),
-        radii=grown(trees.radii, capacity, axis=1),
-        costs=grown(trees.costs, capacity, axis=1),
-    )
-
-
-class _Left(threading.local):
-    """The trees that each thread has left, by the number of coordinates."""
-
-    def __init__(self) -> None:
-        self.trees: dict[int, Trees] = {}
-
-
-_left = _Left()
-
-
-@compiled("int64(Trees)", lean=True)
-def way_point_count(trees: Trees) -> int:
-    """Return how many way-points the path has along which the trees have met."""
-    count = 0
-    for side in range(2):
-        node = trees.counters[START_NODE + side]
-        while node >= 0:
-            count += 1
-            node = trees.parents[side, node]
-    return count - (1 - trees.counters[DIRECT])  # the state where the trees meet is in both, unless
-
-
-@compiled("int64(SearchSpace, Trees, float64[:, ::1], float64[::1])", lean=True)
-def trace(space: SearchSpace, trees: Trees, points: Floats2, lengths: Floats1) -> int:
-    """Write the way-points of the path along which the trees have met, from the start to a goal.
-
-    Args:
-        space: Supplies the metric.
-        trees: The trees.
-        points: Written, shape (`way_point_count`, n).
-        lengths: Written: length of the path up to each, shape (`way_point_count`,) [length unit of the
-            metric].
-
-    Returns:
-        The number of the goal.
-    """
-    parents, states = trees.parents, trees.states
-    here, node, goal = 0, trees.counters[START_NODE], trees.counters[GOAL_NODE]
-    while parents[0, node] >= 0:
-        here, node = here + 1, parents[0, node]
-    first = here + 1
-    node = trees.counters[START_NODE]
-    while node >= 0:
-        for i in range(points.shape[1]):
-            points[here, i] = states[0, node, i]
-        here, node = here - 1, parents[0, node]
-    if trees.counters[DIRECT] == 0:
-        goal = parents[1, goal]
-    while goal >= 0:
-        for i in range(points.shape[1]):
-            points[first, i] = states[1, goal, i]
-        first, goal = first + 1, parents[1, goal]
-    lengths[0] = 0.0
-    for k in range(1, points.shape[0]):
-        lengths[k] = lengths[k - 1] + distance(points[k - 1], points[k], space.weights)
-    return -1 - goal
+# Places in `numbers`: the length that a path has to be below, infinite if any will do; and that of the paths
+# through the samples that are drawn, infinite for all of the space's box, which holds all paths below the
+# bound anyway.
+BOUND, WITHIN = 0, 1
 
 
 @compiled("float64(float64[:, ::1], float64[::1])", lean=True)
@@ -186,29 +88,22 @@ def _diagonal(space: SearchSpace) -> float:
 @compiled(lean=True)
 def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatArray) -> int:
     """Add a node to a tree; return its number."""
-    node = trees.counters[START_SIZE + side]
-    trees.counters[START_SIZE + side] += 1
-    for i in range(state.size):
-        trees.states[side, node, i] = state[i]
-    set_lane(trees.lanes[side], node, state, space.weights)
-    trees.parents[side, node] = parent
-    trees.radii[side, node] = math.inf
-    cost = 0.0
+    cost, costs = 0.0, trees.values[COST, side]
     if parent >= 0:
-        cost = trees.costs[side, parent] + distance(trees.states[side, parent], state, space.weights)
-    trees.costs[side, node] = cost
+        cost = costs[parent] + distance(trees.states[side, parent], state, space.weights)
+    node = add_node(space, trees, side, parent, state)
+    trees.values[RADIUS, side, node], costs[node] = math.inf, cost
     return node
 
 
 @compiled(lean=True)
 def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bound: float) -> int:
     """Return the node of a tree nearest to a state of those that lead there below a cost; -1 for none."""
-    scaled, size = trees.rows[SCALED], trees.counters[START_SIZE + side]
-    for i in range(state.size):
-        scaled[i] = state[i] * space.weights[i]
-    if bound < math.inf:
-        return nearest_within(trees.lanes[side], trees.costs[side], size, scaled, bound, trees.nearest)
-    return nearest(trees.lanes[side], size, scaled, trees.nearest)
+    if bound == math.inf:
+        return nearest_node(space, trees, side, state)
+    scale(space, trees, state)
+    costs, size = trees.values[COST, side], trees.counters[START_SIZE + side]
+    return nearest_within(trees.lanes[side], costs, size, trees.rows[SCALED], bound, trees.squares)
 
 
 @compiled(lean=True)
@@ -224,7 +119,7 @@ def _from_root(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -
 @compiled(lean=True)
 def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
     """Write a sample into rows[SAMPLE]: of the box, or of it where a path through it may be short enough."""
-    counters, sample, within = trees.counters, trees.rows[SAMPLE], trees.within
+    counters, sample, within = trees.counters, trees.rows[SAMPLE], trees.numbers[WITHIN]
     n = sample.size
     if within < math.inf:
         roots = 0
@@ -251,16 +146,16 @@ def _extend(
     """
     n, state, counters = sample.size, trees.rows[TARGET], trees.counters
     allowed = math.inf
-    if trees.bound < math.inf:
+    if trees.numbers[BOUND] < math.inf:
         before, after = _from_root(space, trees, side, sample), _from_root(space, trees, 1 - side, sample)
-        if before + after >= trees.bound:
+        if before + after >= trees.numbers[BOUND]:
             return -1
-        allowed = before + (trees.bound - before - after) * uniform(key, counters[DRAWN])
+        allowed = before + (trees.numbers[BOUND] - before - after) * uniform(key, counters[DRAWN])
         counters[DRAWN] += 1
     near = _nearest(space, trees, side, sample, allowed)
     if near < 0:
         return -1
-    origin, radii, reach = trees.states[side, near], trees.radii[side], space.reach
+    origin, radii, reach = trees.states[side, near], trees.values[RADIUS, side], space.reach
     apart = distance(origin, sample, space.weights)
     if radii[near] < apart:
         return -1
@@ -275,7 +170,7 @@ def _extend(
             radii[near] = max(radii[near] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
         return -1
     radii[near] *= 1.0 + _RADIUS_CHANGE
-    if trees.bound < math.inf:
+    if trees.numbers[BOUND] < math.inf:
         near = _better_parent(space, trees, side, near, key)
     return _add(space, trees, side, near, state)
 
@@ -285,7 +180,7 @@ def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: 
     """Return a node from which the state in rows[TARGET] is reached at lower cost, or the one given."""
     state, counters = trees.rows[TARGET], trees.counters
     least = _from_root(space, trees, side, state)
-    cost = trees.costs[side, near] + distance(trees.states[side, near], state, space.weights)
+    cost = trees.values[COST, side, near] + distance(trees.states[side, near], state, space.weights)
     while True:
         allowed = least + (cost - least) * uniform(key, counters[DRAWN])
         counters[DRAWN] += 1
@@ -294,12 +189,12 @@ def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: 
             return near
         origin = trees.states[side, other]
         apart = distance(origin, state, space.weights)
-        if trees.costs[side, other] + apart >= cost:
+        if trees.values[COST, side, other] + apart >= cost:
             return near
         steps = step_count(apart, space.resolution)
         if last_valid_step(space, origin, state, steps, counters) < steps:
             return near
-        near, cost = other, trees.costs[side, other] + apart
+        near, cost = other, trees.values[COST, side, other] + apart
 
 
 @compiled(lean=True)
@@ -309,7 +204,7 @@ def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[in
     Where paths have to be short, it is the nearest that makes one.
     """
     counters, state = trees.counters, trees.rows[ORIGIN]
-    allowed = trees.bound - trees.costs[side, node]
+    allowed = trees.numbers[BOUND] - trees.values[COST, side, node]
     goal = _nearest(space, trees, 1 - side, trees.states[side, node], allowed)
     if goal < 0:
         return -1, -1
@@ -382,7 +277,7 @@ def plant(
         first: Number of the first goal.
 
     Returns:
-        FOUND (a straight edge; counters[DIRECT] is set), GOING_ON, TIME_UP or START_INVALID.
+        FOUND (a straight edge; counters[BY_EDGE] is set), GOING_ON, TIME_UP or START_INVALID.
     """
     counters = trees.counters
     place = counters[MOMENT:]
@@ -403,7 +298,7 @@ def plant(
         steps = step_count(distance(start, goal, space.weights), space.resolution)
         if edge_valid(space, start, goal, steps, trees.rows[SHIFTED:], counters, False):
             counters[START_NODE], counters[GOAL_NODE] = 0, node
-            counters[DIRECT] = 1
+            counters[BY_EDGE] = 1
             return FOUND
         if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:
             return TIME_UP
@@ -434,7 +329,7 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
         late = counters[ITERATIONS] % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end
         if late or counters[STOP] != 0:
             return TIME_UP
-        if max(counters[START_SIZE], counters[GOAL_SIZE]) + spare > trees.states.shape[1]:
+        if room(trees) < spare:
             return FULL
         side = counters[GROWING]
         own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
@@ -500,11 +395,26 @@ def first_round(
     counters = trees.counters
     ended = _grow_first(space, trees, seconds, ends, key, iterations)
     if ended == FOUND:
-        count = way_point_count(trees)
-        if count <= lengths.size:
-            counters[WAY_POINTS] = count
-            counters[GOAL] = trace(space, trees, points[:count], lengths[:count])
+        count = write_path(space, trees, points, lengths)
+        counters[WAY_POINTS] = count if count <= lengths.size else 0
     return ended
+
+
+@compiled("int64(SearchSpace, Trees, float64[:, ::1], float64[::1])", lean=True)
+def write_path(space: SearchSpace, trees: Trees, points: Floats2, lengths: Floats1) -> int:
+    """Write the path along which the trees have met if it fits; return its number of way-points.
+
+    Args:
+        space: Supplies the metric.
+        trees: The trees; counters[GOAL] receives the goal.
+        points: Written, from the start to the goal, shape (m, n).
+        lengths: Written: length of the path up to each, shape (m,) [length unit of the metric].
+    """
+    count = way_point_count(trees)
+    if count <= lengths.size:
+        trees.counters[GOAL] = trace(trees, points[:count])
+        measure(points, count, space.weights, lengths)
+    return count
 
 
 @compiled(lean=True)

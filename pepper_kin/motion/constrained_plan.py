@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pepper_kin import planners
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.model import PepperModel
@@ -85,6 +86,8 @@ def plan_constrained(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
+    if constraints is None:
+        raise InvalidValueError("constraints", None, "a list of tasks")
     options = PlanOptions(
         constraints=constraints, costs=costs, joints=joints, margin=margin, least_margin=least_margin,
         seed=seed, timeout=timeout, balance=balance, payload=payload,

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pepper_kin import planners
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.goals import ends_of
@@ -88,6 +89,8 @@ def plan_costed(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
+    if costs is None:
+        raise InvalidValueError("costs", None, "a list of PathCost and tasks")
     options = PlanOptions(
         costs=costs, joints=joints, margin=margin, least_margin=least_margin, seed=seed, timeout=timeout,
         balance=balance, payload=payload,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -22,7 +22,7 @@ from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_request import PlanOptions, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
-from pepper_kin.motion.problem import checked_start
+from pepper_kin.motion.problem import check_robot, checked_start
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.trajectory.balance import checked_balance
@@ -215,6 +215,7 @@ def plan_legs(
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
+    check_robot(pepper)
     legs = _checked(legs)
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
@@ -323,7 +324,7 @@ class _LegSearch:
 
 def _checked(legs: Sequence[Leg]) -> list[Leg]:
     """Return legs as a list, or refuse them."""
-    legs = list(legs)
+    legs = list(legs) if isinstance(legs, Iterable) else [legs]
     if not legs or not all(isinstance(leg, Leg) for leg in legs):
         raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
     for k, leg in enumerate(legs):

@@ -31,7 +31,7 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rejoin import Route, shortest_end
 from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
 from pepper_kin.planners.sampling import stream_key
-from pepper_kin.planners.search_space import CALLS, STATES, SearchSpace
+from pepper_kin.planners.search_space import CALLS, STATES, SearchSpace, measure
 from pepper_kin.planners.shortcut import (
     FLAT,
     GAINED,
@@ -41,26 +41,15 @@ from pepper_kin.planners.shortcut import (
     TIME_UP,
     Polyline,
     drop_flat,
-    measure,
     new_polyline,
     shorten,
     skip_ahead,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
-from pepper_kin.planners.tree import grown
-from pepper_kin.planners.tree_growth import (
-    FOUND,
-    GOAL,
-    ROUND,
-    WAY_POINTS,
-    PathEnds,
-    Trees,
-    first_round,
-    take_trees,
-    with_capacity,
-)
-from pepper_kin.planners.tree_growth import ITERATIONS as SAMPLES
+from pepper_kin.planners.tree import FOUND, Trees, grown, take_trees, with_room
+from pepper_kin.planners.tree import ITERATIONS as SAMPLES
+from pepper_kin.planners.tree_growth import GOAL, ROUND, WAY_POINTS, PathEnds, first_round
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
@@ -305,9 +294,7 @@ def _workspace(n: int, k: int) -> Iterator[_Workspace]:
     kept: dict[tuple[int, int], _Workspace] = _local.__dict__.setdefault("kept", {})
     workspace = kept.pop((n, k), None)
     if workspace is None:
-        trees = take_trees(k)
-        if trees.states.shape[1] < _NODES:
-            trees = with_capacity(trees, _NODES)
+        trees = with_room(take_trees(k), _NODES)
         line, count = new_polyline(np.empty((_POINTS, k))), np.zeros((3, 1), np.int64)
         found = PlannerPath(np.empty((_POINTS, k)), count[0], count[1], np.empty(1))
         points, breaks, coefficients = np.empty((MOST + 1, n)), np.empty(MOST + 1), np.empty((MOST, 4, n))

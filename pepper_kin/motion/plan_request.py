@@ -27,7 +27,7 @@ from pepper_kin.motion.margins import checked_least
 from pepper_kin.motion.path_costs import PathCost, PathCosts
 from pepper_kin.motion.path_search import run
 from pepper_kin.motion.plan_result import Ending
-from pepper_kin.motion.problem import checked_start
+from pepper_kin.motion.problem import check_robot, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.planners.cbirrt import grow as grow_on_manifold
 from pepper_kin.planners.cbirrt import measure_rows, walk
@@ -38,6 +38,7 @@ from pepper_kin.planners.rejoin import shortest_end
 from pepper_kin.planners.shortcut import drop_flat, shorten
 from pepper_kin.planners.transition_rrt import grow as grow_by_cost
 from pepper_kin.planners.transition_rrt import last_valid_step, price_at
+from pepper_kin.planners.tree import trace
 from pepper_kin.planners.tree_growth import first_round, grow
 from pepper_kin.planners.vectors import seed_number
 
@@ -138,10 +139,11 @@ def plan_request(
         name: The planner's name in the plan; None: as in the options.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, and an option that is not allowed.
+        InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
         LimitError: for a start outside the joint limits, naming the joint.
         UnknownNameError: for an unknown frame.
     """
+    check_robot(pepper)
     seed = seed_number(options.seed)
     statics = static_limits(pepper, options.balance, options.payload, scene)
     constraints: tuple[Task, ...] = ()
@@ -184,8 +186,9 @@ def refuse_what_cannot_drive(
     """Refuse options that would let a differential base go sideways.
 
     Raises:
-        InvalidValueError: for constraints or another planner while the base may move.
+        InvalidValueError: for constraints or another planner while the base may move, or no robot.
     """
+    check_robot(pepper)
     if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
         return
     if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
@@ -238,6 +241,6 @@ def _load_code_of(kind: str) -> None:
     if kind in ("aorrtc", "costs"):
         load_code(first_round, grow, drop_flat, shorten, shortest_end)
     if kind in ("costs", "constraints"):
-        load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step)
+        load_code(shorten_by_cost, descend, measure_costs, grow_by_cost, price_at, last_valid_step, trace)
     if kind == "constraints":
         load_code(grow_on_manifold, walk, measure_rows, project_rows, edges_hold)

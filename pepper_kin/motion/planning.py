@@ -103,8 +103,6 @@ def plan(
     """
     if smooth:
         refuse_costs(costs)
-    if not isinstance(pepper, PepperModel):
-        raise InvalidValueError("pepper", repr(pepper), "a robot, such as load_pepper() returns")
     guided = constraints is not None or costs is not None
     check_planner(planner, guided)
     refuse_what_cannot_drive(pepper, joints, planner, guided)

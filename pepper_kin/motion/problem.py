@@ -232,6 +232,16 @@ def held_by(checks: Checks) -> tuple[tuple[str, float], ...]:
     return tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
 
 
+def check_robot(pepper: object) -> None:
+    """Refuse something else than a robot.
+
+    Raises:
+        InvalidValueError: It is none.
+    """
+    if not isinstance(pepper, PepperModel):
+        raise InvalidValueError("pepper", repr(pepper), "a robot, such as load_pepper() returns")
+
+
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:
     """Check what was asked for; return the start, shape (n,).
 

@@ -13,7 +13,7 @@ from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.examination import Examiner
 from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.problem import COARSE, path_problem
-from pepper_kin.planners import tree_growth
+from pepper_kin.planners import tree
 from pepper_kin.trajectory.path import as_cubic_path
 
 PEPPER = pk.load_pepper()
@@ -32,8 +32,8 @@ def path_problem_of_table():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkeypatch, nodes, seed):
     monkeypatch.setattr(path_search, "_NODES", nodes)
-    monkeypatch.setattr(tree_growth, "_FIRST_CAPACITY", nodes)
-    monkeypatch.setattr(tree_growth, "_left", type(tree_growth._left)())
+    monkeypatch.setattr(tree, "_FIRST_CAPACITY", nodes)
+    monkeypatch.setattr(tree, "_left", type(tree._left)())
     monkeypatch.setattr(path_search, "_local", type(path_search._local)())
     alone = planners.rrt_connect(path_problem_of_table().search_problem, seed=seed)
     found, way = PathSearch(path_problem_of_table(), seed, 5.0).searched(False)

@@ -5,6 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, LimitError, PepperKinError, UnknownNameError
+from pepper_kin.motion import Leg, plan_constrained, plan_costed, plan_legs
 
 PEPPER = pk.load_pepper()
 START = PEPPER.posture("Stand")
@@ -61,10 +62,22 @@ def test_odd_names_and_robots_are_refused():
     with pytest.raises(UnknownNameError, match="nope"):
         pk.plan(PEPPER, START, GOAL, payload={"nope": 1})
     for robot in (None, "pepper"):
+        for make in (pk.plan, plan_costed, plan_constrained):
+            with pytest.raises(InvalidValueError, match=r"^pepper: "):
+                make(robot, START, GOAL)
         with pytest.raises(InvalidValueError, match=r"^pepper: "):
-            pk.plan(robot, START, GOAL)
+            plan_legs(robot, START, [Leg(GOAL)])
     with pytest.raises(LimitError, match="goal: "):
         pk.plan(PEPPER, START, PEPPER.upper_limits + 0.1)
+
+
+def test_nothing_in_place_of_what_a_plan_is_made_from_is_refused_by_name():
+    with pytest.raises(InvalidValueError, match=r"^constraints: got None"):
+        plan_constrained(PEPPER, START, START, constraints=None)
+    with pytest.raises(InvalidValueError, match=r"^costs: got None"):
+        plan_costed(PEPPER, START, GOAL, costs=None)
+    with pytest.raises(InvalidValueError, match=r"^legs: got \[None\]"):
+        plan_legs(PEPPER, START, None)
 
 
 @pytest.mark.parametrize(

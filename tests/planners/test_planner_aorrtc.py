@@ -22,7 +22,7 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rrt_connect import Search
 from pepper_kin.planners.sampling import stream_key, within_ellipsoid
 from pepper_kin.planners.search_space import SearchSpace
-from pepper_kin.planners.tree_growth import take_trees
+from pepper_kin.planners.tree import take_trees
 
 
 def box(lower, extent, weights) -> SearchSpace:  # type: ignore[no-untyped-def]

@@ -1,6 +1,7 @@
 """T-RRT: passes are crossed where they are low, which a search without regard to the price does not."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -83,3 +84,17 @@ def test_the_same_seed_gives_the_same_path():
     runs = [transition_rrt(problem(), StateCost(ridge, 2), seed=s, timeout=60).path.points for s in (3, 3, 4)]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
+
+
+def test_what_a_price_raises_comes_out_at_once():
+    def broken(x):
+        if len(calls) > 50:
+            raise ZeroDivisionError("in the price")
+        calls.append(x)
+        return np.zeros((len(x), 1)), np.zeros((len(x), 1, 2))
+
+    calls, begin = [], time.process_time()
+    closed = problem(lambda x: np.abs(x[:, 0]) > 0.1)
+    with pytest.raises(ZeroDivisionError, match="in the price"):
+        transition_rrt(closed, StateCost(broken, 2), timeout=60)
+    assert time.process_time() - begin < 10

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pepper_kin import symbolic
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import load_parameters
@@ -18,7 +16,7 @@ from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound
-from pepper_kin.trajectory.balance import support_polygon
+from pepper_kin.trajectory.balance import moment_matrix, support_polygon
 
 if TYPE_CHECKING:
     import casadi
@@ -56,12 +54,7 @@ class BalanceTerm(KernelTerm):
             raise InvalidValueError(
                 "balance", margin, "None for a robot without wheels or with a moving base"
             )
-        edge = np.roll(polygon, -1, axis=0) - polygon
-        inward = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
-        map_of_wrench = np.zeros((len(edge), 6))
-        map_of_wrench[:, 2] = -((inward * polygon).sum(axis=1) + margin)
-        map_of_wrench[:, 3], map_of_wrench[:, 4] = inward[:, 1], -inward[:, 0]
-        shares = map_of_wrench / (_GRAVITY * total_mass(pepper) * INFLUENCE)
+        shares = moment_matrix(polygon, margin).T / (_GRAVITY * total_mass(pepper) * INFLUENCE)
         constants = None
         if loads:
             carried = load_parameters(pepper, loads)
