@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.mesh_process import mesh_of_other_format
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.file_access.reading import plain_number, plain_whole, read_bytes
+from pepper_kin.file_access.reading import plain_whole, read_bytes
 from pepper_kin.model.joint_vectors import as_finite, as_numbers
+from pepper_kin.model.plain_number import plain_number
 
 _HEADER = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

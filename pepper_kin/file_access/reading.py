@@ -12,7 +12,6 @@ from typing import Any, NoReturn
 from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_access.atomic_file import PathName, as_path
 
-_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _ESCAPED_HALF = re.compile(r"\\u[dD][89a-fA-F]")
 
@@ -105,17 +104,6 @@ def line_of(text: str, word: str, occurrence: int = 1) -> int | None:
 def repeated(names: Iterable[str]) -> list[str]:
     """Return the names that occur more than once, each once, in the order of their first places."""
     return [name for name, count in Counter(names).items() if count > 1]
-
-
-def plain_number(text: str) -> float:
-    """Return the number that a text states in ASCII digits; NaN for anything else, such as 1_0 or \u0661.
-
-    NaN and infinity in words are NaN here, and so is what exceeds the largest float.
-    """
-    if _PLAIN.fullmatch(text.strip(" \t\r\n")) is None:
-        return math.nan
-    value = float(text)
-    return value if math.isfinite(value) else math.nan
 
 
 def plain_whole(text: str) -> int | None:

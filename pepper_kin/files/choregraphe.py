@@ -12,8 +12,9 @@ from xml.parsers import expat
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_access.atomic_file import PathName
-from pepper_kin.file_access.reading import is_real_text, plain_number, read_bytes, read_text
+from pepper_kin.file_access.reading import is_real_text, read_bytes, read_text
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.trajectory.joint_curves import JointCurve
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.timeline import HANDS, Timeline

@@ -15,8 +15,9 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName, as_path
-from pepper_kin.file_access.reading import plain_number, read_json, read_text, repeated
+from pepper_kin.file_access.reading import read_json, read_text, repeated
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.trajectory.quantities import UNITS, unit_of
 
 TIME = "time"

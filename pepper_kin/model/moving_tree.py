@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.frozen_arrays import FrozenArrays, read_only
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.model.digest import kept_for_robot
 from pepper_kin.model.kinematic_tree import placed_joints
 from pepper_kin.model.tree_order import depth_first

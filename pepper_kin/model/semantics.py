@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
 from pepper_kin.exceptions import ModelError, shortened
-from pepper_kin.file_access.reading import plain_number
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.urdf_document import UrdfDocument
 from pepper_kin.model.xml_source import MOST, XmlText, parse_xml
 

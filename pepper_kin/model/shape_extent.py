@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.file_access.reading import plain_number, read_bytes
+from pepper_kin.file_access.reading import read_bytes
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.tolerant_urdf import LinkFacts, ShapeFacts
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import ModelError, shortened
-from pepper_kin.file_access.reading import plain_number
 from pepper_kin.model.kinematic_tree import MOMENTS, tensor_of
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.shapes import transform
 from pepper_kin.model.urdf_document import MOVING_TYPES
 from pepper_kin.model.urdf_shapes import resolve_mesh

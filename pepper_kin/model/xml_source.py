@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.exceptions import ModelError, shortened
-from pepper_kin.file_access.reading import plain_number
+from pepper_kin.model.plain_number import plain_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -169,7 +169,7 @@ const jobs = {
   actions,
   left: () => act("LeftArm_controller", goal(["LElbowYaw"], [[1.5, [-0.8]]])),
   right: () => act("RightArm_controller", goal(["RElbowYaw"], [[1.5, [0.8]]])),
-  die: () => act("Head_controller", goal(["HeadYaw"], [[0.1, [0.0]], [30.0, [1.9]]])),
+  die: () => act("Head_controller", goal(["HeadYaw"], [[0.1, [0.0]], [60.0, [1.9]]])),
 };
 console.log(JSON.stringify(await jobs[job]()));
 process.exit(0);

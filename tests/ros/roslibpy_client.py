@@ -176,7 +176,7 @@ JOBS = {
     "touched": touched,
     "left": lambda ros: act(ros, "LeftArm_controller", goal(["LElbowYaw"], (1.5, [-0.8]))),
     "right": lambda ros: act(ros, "RightArm_controller", goal(["RElbowYaw"], (1.5, [0.8]))),
-    "die": lambda ros: act(ros, "Head_controller", goal(["HeadYaw"], (0.1, [0.0]), (30.0, [1.9]))),
+    "die": lambda ros: act(ros, "Head_controller", goal(["HeadYaw"], (0.1, [0.0]), (60.0, [1.9]))),
 }
 
 if __name__ == "__main__":
