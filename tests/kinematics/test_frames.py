@@ -41,7 +41,7 @@ def test_published_configurations(reference_q, frame):
     ],
 )
 def test_cameras_are_where_naoqi_on_a_robot_says(frame, newest, distance, mean):
-    """NAOqi's positions less the newest URDF's [mm]: a constant length, and the mean over 5,067 postures of the
+    """NAOqi's positions less the newest URDF's [mm]: a constant length, and the mean over 5,067 postures of a
     head in the robot's axes, measured on the data of PepperKinematics (RO-MAN 2021).
 
     The postures fill the range of the head, so that the mean is compared with one over a grid.
