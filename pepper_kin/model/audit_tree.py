@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pepper_kin.exceptions import shortened
+from pepper_kin.model.head_pitch import DOCUMENTED
 from pepper_kin.model.tolerant_urdf import Fault, JointFacts, UrdfFacts
 from pepper_kin.model.urdf_document import MOVING_TYPES
 
@@ -14,6 +15,8 @@ PHALANGES = (
     "Thumb2",
 )
 """Pepper's finger joints on either side."""
+_ROUNDING = 1e-4  # [rad] of limits with few decimals
+_OF_PEPPER = {"HeadYaw", "HeadPitch", "KneePitch"}  # NAO has two knees
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,22 @@ def audit_joints(facts: UrdfFacts, faults: list[Fault]) -> list[JointRow]:
             )
         )
     return rows
+
+
+def head_notes(joints: dict[str, JointFacts]) -> list[Fault]:
+    """Return a note where joints are Pepper's and its head may pitch farther than a robot was seen to.
+
+    Args:
+        joints: What a description says, by name of the joint.
+    """
+    upper = joints["HeadPitch"].limits.get("upper") if joints.keys() >= _OF_PEPPER else None
+    if upper is None or upper <= DOCUMENTED + _ROUNDING:
+        return []
+    message = (
+        f"its upper limit is {upper:.6g} rad, but no robot was seen beyond {DOCUMENTED:.6g}, which the "
+        "vendor's page gives: load_pepper(head_limits='documented')"
+    )
+    return [Fault("limits", "joint HeadPitch", message)]
 
 
 def _limit_faults(joint: JointFacts) -> list[Fault]:

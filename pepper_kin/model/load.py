@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.expanded_urdf import BASES, DEFAULTS, HANDS, expand, expanded, urdf_folder
+from pepper_kin.model.head_pitch import DOCUMENTED, HEAD_LIMITS
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.semantics import parse_srdf
@@ -25,6 +26,7 @@ def load_pepper(
     base: str = "fixed",
     hands: str = "locked",
     *,
+    head_limits: str = "urdf",
     meshes: str | Path | None = None,
     mesh_scale: float = 0.1,
 ) -> PepperModel:
@@ -34,6 +36,8 @@ def load_pepper(
         base: "fixed", or "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad].
         hands: "locked" (fingers fixed, open), "mimic" (`LHand`, `RHand` drive their fingers) or
             "independent" (28 finger joints).
+        head_limits: "urdf": HeadPitch up to 36.5 degrees; "documented": up to 25.5, as on the vendor's page,
+            beyond which no robot was seen. How the pitch depends on the yaw is the same for both.
         meshes: Folder with the vendor's meshes, named after the links, to show in place of our own shapes.
         mesh_scale: Factor from the unit of these meshes to meters.
 
@@ -41,17 +45,25 @@ def load_pepper(
         The model; 15 joints with the defaults. Loaded once per choice, then shared: it is frozen.
 
     Raises:
-        InvalidValueError: for another base or hands.
+        InvalidValueError: for another base, hands or head_limits.
         FileFormatError: for a folder without meshes.
     """
     check_choice("base", base, BASES)
     check_choice("hands", hands, HANDS)
+    check_choice("head_limits", head_limits, HEAD_LIMITS)
     folder = None if meshes is None else str(as_path(meshes, "meshes").resolve())
-    return _load_pepper(base, hands, folder, check_positive("mesh_scale", mesh_scale))
+    scale = check_positive("mesh_scale", mesh_scale)
+    return _load_pepper(base, hands, head_limits, folder, scale)
 
 
 @lru_cache(maxsize=16)  # the robots of 16 choices
-def _load_pepper(base: str, hands: str, meshes: str | None, mesh_scale: float) -> PepperModel:
+def _load_pepper(
+    base: str, hands: str, head_limits: str, meshes: str | None, mesh_scale: float
+) -> PepperModel:
+    if head_limits == "documented":
+        return _load_pepper(base, hands, "urdf", meshes, mesh_scale).with_limits(
+            upper={"HeadPitch": DOCUMENTED}
+        )
     document = parse_urdf(pepper_urdf(base=base, hands=hands))
     if meshes is not None:
         document = vendor_meshes.with_vendor_meshes(document, meshes, mesh_scale)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pepper_kin.model.audit_links import LinkRow, audit_links
-from pepper_kin.model.audit_tree import JointRow, audit_joints, fingers_found, reachable_links
+from pepper_kin.model.audit_tree import JointRow, audit_joints, fingers_found, head_notes, reachable_links
 from pepper_kin.model.pepper_model import PepperModel
 from pepper_kin.model.text_table import text_table
 from pepper_kin.model.tolerant_urdf import Fault, read_tolerantly
@@ -29,7 +29,8 @@ class Audit:
             robot without any.
         meshes: Number of mesh references.
         faults: What is wrong.
-        notes: What is unusual but can be right, such as mass that reaches out of the visible shape.
+        notes: What is unusual but can be right, such as mass that reaches out of the visible shape, or an end
+            of the range of Pepper's head that no robot was seen to reach.
     """
 
     name: str
@@ -116,6 +117,7 @@ def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] =
     faults = list(facts.faults)
     links, notes = audit_links(facts, faults)
     joints = audit_joints(facts, faults)
+    notes += head_notes(facts.joints)
     reachable = reachable_links(facts, faults)
     shapes = [shape for link in facts.links.values() for shape in link.shapes]
     return Audit(

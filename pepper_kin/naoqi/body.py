@@ -13,6 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.naoqi.arm_protection import ArmProtection, ProtectedArm
+from pepper_kin.naoqi.head_range import HeadRange
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS, HANDS, WHEELS
 from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.tasks import Task, Tasks
@@ -53,6 +54,7 @@ class Body:
         wheel_angles: Turns of the wheels [rad], shape (3,).
         move_protected: Whether the base keeps its distance from the scene.
         protection: Of the arms, against collisions.
+        head_range: Where the pitch of the head stops.
         security_distance: "tangential" and "orthogonal" distance that the base keeps from obstacles [m].
         listeners: Called after each cycle, with the lock held.
     """
@@ -87,6 +89,7 @@ class Body:
             },
             active=mode == "robot",
         )
+        self.head_range = HeadRange(self.pepper)
         self.security_distance = {"tangential": 0.1, "orthogonal": 0.4}
         self._looked_at, self._is_blocked = -LOOK_EVERY, False
         self._last = self.command.copy()
@@ -130,8 +133,9 @@ class Body:
         return self.stiffness[name] < WEAKEST
 
     def is_held(self, name: str) -> bool:
-        """Return whether the protection of an arm kept a joint where it was in the last cycle."""
-        return self.index[name] in self.protection.held
+        """Return whether a joint was kept from where it was sent: an arm's, or the pitch of the head."""
+        k = self.index[name]
+        return k in self.protection.held or (self.head_range.stopped and k == self.head_range.pitch)
 
     def clipped(self, name: str, value: float) -> float:
         """Return an angle within the limits of a joint [rad or share]."""
@@ -269,11 +273,15 @@ class Body:
         return {self.index[name] for name in moved if name in self.index}
 
     def _limit_rates(self) -> None:
-        """Keep commanded angles within position and velocity limits, as ALMotion's last filter does."""
+        """Keep commanded angles within position and velocity limits, as ALMotion's last filter does.
+
+        The range of the head counts whatever its speed: the yaw pushes the pitch.
+        """
         pepper = self.pepper
         most = pepper.velocity_limits * CYCLE
         moved = np.clip(self.command, self._last - most, self._last + most)
         self.command = np.clip(moved, pepper.lower_limits, pepper.upper_limits)
+        self.head_range.keep(self.command)
 
     def _references(self) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations for the twin in this cycle, shape (ROWS, n) each.

@@ -42,6 +42,29 @@ def test_limits_are_the_published_ones():
     assert pepper.acceleration_limits[pepper.joint_index("HipRoll")] == 6.8797
 
 
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("hands", HANDS)
+def test_the_documented_limit_of_the_head_is_an_option_that_changes_nothing_else(base, hands):
+    """25.5 degrees in place of 36.5."""
+    pepper = pk.load_pepper(base, hands)
+    documented = pk.load_pepper(base, hands, head_limits="documented")
+    i = pepper.joint_index("HeadPitch")
+    assert np.degrees(pepper.upper_limits[i]) == pytest.approx(36.5, abs=1e-4)
+    assert np.degrees(documented.upper_limits[i]) == pytest.approx(25.5, abs=1e-12)
+    assert documented.joint_names == pepper.joint_names
+    for one, other in (
+        (pepper.lower_limits, documented.lower_limits),
+        (pepper.effort_limits, documented.effort_limits),
+    ):
+        np.testing.assert_array_equal(one, other)
+    others = np.arange(pepper.n) != i
+    np.testing.assert_array_equal(pepper.upper_limits[others], documented.upper_limits[others])
+    assert documented is pk.load_pepper(base, hands, head_limits="documented")
+    assert pk.model.pepper_urdf(base=base, hands=hands) == pepper.urdf
+    with pytest.raises(InvalidValueError, match=r"head_limits.*'urdf'"):
+        pk.load_pepper(head_limits="measured")
+
+
 def test_arrays_are_read_only_and_model_is_frozen():
     pepper = pk.load_pepper()
     with pytest.raises(ValueError, match="read-only"):

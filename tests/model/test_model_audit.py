@@ -46,9 +46,23 @@ def test_pepper_has_no_fault(base, hands):
     )
     assert result.meshes > 60
     # Bodies whose motors sit inside a neighbor: known, noted, and no others.
-    assert {note.where.removeprefix("link ") for note in result.notes} == {
+    assert {note.where.removeprefix("link ") for note in result.notes if note.kind == "inertia"} == {
         "Neck", "LElbow", "RElbow", "LForeArm", "RForeArm",
     }  # fmt: skip
+    assert [note.where for note in result.notes if note.kind != "inertia"] == ["joint HeadPitch"]
+
+
+def test_a_pitch_of_the_head_that_no_robot_reached_is_a_note():
+    """25.5 degrees are 0.44506 rad, 36.5 are 0.63705."""
+    noted = pk.model.audit(pk.load_pepper()).notes[-1]
+    assert (noted.kind, noted.where) == ("limits", "joint HeadPitch")
+    assert "its upper limit is 0.637045 rad, but no robot was seen beyond 0.445059" in noted.message
+    documented = pk.load_pepper(head_limits="documented")
+    assert {note.kind for note in pk.model.audit(documented).notes} == {"inertia"}
+    nao = pepper_text().replace('"KneePitch"', '"LKneePitch"')
+    assert {note.kind for note in audit(nao).notes} == {"inertia"}, "NAO has joints of the same names"
+    without = drop_limit("HeadPitch")
+    assert {note.kind for note in audit(without).notes} == {"inertia"}
 
 
 def drop_limit(joint):

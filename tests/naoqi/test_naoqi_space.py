@@ -36,17 +36,18 @@ def test_positions_are_forward_kinematics(broker, motion):
 @pytest.mark.parametrize(
     ("camera", "place_in_head", "pitch"),
     [
-        ("CameraTop", (0.0868, 0.0, 0.1631), 0.0),
-        ("CameraBottom", (0.0936, 0.0, 0.0616), 40.0),
+        ("CameraTop", (0.08601, 0.0, 0.16284), 0.0),
+        ("CameraBottom", (0.09262, 0.0, 0.06177), 40.0),
         ("CameraDepth", (0.05138, 0.039, 0.1194), 0.0),
     ],
 )
 def test_cameras_stand_in_the_head_as_the_maker_says(motion, camera, place_in_head, pitch):
     """The maker's pages on Pepper: x along the optical axis, so that an upright camera is not turned at all.
 
-    Top and bottom: "Pepper - 2D Cameras" of NAOqi 2.0 (location and rotation: none, and 40 degrees about Y);
-    depth: origin and rpy of `CameraDepth_sensor_fixedjoint` in the URDF that the page on Pepper's kinematics
-    of NAOqi 2.5 gives, as quoted in jsk-ros-pkg/jsk_robot#810.
+    Top and bottom: rotation from "Pepper - 2D Cameras" of NAOqi 2.0 (none, and 40 degrees about Y), places as
+    in the first URDF, which are a robot's (`tests/kinematics/test_frames.py`); depth: origin and rpy of
+    `CameraDepth_sensor_fixedjoint` in the URDF that the page on Pepper's kinematics of NAOqi 2.5 gives, as
+    quoted in jsk-ros-pkg/jsk_robot#810.
     """
     motion.angleInterpolation(["HeadYaw", "HeadPitch", "HipPitch"], [0.8, -0.3, -0.2], 1.5, True)
     head, found = (np.reshape(motion.getTransform(name, 2, False), (4, 4)) for name in ("Head", camera))
