@@ -140,7 +140,7 @@ scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.0
 tasks = [pk.ik.HandPosition("left", (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]
 assert pk.ik.solve(pepper, tasks, scene=scene).success
 plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=300.0)
-trajectory = pk.retime(pepper, plan)
+trajectory = pk.retime(pepper, plan, balance=0.01)
 assert trajectory.check(pepper, scene=scene).success
 run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
 assert np.abs(run.position[-1] - trajectory.end).max() < 0.01
