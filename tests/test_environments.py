@@ -100,7 +100,7 @@ import pepper_kin as pk
 pepper = pk.load_pepper()
 scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
 tasks = [pk.ik.HandPosition("left", (0.38, 0.22, 0.82)), pk.ik.LookAt((0.38, 0.22, 0.82))]
-trajectory = pk.retime(pepper, pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0))
+trajectory = pk.retime(pepper, pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0), balance=0.01)
 assert trajectory.check(pepper, scene=scene).success or print("fails")
 pk.files.save(trajectory, "reach.yaml", scene=scene)
 print(pk.Twin(pepper, timestep=0.001).execute(trajectory).status.value, f"{trajectory.duration:.9f}")
