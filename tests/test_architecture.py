@@ -21,8 +21,9 @@ ORDER = (
     "model",
     "symbolic",
     "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
-    "trajectory", "files", "motion", "twin", "paper", "supervision", "naoqi", "ros", "jobs", "viewer",
-    "body_page", "qibullet", "cli_terminal", "cli_check", "cli_naoqi", "cli_ros", "cli_show", "cli",
+    "trajectory", "files", "motion", "twin", "paper", "identification", "supervision", "naoqi", "ros",
+    "jobs", "viewer", "body_page", "qibullet", "cli_terminal", "cli_check", "cli_naoqi", "cli_ros",
+    "cli_show", "cli",
 )  # fmt: skip
 """From the top down: a package may import those before it."""
 APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
