@@ -156,7 +156,7 @@ class SpeedTask(Task):
             left = target - float(body.command[k])
             if body.is_limp(joint):
                 continue
-            fastest = self.share * float(body.pepper.velocity_limits[k])
+            fastest = self.share * float(body.response.speed_share[k] * body.pepper.velocity_limits[k])
             strongest = float(body.pepper.acceleration_limits[k])
             move, self._speed[joint], ahead = speed_step(left, self._speed[joint], fastest, strongest, CYCLE)
             body.command[k] = body.command[k] + move if ahead else target

@@ -11,6 +11,7 @@ from pepper_kin.cli import app
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification import RobotLog, Tolerance, compared, fit_actuators, replay, without_person
 from pepper_kin.identification.replay import CYCLE, joint_path
+from pepper_kin.naoqi import Broker
 from pepper_kin.twin import joint_response
 
 JOINTS = ("LShoulderPitch", "LElbowRoll", "RShoulderPitch", "RElbowRoll", "HipPitch")
@@ -35,8 +36,6 @@ def test_a_robot_that_is_late_is_seen_to_be_late(pepper, made_log):
 
 def test_the_way_is_that_of_the_modules(pepper):
     """The commands of NAOqi's simulated body, cycle by cycle, are those of the replay."""
-    from pepper_kin.naoqi import Broker
-
     broker = Broker(real_time=False)
     motion, body = broker.motion, broker.body
     start = body.commanded("LElbowRoll")
@@ -157,3 +156,29 @@ def test_a_real_robot(pepper, real_logs):
     error = np.concatenate([one.error[one.judged] for one in found])
     named = np.concatenate([one.named[one.judged] for one in found])
     assert (error[named] ** 2).sum() > 0.8 * (error**2).sum()
+
+
+def test_the_modules_follow_as_the_replay_says(pepper):
+    """What encoders of the simulated body read with the measured response is what the replay expects."""
+    broker = Broker(real_time=False, response="measured")
+    motion, body = broker.motion, broker.body
+    joints = ["RShoulderPitch", "LElbowRoll", "HipPitch"]
+    times, targets, rows, seen = [], [], [], []
+    for k in range(500):
+        if k % 10 == 0:
+            times.append(k * CYCLE)
+            targets.append(
+                [1.2 + 0.5 * np.cos(0.13 * k), -0.8 + 0.4 * np.sin(0.09 * k), 0.1 * np.sin(0.02 * k)]
+            )
+            motion.setAngles(joints, targets[-1], 0.15)
+        rows.append(k * CYCLE)
+        seen.append(motion.getAngles(joints, True))
+        body.time.spend(CYCLE)
+    log = RobotLog(
+        "n", tuple(joints), np.array(times), np.array(targets), np.array(rows), np.array(seen), 0.15
+    )
+    found = replay(pepper, log)
+    error = np.abs(found.error[found.judged[:, 0]])
+    assert np.median(error) < 0.002
+    assert error.max() < 0.012  # a cycle of the fastest motion: latency is rounded to cycles
+    assert np.abs(found.delays).max() <= 0.011
