@@ -72,7 +72,8 @@ class Fit:
             cells = []
             for quantity in RESPONSE_QUANTITIES:
                 low, high = self.response.intervals[quantity][j]
-                cells.append(f"{getattr(self.response, quantity)[j]:9.4f} {low:6.4f}..{high:6.4f}")
+                interval = f"{low:6.4f}..{high:6.4f}" if np.isfinite(low) else "not fitted"
+                cells.append(f"{getattr(self.response, quantity)[j]:.4f} {interval:>14}")
             lines.append(f"{joint:<15}" + "".join(f"{cell:>24}" for cell in cells))
         return "\n".join(lines)
 

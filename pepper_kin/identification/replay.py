@@ -328,25 +328,24 @@ def _rms(values: Array) -> float:
 def report_of(replays: list[Replay], longest: int = 8) -> str:
     """Return a table of the joints over several logs, and the longest stretches."""
     lines = [
-        "without stretches: median, 95th percentile, rms of |twin - robot| [mrad], delay [s]; "
-        "all readings: the same, rms over that of command - robot; in stretches: readings, squared error"
-    ]
-    lines.append(
+        "|twin - robot| [mrad]: median, 95th percentile, rms; delay [s]; ratio to rms(command - robot)",
+        f"{'':<15}{'without stretches':>28} |{'all readings':>28} |{'in stretches':>16}",
         f"{'joint':<15}{'median':>7}{'p95':>7}{'rms':>7}{'delay':>7} |{'median':>7}{'p95':>7}{'rms':>7}"
-        f"{'ratio':>7} |{'named':>7}{'squares':>9}"
-    )
+        f"{'ratio':>7} |{'readings':>9}{'e^2':>7}",
+    ]
     for name, c in compared(replays).items():
         lines.append(
             f"{name:<15}{1e3 * c.median:7.1f}{1e3 * c.p95:7.1f}{1e3 * c.rms:7.1f}{c.delay:7.3f} |"
             f"{1e3 * c.median_of_all:7.1f}{1e3 * c.p95_of_all:7.1f}{1e3 * c.rms_of_all:7.1f}{c.ratio:7.2f} |"
-            f"{100 * c.named:6.1f}%{100 * c.named_squares:8.1f}%"
+            f"{100 * c.named:8.1f}%{100 * c.named_squares:6.1f}%"
         )
     every = [(one.log.name, stretch) for one in replays for stretch in one.stretches]
     kinds: Mapping[str, int] = {}
     for _, stretch in every:
         kinds = {**kinds, stretch.kind: kinds.get(stretch.kind, 0) + 1}
     counted = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    lines.append(f"{len(every)} stretches that no actuator explains: {counted or 'none'}; the largest:")
+    largest = "; the largest:" if every and longest else ""
+    lines.append(f"{len(every)} stretches that no actuator explains: {counted or 'none'}{largest}")
     every.sort(key=lambda item: -item[1].size * item[1].duration)
     lines += [f"  {name}: {stretch}" for name, stretch in every[:longest]]
     return "\n".join(lines)
