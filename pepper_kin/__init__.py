@@ -20,6 +20,7 @@ Packages, imported at their first use; `help(pk.ik)` lists the contents of one:
     trajectory       timing within limits, an independent check
     files            trajectories in six formats
     twin             simulation; within it `twin.world`, `twin.sensors`, `twin.base`
+    identification   robots' logs: the twin held beside them, and fitted to them
     viewer           pages, pictures and films; within it `viewer.server`
     planners         motion planners for any space
     jobs             the work of the commands
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
         dynamics,
         exceptions,
         files,
+        identification,
         ik,
         jobs,
         kernels,
@@ -77,6 +79,7 @@ _PACKAGES = (
     "dynamics",
     "exceptions",
     "files",
+    "identification",
     "ik",
     "jobs",
     "kernels",
@@ -123,6 +126,7 @@ __all__ = [
     "dynamics",
     "exceptions",
     "files",
+    "identification",
     "ik",
     "jobs",
     "kernels",

@@ -11,7 +11,7 @@ import typer
 
 import pepper_kin as pk
 from pepper_kin.cli.terminal import FAILED, Json, progress
-from pepper_kin.file_access.atomic_file import check_folder, make_folder, write_text
+from pepper_kin.file_access.atomic_file import check_file, check_folder, make_folder, write_text
 
 app = typer.Typer(
     name="check",
@@ -122,3 +122,25 @@ def physics(
             print(f"wrote {write_text(output / name, text + chr(10))}", file=sys.stderr)
     if not found.success:
         raise typer.Exit(FAILED)
+
+
+@app.command()
+def log(
+    files: Annotated[list[Path], typer.Argument(help="Logs of a robot: .csv, .csv.xz or .mcap.")],
+    share: Annotated[
+        float | None, typer.Option(help="Share of the fastest speed that went with the commands.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of robot and twin: PNG.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Give a robot's commands to the twin, and hold the twin beside the robot.
+
+    Example: pepper-kin check log session_1.csv.xz session_2.csv.xz --plot log.png
+    """
+    if plot is not None:
+        check_file(plot)
+    with progress("replaying logs") as report:
+        found = pk.identification.check_logs(files, share=share, progress=report)
+    print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
+    if plot is not None:
+        print(f"wrote {save_replay_picture(found.replays, plot)}", file=sys.stderr)

@@ -14,10 +14,18 @@ from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.naoqi.arm_protection import ArmProtection, ProtectedArm
 from pepper_kin.naoqi.head_range import HeadRange
+from pepper_kin.naoqi.joint_followers import JointFollowers
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS, HANDS, WHEELS
 from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.tasks import Task, Tasks
-from pepper_kin.twin import ActuatorParameters, RunStatus, Twin, TwinState, actuator_parameters
+from pepper_kin.twin import (
+    ActuatorParameters,
+    RunStatus,
+    Twin,
+    TwinState,
+    actuator_parameters,
+    joint_response,
+)
 from pepper_kin.twin.base import BaseController, OmniBase, pepper_base, world_velocity
 
 ROWS = 4
@@ -42,6 +50,7 @@ class Body:
         scene: What stands around the robot, for its sensors and its checks of collision; the mass of what is
             attached to the robot counts.
         posture: Where it begins.
+        response: How the joints follow: "ideal" or "measured", see `joint_response`.
 
     Attributes:
         pepper: The model: planar base, hands of one joint each.
@@ -49,6 +58,7 @@ class Body:
         controller: Of the base.
         time: The clock.
         tasks: What moves the joints.
+        response: How the joints follow their commands.
         awake: Whether the motors are on.
         stiffness: By joint, 0 to 1.
         wheel_angles: Turns of the wheels [rad], shape (3,).
@@ -66,6 +76,7 @@ class Body:
         real_time: bool = True,
         scene: Scene | None = None,
         posture: str = "Stand",
+        response: str = "ideal",
     ) -> None:
         self.pepper: PepperModel = load_pepper(base="planar", hands="mimic")
         self.mode = mode
@@ -94,7 +105,11 @@ class Body:
         self._looked_at, self._is_blocked = -LOOK_EVERY, False
         self._last = self.command.copy()
         self._rate = np.zeros(self.pepper.n)
-        self._twin = self._twin_with(actuator_parameters(self.pepper, "motor"))
+        parameters = actuator_parameters(self.pepper, "motor")
+        self.response = joint_response(self.pepper, response)
+        self._followers = JointFollowers(self.pepper, self.response, self.command, parameters.latency)
+        self._followed_rate = np.zeros(self.pepper.n)
+        self._twin = self._twin_with(parameters)
         self._twin.reset(self.command)
         self._strength_due = False
 
@@ -244,6 +259,7 @@ class Body:
         self.controller.reset(pose)
         self.command[self._base] = pose
         self._last[self._base] = pose
+        self._followers.put(self._base, pose)
         position = np.array(self.state.position)
         position[self._base] = pose
         self._twin.reset(position)
@@ -258,6 +274,7 @@ class Body:
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
         if limp:
             self.command[limp] = self._last[limp] = self.state.position[limp]
+            self._followers.put(limp, self.state.position[limp])
         if self._strength_due:
             self._set_strength()
         position, velocity, acceleration = self._references()
@@ -286,18 +303,20 @@ class Body:
     def _references(self) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations for the twin in this cycle, shape (ROWS, n) each.
 
-        The joints go from command to command along a line with a velocity that is continuous over two
+        The joints go from reference to reference along a line with a velocity that is continuous over two
         cycles; the base along the arcs of its controller.
         """
         h = CYCLE / ROWS
-        rate = (self.command - self._last) / CYCLE
+        before = self._followers.position
+        way = self._followers.step(self.command) - before
+        rate = way / CYCLE
         share = (1.0 + np.arange(ROWS))[:, None] / ROWS
-        position = self._last + share * (self.command - self._last)
+        position = before + share * way
         velocity = np.tile(rate, (ROWS, 1))
-        acceleration = np.tile((rate - self._rate) / CYCLE, (ROWS, 1))
+        acceleration = np.tile((rate - self._followed_rate) / CYCLE, (ROWS, 1))
         most = self.pepper.acceleration_limits
         acceleration = np.clip(acceleration, -most, most)
-        before = self.controller.twist
+        twist_before = self.controller.twist
         if self.controller.stands:
             position[:, self._base] = self.controller.pose
             velocity[:, self._base] = acceleration[:, self._base] = 0.0
@@ -306,11 +325,13 @@ class Body:
             pose = self.controller.pose
             position[row, self._base] = pose
             velocity[row, self._base] = world_velocity(twist, float(pose[2]))
-            acceleration[row, self._base] = world_velocity((twist - before) / h, float(pose[2]))
-            self.wheel_angles += h * self.controller.base.wheel_speeds((twist + before) / 2.0)
-            before = twist
+            acceleration[row, self._base] = world_velocity((twist - twist_before) / h, float(pose[2]))
+            self.wheel_angles += h * self.controller.base.wheel_speeds((twist + twist_before) / 2.0)
+            twist_before = twist
+        self._rate, self._followed_rate = (self.command - self._last) / CYCLE, rate
         self.command[self._base] = self.controller.pose
-        self._last, self._rate = self.command.copy(), rate
+        self._followers.put(self._base, self.controller.pose)
+        self._last = self.command.copy()
         return position, velocity, acceleration
 
     def _twin_with(self, parameters: ActuatorParameters) -> Twin:

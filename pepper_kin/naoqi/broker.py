@@ -30,6 +30,7 @@ class Broker:
         real_time: Whether time passes by the wall clock, or only while somebody waits; then as fast as it
             goes.
         scene: What stands around the robot.
+        response: How the joints follow their commands: "ideal", or "measured" on a robot (late and lagging).
 
     Attributes:
         body: The simulated body.
@@ -37,13 +38,20 @@ class Broker:
         on_log: Called with each of these.
 
     Raises:
-        InvalidValueError: for another mode.
+        InvalidValueError: for another mode or response.
     """
 
-    def __init__(self, *, mode: str = "twin", real_time: bool = True, scene: Scene | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        mode: str = "twin",
+        real_time: bool = True,
+        scene: Scene | None = None,
+        response: str = "ideal",
+    ) -> None:
         if mode not in MODES:
             raise InvalidValueError("mode", mode, f"one of {', '.join(MODES)}")
-        self.body = Body(mode=mode, real_time=real_time, scene=scene)
+        self.body = Body(mode=mode, real_time=real_time, scene=scene, response=response)
         self.logged: list[tuple[float, str]] = []
         self.on_log: Callable[[float, str], object] | None = None
         self._began = time.time()

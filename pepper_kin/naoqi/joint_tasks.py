@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.simulation.target_following import SETTLED, speed_step
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.trajectory import Trajectory
@@ -15,10 +16,6 @@ from pepper_kin.trajectory.key_curve import Key, curve_segments
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
-
-
-SETTLED = 1e-4
-"""Command and end of a curve are the same within this [rad]."""
 
 
 class CurveTask(Task):
@@ -129,8 +126,7 @@ class TrajectoryTask(Task):
 class SpeedTask(Task):
     """Joints to targets with a share of their fastest speed (`setAngles`, `changeAngles`).
 
-    The speed rises and falls with the acceleration limits: v = min(v_max, sqrt(2 a d)), d the way that is
-    left.
+    The speed rises and falls with the acceleration limits; see `speed_step`.
 
     Args:
         name: Method that began it.
@@ -157,21 +153,14 @@ class SpeedTask(Task):
         for joint in tuple(self.resources):
             k = body.index[joint]
             target = body.clipped(joint, self.targets[joint])
-            left = target - body.command[k]
+            left = target - float(body.command[k])
             if body.is_limp(joint):
                 continue
-            fastest = self.share * float(body.pepper.velocity_limits[k])
+            fastest = self.share * float(body.response.speed_share[k] * body.pepper.velocity_limits[k])
             strongest = float(body.pepper.acceleration_limits[k])
-            brake = float(np.sqrt(2.0 * strongest * abs(left)))
-            wanted = np.sign(left) * min(fastest, brake, abs(left) / CYCLE)
-            change = np.clip(wanted - self._speed[joint], -strongest * CYCLE, strongest * CYCLE)
-            self._speed[joint] += float(change)
-            move = self._speed[joint] * CYCLE
-            if abs(left) <= max(abs(move), SETTLED) and abs(self._speed[joint]) <= 2.0 * strongest * CYCLE:
-                body.command[k], self._speed[joint] = target, 0.0
-                continue
-            body.command[k] += move
-            going = going or not body.is_held(joint)
+            move, self._speed[joint], ahead = speed_step(left, self._speed[joint], fastest, strongest, CYCLE)
+            body.command[k] = body.command[k] + move if ahead else target
+            going = going or (ahead and not body.is_held(joint))
         return going
 
 

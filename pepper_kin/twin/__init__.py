@@ -3,6 +3,7 @@
     Twin, TwinState, Run, RunStatus, load_run         one robot; what a run logged
     TwinBatch, BatchRun                       thousands, each with separate parameters
     Push, ActuatorParameters, actuator_parameters
+    JointResponse, joint_response             how joints follow the targets of `setAngles`, as measured
     run_real_time, Timing                     steps against the wall clock
     Recorder, Recording, load_recording       everything on disk, resumable
     replay, GestureReport, paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   the paper's gestures
@@ -20,6 +21,7 @@ from pepper_kin.twin.batch_run import BatchRun
 from pepper_kin.twin.batch_twin import TwinBatch
 from pepper_kin.twin.hooks import SensorsHook, WorldHook
 from pepper_kin.twin.integrator import Integrator
+from pepper_kin.twin.joint_response import JointResponse, joint_response
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Timing, run_real_time
 from pepper_kin.twin.recorder import Recorder
@@ -39,6 +41,7 @@ __all__ = [
     "DivergedError",
     "GestureReport",
     "Integrator",
+    "JointResponse",
     "PaperGesture",
     "Push",
     "Recorder",
@@ -52,6 +55,7 @@ __all__ = [
     "TwinState",
     "WorldHook",
     "actuator_parameters",
+    "joint_response",
     "load_recording",
     "load_run",
     "paper_gesture",

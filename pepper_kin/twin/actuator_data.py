@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -14,7 +15,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.twin.actuators import ActuatorParameters
 
-DETAILS = ("servo", "motor")
+DETAILS = ("servo", "motor", "measured")
 
 FULL_TORQUE_ERROR = 0.005  # [rad or m] of position error at which a generic servo gives its full torque
 _FREE_FREQUENCY = 50.0  # [rad/s] of a generic servo without a torque limit
@@ -40,7 +41,9 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
     Args:
         pepper: The robot.
         detail: "servo": gains, torque limits and stops alone; "motor": with the rotor inertia, friction,
-            torque-speed line, encoder and latency of the data file besides, where it has them.
+            torque-speed line, encoder and latency of the data file besides, where it has them; "measured":
+            as "motor", with the stiffness that a robot's sag under gravity tells, a quarter to a half of what
+            is assumed, where it was measured.
 
     Returns:
         The parameters; torque limits are the URDF's effort limits.
@@ -64,7 +67,10 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
     servo = ActuatorParameters(
         pepper.joint_names, stiffness, damping, torque_limit, stop, stop * _STOP_TIME, tuple(sources)
     )
-    return servo if detail == "servo" or not known else _with_motors(servo, known)
+    if detail == "servo" or not known:
+        return servo
+    motors = _with_motors(servo, known)
+    return motors if detail == "motor" else _with_measured_stiffness(motors)
 
 
 def _with_motors(servo: ActuatorParameters, known: dict[str, dict[str, Any]]) -> ActuatorParameters:
@@ -77,6 +83,19 @@ def _with_motors(servo: ActuatorParameters, known: dict[str, dict[str, Any]]) ->
         for quantity in _MOTOR
     }
     return servo.changed(latency=_read()["latency"], **values)
+
+
+def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
+    """Return actuators as stiff as a robot's were, with the damping ratio that they had."""
+    measured = _read()["measured"]
+    stiffness, damping, sources = {}, {}, list(motors.sources)
+    for name, (value, _, _, source) in measured["joints"].items():
+        if name in motors.joint_names:
+            j = motors.joint_names.index(name)
+            stiffness[name] = value
+            damping[name] = float(motors.damping[j] * np.sqrt(value / motors.stiffness[j]))
+            sources[j] = f"stiffness: {measured[source]}; damping ratio assumed"
+    return replace(motors.changed(stiffness=stiffness, damping=damping), sources=tuple(sources))
 
 
 def _pepper_rows() -> dict[str, dict[str, Any]]:

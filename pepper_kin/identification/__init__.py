@@ -1,0 +1,38 @@
+"""Robots' logs: the twin held beside them, and fitted to them.
+
+    read_log, RobotLog                        commands and what encoders read
+    replay, Replay, JointComparison           the commands given to the twin, and how far it is from the robot
+    compared, report_of                       numbers and table over several replays
+    Stretch, Tolerance, KINDS                 what no actuator explains, with its kind
+    fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
+    save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
+
+How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
+"""
+
+from pepper_kin.identification.command import LogCheck, check_logs
+from pepper_kin.identification.fit import Fit, fit_actuators, without_person
+from pepper_kin.identification.log_file import read_log
+from pepper_kin.identification.picture import save_replay_picture
+from pepper_kin.identification.replay import JointComparison, Replay, compared, replay, report_of
+from pepper_kin.identification.robot_log import RobotLog
+from pepper_kin.identification.stretches import KINDS, Stretch, Tolerance
+
+__all__ = [
+    "KINDS",
+    "Fit",
+    "JointComparison",
+    "LogCheck",
+    "Replay",
+    "RobotLog",
+    "Stretch",
+    "Tolerance",
+    "check_logs",
+    "compared",
+    "fit_actuators",
+    "read_log",
+    "replay",
+    "report_of",
+    "save_replay_picture",
+    "without_person",
+]

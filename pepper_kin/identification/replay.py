@@ -1,0 +1,350 @@
+"""A log's commands given to the twin, and the twin held beside the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import dynamics
+from pepper_kin.arrays import Array, FrozenArrays
+from pepper_kin.core.simulation.target_following import follow_targets, read_path
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.identification.robot_log import RobotLog
+from pepper_kin.identification.stretches import Stretch, Tolerance, find_stretches
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.joint_response import JointResponse, joint_response
+
+CYCLE = 0.02
+"""Of NAOqi's motion process [s]."""
+
+SETTLE = 4.0
+"""Time of a log that is not judged: the robot comes from a posture that nobody commanded [s]."""
+
+ROUND_TRIPS = np.arange(0.0, 0.0201, 0.0005)
+"""Times of a call to the robot and back among which the log's is looked for [s]."""
+
+FAST = 0.2
+"""A joint moves fast at this share of the speed that it was sent with."""
+
+_SHIFTS = np.arange(-0.3, 0.3001, 0.005)
+
+SPREAD = 0.02
+"""Errors count by log(1 + (e / SPREAD)^2): those far above it say that something else happens [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointComparison:
+    """One joint of the twin beside the robot's; angles in rad.
+
+    Attributes:
+        joint: Its name.
+        median: Of |twin - robot|, without the stretches that are named.
+        p95: 95th percentile of the same.
+        rms: Root of the mean square of the same.
+        delay: By how much the robot still comes after the twin in fast motion [s]; NaN where none was seen.
+        ratio: rms(twin - robot) / rms(command - robot), of all readings.
+        median_of_all: Of |twin - robot|, of all readings.
+        p95_of_all: 95th percentile of the same.
+        rms_of_all: Root of the mean square of the same.
+        named: Share of the readings that are in a stretch.
+        named_squares: Share of the squared error that is in a stretch; NaN where there is no error.
+        readings: How many were judged.
+    """
+
+    joint: str
+    median: float
+    p95: float
+    rms: float
+    delay: float
+    ratio: float
+    median_of_all: float
+    p95_of_all: float
+    rms_of_all: float
+    named: float
+    named_squares: float
+    readings: int
+
+    def as_dict(self) -> dict[str, float | int | None]:
+        """Return the numbers by name, None for NaN."""
+        values = {name: value for name, value in vars(self).items() if name != "joint"}
+        return {name: None if np.isnan(value) else value for name, value in values.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Replay(FrozenArrays):
+    """The twin beside the robot, at the times of the readings.
+
+    Attributes:
+        log: What was replayed.
+        twin: Angles of the twin [rad], shape (T, n).
+        unexplained: Differences that no timing explains: 0 within the range of the twin around the time
+            of a reading, else the distance from it, positive above [rad], shape (T, n).
+        judged: Which readings count, shape (T, n).
+        named: Which are in a stretch, shape (T, n).
+        round_trip: Time of a call to the robot and back [s]: readings of a row are so far apart.
+        stretches: What no actuator explains, in order of time.
+        delays: By joint, see `JointComparison` [s], shape (n,).
+    """
+
+    log: RobotLog
+    twin: Array
+    unexplained: Array
+    judged: NDArray[np.bool_]
+    named: NDArray[np.bool_]
+    round_trip: float
+    stretches: tuple[Stretch, ...]
+    delays: Array
+
+    @property
+    def error(self) -> Array:
+        """Twin minus robot [rad], shape (T, n)."""
+        return np.asarray(self.twin - self.log.measured)
+
+    def joint(self, name: str) -> JointComparison:
+        """Return the numbers of one joint.
+
+        Raises:
+            UnknownNameError: for a joint that the log lacks.
+        """
+        if name not in self.log.joint_names:
+            raise UnknownNameError("joint", name, self.log.joint_names)
+        return compared([self])[name]
+
+    def report(self) -> str:
+        """Return a table of the joints, and the longest stretches."""
+        return report_of([self])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return joints and stretches, for JSON."""
+        return {
+            "log": self.log.name,
+            "person": self.log.person,
+            "duration": self.log.duration,
+            "round_trip": self.round_trip,
+            "joints": {name: found.as_dict() for name, found in compared([self]).items()},
+            "stretches": [stretch.as_dict() for stretch in self.stretches],
+        }
+
+
+def replay(
+    pepper: PepperModel,
+    log: RobotLog,
+    actuators: JointResponse | None = None,
+    *,
+    round_trip: float | None = None,
+    tolerance: Tolerance | None = None,
+) -> Replay:
+    """Give a log's commands to the twin and hold it beside the robot.
+
+    The twin takes the way of NAOqi's `setAngles`: targets within the limits, the interpolation with limited
+    speed in cycles of 20 ms, and the response of the joints, all in machine code.
+
+    Args:
+        pepper: The robot.
+        log: Its log.
+        actuators: How the joints follow; as measured (`joint_response`) if omitted.
+        round_trip: Time of a call to the robot and back [s]; if omitted, that with which the twin is nearest
+            to the robot, one number for the log.  It only says when the joints of a row were read.
+        tolerance: What a stretch is.
+
+    Returns:
+        The comparison; its first 4 s are not judged.
+
+    Raises:
+        UnknownNameError: for a joint of the log that the robot or the actuators lack.
+    """
+    response = joint_response(pepper) if actuators is None else actuators
+    allowed = Tolerance() if tolerance is None else tolerance
+    for joint in log.joint_names:
+        if joint not in pepper.joint_names:
+            raise UnknownNameError(f"joint of {log.name}", joint, pepper.joint_names)
+    paths = [joint_path(pepper, log, response, joint) for joint in log.joint_names]
+    judged = log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
+    droop = gravity_droop(pepper, log, response, paths)
+    rigid = log.measured - droop  # where the joints would be without gravity
+    if round_trip is None:
+        round_trip = best_round_trip(log, paths, rigid, judged)
+    readings = np.empty((len(paths), 3, log.time.size))
+    delays = np.full(len(paths), np.nan)
+    for j, path in enumerate(paths):
+        times = times_of(log, j, round_trip)
+        read_path(path, log.begin, CYCLE, times, allowed.timing, readings[j])
+    twin, low, high = readings.transpose(1, 2, 0)
+    unexplained = np.where(rigid > high, rigid - high, np.minimum(rigid - low, 0.0))
+    unexplained = np.where(judged, unexplained, 0.0)
+    twin = twin + droop
+    stretches, named = find_stretches(pepper, log, twin, unexplained, allowed)
+    for j, joint in enumerate(log.joint_names):
+        k = pepper.joint_index(joint)
+        fast = FAST * log.share * float(pepper.velocity_limits[k])
+        use = judged[:, j] & ~named[:, j]
+        delays[j] = _delay(paths[j], log, times_of(log, j, round_trip), rigid[:, j], (fast, use))
+    return Replay(log, twin, unexplained, judged, named, round_trip, stretches, delays)
+
+
+def joint_path(pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str) -> Array:
+    """Return where the twin's joint is at the ends of the cycles of a log [rad], shape (cycles,).
+
+    The first cycle begins at `log.begin`, where the joint is at the first reading.
+    """
+    j, k = log.index(joint), pepper.joint_index(joint)
+    lower, upper = float(pepper.lower_limits[k]), float(pepper.upper_limits[k])
+    last = log.time[-1] + ROUND_TRIPS[-1] * log.reading_order.max() + 1.0
+    path = np.empty(max(int(np.ceil((last - log.begin) / CYCLE)), 1))
+    times = log.command_time + response.latency[response.index(joint)]
+    targets = np.clip(log.command[:, j], lower, upper)
+    following = response.following(pepper, joint, log.share, CYCLE)
+    start = float(np.clip(log.measured[0, j], lower, upper))
+    follow_targets(times, targets, following, log.begin, start, path)
+    return path
+
+
+def read_at(path: Array, log: RobotLog, times: Array) -> Array:
+    """Return a path of `joint_path` at times [rad], shape (T,)."""
+    return np.interp(times, log.begin + CYCLE * (1 + np.arange(path.size)), path)
+
+
+def times_of(log: RobotLog, j: int, round_trip: float) -> Array:
+    """Return when the joint in column j was read [s], shape (T,)."""
+    return np.asarray(log.time + round_trip * log.reading_order[j])
+
+
+def gravity_droop(pepper: PepperModel, log: RobotLog, response: JointResponse, paths: list[Array]) -> Array:
+    """Return by how much gravity moves the joints, -compliance x torque that holds them [rad], shape (T, n).
+
+    The joints that the log lacks are taken to be in the posture Stand.
+    """
+    compliance = np.array([response.compliance[response.index(joint)] for joint in log.joint_names])
+    if not compliance.any():
+        return np.zeros(log.measured.shape)
+    return np.asarray(-compliance * holding_torque(pepper, log, paths))
+
+
+def holding_torque(pepper: PepperModel, log: RobotLog, paths: list[Array]) -> Array:
+    """Return the torques that hold the twin against gravity at the times of a log [N m], shape (T, n)."""
+    stand = pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
+    q = np.tile(np.asarray(stand, dtype=float), (log.time.size, 1))
+    places = [pepper.joint_index(joint) for joint in log.joint_names]
+    for path, k in zip(paths, places, strict=True):
+        q[:, k] = read_at(path, log, log.time)
+    return np.asarray(dynamics.gravity_torque(pepper, q)[:, places])
+
+
+def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDArray[np.bool_]) -> float:
+    """Return the round trip with which the sum of log(1 + (e / 20 mrad)^2) is least [s].
+
+    Args:
+        log: The log.
+        paths: Of the twin's joints.
+        rigid: What was read, without gravity's droop [rad], shape (T, n).
+        judged: Which readings count, shape (T, n).
+    """
+    if not log.reading_order.any():
+        return 0.0
+    cost = np.zeros(ROUND_TRIPS.size)
+    for j, path in enumerate(paths):
+        use = judged[:, j]
+        for k, trip in enumerate(ROUND_TRIPS):
+            error = read_at(path, log, times_of(log, j, trip)[use]) - rigid[use, j]
+            cost[k] += np.log1p((error / SPREAD) ** 2).sum()
+    return float(ROUND_TRIPS[int(np.argmin(cost))])
+
+
+def _delay(
+    path: Array, log: RobotLog, times: Array, rigid: Array, which: tuple[float, NDArray[np.bool_]]
+) -> float:
+    """Return by how much the robot comes after the twin while the twin is fast [s].
+
+    It is the shift s of the twin with the least sum of |twin(t - s) - robot(t)|.
+
+    Args:
+        path: Of the twin's joint.
+        log: The log.
+        times: When the joint was read [s], shape (T,).
+        rigid: What was read, without gravity's droop [rad], shape (T,).
+        which: The speed from which the joint is fast [rad/s], and which readings count, shape (T,).
+    """
+    fast, use = which
+    speed = (read_at(path, log, times + 0.05) - read_at(path, log, times - 0.05)) / 0.1
+    moving = use & (np.abs(speed) > fast)
+    if moving.sum() < 5:
+        return float("nan")
+    cost = [np.abs(read_at(path, log, times[moving] - s) - rigid[moving]).sum() for s in _SHIFTS]
+    return float(_SHIFTS[int(np.argmin(cost))])
+
+
+def compared(replays: list[Replay]) -> dict[str, JointComparison]:
+    """Return the numbers of each joint over the readings of several logs with the same joints.
+
+    The delay is the median of the logs'.
+    """
+    found = {}
+    for joint in replays[0].log.joint_names:
+        errors, commands, named, delays = [], [], [], []
+        for one in replays:
+            j = one.log.index(joint)
+            use = one.judged[:, j]
+            errors.append(one.error[use, j])
+            commands.append((one.log.commands_at(one.log.time)[:, j] - one.log.measured[:, j])[use])
+            named.append(one.named[use, j])
+            delays.append(one.delays[j])
+        error, inside = np.concatenate(errors), np.concatenate(named)
+        found[joint] = _numbers(joint, error, np.concatenate(commands), inside, delays)
+    return found
+
+
+def _numbers(
+    joint: str, error: Array, command: Array, named: NDArray[np.bool_], delays: list[float]
+) -> JointComparison:
+    known = [delay for delay in delays if np.isfinite(delay)]
+    return JointComparison(
+        joint,
+        *_spread(error[~named]),
+        float(np.median(known)) if known else float("nan"),
+        _rms(error) / _rms(command) if np.any(command) else float("nan"),
+        *_spread(error),
+        float(named.mean()) if named.size else 0.0,
+        float((error[named] ** 2).sum() / (error**2).sum()) if np.any(error) else float("nan"),
+        error.size,
+    )
+
+
+def _spread(error: Array) -> tuple[float, float, float]:
+    """Return median and 95th percentile of |error|, and its rms; NaN where there is none."""
+    if not error.size:
+        return (float("nan"),) * 3
+    return float(np.median(np.abs(error))), float(np.percentile(np.abs(error), 95)), _rms(error)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def report_of(replays: list[Replay], longest: int = 8) -> str:
+    """Return a table of the joints over several logs, and the longest stretches."""
+    lines = [
+        "|twin - robot| [mrad]: median, 95th percentile, rms; delay [s]; ratio to rms(command - robot)",
+        f"{'':<15}{'without stretches':>28} |{'all readings':>28} |{'in stretches':>16}",
+        f"{'joint':<15}{'median':>7}{'p95':>7}{'rms':>7}{'delay':>7} |{'median':>7}{'p95':>7}{'rms':>7}"
+        f"{'ratio':>7} |{'readings':>9}{'e^2':>7}",
+    ]
+    for name, c in compared(replays).items():
+        lines.append(
+            f"{name:<15}{1e3 * c.median:7.1f}{1e3 * c.p95:7.1f}{1e3 * c.rms:7.1f}{c.delay:7.3f} |"
+            f"{1e3 * c.median_of_all:7.1f}{1e3 * c.p95_of_all:7.1f}{1e3 * c.rms_of_all:7.1f}{c.ratio:7.2f} |"
+            f"{100 * c.named:8.1f}%{100 * c.named_squares:6.1f}%"
+        )
+    every = [(one.log.name, stretch) for one in replays for stretch in one.stretches]
+    kinds: Mapping[str, int] = {}
+    for _, stretch in every:
+        kinds = {**kinds, stretch.kind: kinds.get(stretch.kind, 0) + 1}
+    counted = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    largest = "; the largest:" if every and longest else ""
+    lines.append(f"{len(every)} stretches that no actuator explains: {counted or 'none'}{largest}")
+    every.sort(key=lambda item: -item[1].size * item[1].duration)
+    lines += [f"  {name}: {stretch}" for name, stretch in every[:longest]]
+    return "\n".join(lines)

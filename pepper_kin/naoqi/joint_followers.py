@@ -1,0 +1,61 @@
+"""How the simulated joints follow ALMotion's commands: late, with lag, backlash and gravity's droop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pepper_kin import dynamics
+from pepper_kin.arrays import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.twin import JointResponse
+
+
+class JointFollowers:
+    """The references of the twin's joints, from cycle to cycle; see `JointResponse` for the law.
+
+    Args:
+        pepper: The robot, whose gravity counts.
+        response: How its joints follow.
+        command: Where they begin [rad, m or share], shape (n,).
+        early: Latency that the twin's actuators have by themselves [s].
+
+    Attributes:
+        position: References at the end of the last cycle [rad, m or share], shape (n,).
+    """
+
+    def __init__(self, pepper: PepperModel, response: JointResponse, command: Array, early: float) -> None:
+        self._pepper, self._response = pepper, response
+        with np.errstate(divide="ignore"):
+            self._share = np.where(response.lag > 0, 1.0 - np.exp(-CYCLE / response.lag), 1.0)
+        late = np.where(response.latency > 0, response.latency - early, 0.0)
+        self._delay = np.maximum(np.rint(late / CYCLE), 0).astype(int)
+        self._columns = np.arange(pepper.n)
+        self.place(command)
+
+    def place(self, command: Array) -> None:
+        """Let all joints rest at a command, shape (n,)."""
+        self._commands = np.tile(command, (int(self._delay.max()) + 1, 1))
+        self._servo, self._link, self.position = (np.array(command, dtype=float) for _ in range(3))
+
+    def put(self, joints: list[int], position: Array) -> None:
+        """Let some joints rest at positions, shape (k,)."""
+        self._commands[:, joints] = position
+        for reference in (self._servo, self._link, self.position):
+            reference[joints] = position
+
+    def step(self, command: Array) -> Array:
+        """Return the references at the end of the next cycle, shape (n,).
+
+        Args:
+            command: Of that cycle [rad, m or share], shape (n,).
+        """
+        self._commands = np.concatenate([command[None], self._commands[:-1]])
+        due = self._commands[self._delay, self._columns]
+        self._servo = np.where(self._share < 1.0, self._servo + self._share * (due - self._servo), due)
+        backlash, compliance = self._response.backlash, self._response.compliance
+        self._link = np.clip(self._link, self._servo - backlash, self._servo + backlash)
+        self.position = self._link.copy()
+        if compliance.any():
+            self.position -= compliance * dynamics.gravity_torque(self._pepper, self._link)
+        return self.position
