@@ -143,4 +143,4 @@ def log(
         found = pk.identification.check_logs(files, share=share, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if plot is not None:
-        print(f"wrote {save_replay_picture(found.replays, plot)}", file=sys.stderr)
+        print(f"wrote {pk.identification.save_replay_picture(found.replays, plot)}", file=sys.stderr)
