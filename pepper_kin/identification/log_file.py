@@ -102,6 +102,7 @@ def _from_table(path: Path, name: str, person: str, share: float | None, command
     given = time >= commands_from if sends else np.ones(time.size, dtype=bool)
     if not given.any():
         raise FileFormatError(path, f"ends before {commands_from:g} s, where commands begin", len(rows) + 1)
+    order: Array = CALLS_BEFORE + np.arange(len(joints), dtype=float) if sends else np.zeros(len(joints))
     return RobotLog(
         name,
         tuple(joints),
@@ -110,7 +111,7 @@ def _from_table(path: Path, name: str, person: str, share: float | None, command
         time,
         np.column_stack([table[joint + measured_end] for joint in joints]),
         (0.15 if sends else 1.0) if share is None else share,
-        CALLS_BEFORE + np.arange(len(joints)) if sends else np.zeros(len(joints)),
+        order,
         person,
     )
 

@@ -30,7 +30,11 @@ ROUND_TRIPS = np.arange(0.0, 0.0201, 0.0005)
 FAST = 0.2
 """A joint moves fast at this share of the speed that it was sent with."""
 
-_SHIFTS = np.arange(-0.3, 0.3001, 0.005)
+FEW = 5
+"""A delay is told from at least so many readings in fast motion."""
+
+SHIFTS = np.arange(-0.3, 0.3001, 0.005)
+"""Among which the delay is looked for [s]."""
 
 SPREAD = 0.02
 """Errors count by log(1 + (e / SPREAD)^2): those far above it say that something else happens [rad]."""
@@ -87,7 +91,9 @@ class Replay(FrozenArrays):
         named: Which are in a stretch, shape (T, n).
         round_trip: Time of a call to the robot and back [s]: readings of a row are so far apart.
         stretches: What no actuator explains, in order of time.
-        delays: By joint, see `JointComparison` [s], shape (n,).
+        shifted: Sum of |twin - robot| in fast motion with the twin later by each of `SHIFTS`, by joint [rad],
+            shape (n, shifts).
+        moving: How many readings in fast motion these are of, shape (n,).
     """
 
     log: RobotLog
@@ -97,7 +103,13 @@ class Replay(FrozenArrays):
     named: NDArray[np.bool_]
     round_trip: float
     stretches: tuple[Stretch, ...]
-    delays: Array
+    shifted: Array
+    moving: NDArray[np.int64]
+
+    @property
+    def delays(self) -> Array:
+        """By how much the robot comes after the twin in fast motion [s], NaN where unknown, shape (n,)."""
+        return np.array([_delay(*one) for one in zip(self.shifted, self.moving, strict=True)])
 
     @property
     def error(self) -> Array:
@@ -169,7 +181,8 @@ def replay(
     if round_trip is None:
         round_trip = best_round_trip(log, paths, rigid, judged)
     readings = np.empty((len(paths), 3, log.time.size))
-    delays = np.full(len(paths), np.nan)
+    shifted = np.zeros((len(paths), SHIFTS.size))
+    moving = np.zeros(len(paths), dtype=np.int64)
     for j, path in enumerate(paths):
         times = times_of(log, j, round_trip)
         read_path(path, log.begin, CYCLE, times, allowed.timing, readings[j])
@@ -182,8 +195,9 @@ def replay(
         k = pepper.joint_index(joint)
         fast = FAST * log.share * float(pepper.velocity_limits[k])
         use = judged[:, j] & ~named[:, j]
-        delays[j] = _delay(paths[j], log, times_of(log, j, round_trip), rigid[:, j], (fast, use))
-    return Replay(log, twin, unexplained, judged, named, round_trip, stretches, delays)
+        times = times_of(log, j, round_trip)
+        shifted[j], moving[j] = _shifted(paths[j], log, times, rigid[:, j], (fast, use))
+    return Replay(log, twin, unexplained, judged, named, round_trip, stretches, shifted, moving)
 
 
 def joint_path(pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str) -> Array:
@@ -249,17 +263,15 @@ def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDA
     for j, path in enumerate(paths):
         use = judged[:, j]
         for k, trip in enumerate(ROUND_TRIPS):
-            error = read_at(path, log, times_of(log, j, trip)[use]) - rigid[use, j]
+            error = read_at(path, log, times_of(log, j, float(trip))[use]) - rigid[use, j]
             cost[k] += np.log1p((error / SPREAD) ** 2).sum()
     return float(ROUND_TRIPS[int(np.argmin(cost))])
 
 
-def _delay(
+def _shifted(
     path: Array, log: RobotLog, times: Array, rigid: Array, which: tuple[float, NDArray[np.bool_]]
-) -> float:
-    """Return by how much the robot comes after the twin while the twin is fast [s].
-
-    It is the shift s of the twin with the least sum of |twin(t - s) - robot(t)|.
+) -> tuple[Array, int]:
+    """Return the sum of |twin(t - s) - robot(t)| for each shift s [rad], and of how many readings.
 
     Args:
         path: Of the twin's joint.
@@ -271,40 +283,43 @@ def _delay(
     fast, use = which
     speed = (read_at(path, log, times + 0.05) - read_at(path, log, times - 0.05)) / 0.1
     moving = use & (np.abs(speed) > fast)
-    if moving.sum() < 5:
-        return float("nan")
-    cost = [np.abs(read_at(path, log, times[moving] - s) - rigid[moving]).sum() for s in _SHIFTS]
-    return float(_SHIFTS[int(np.argmin(cost))])
+    sums = [np.abs(read_at(path, log, times[moving] - s) - rigid[moving]).sum() for s in SHIFTS]
+    return np.array(sums), int(moving.sum())
+
+
+def _delay(shifted: Array, moving: int) -> float:
+    """Return the shift with the least sum [s], NaN where it is of too few readings."""
+    return float(SHIFTS[int(np.argmin(shifted))]) if moving >= FEW else float("nan")
 
 
 def compared(replays: list[Replay]) -> dict[str, JointComparison]:
-    """Return the numbers of each joint over the readings of several logs with the same joints.
-
-    The delay is the median of the logs'.
-    """
+    """Return the numbers of each joint over the readings of several logs with the same joints."""
     found = {}
     for joint in replays[0].log.joint_names:
-        errors, commands, named, delays = [], [], [], []
+        errors, commands, named = [], [], []
         for one in replays:
             j = one.log.index(joint)
             use = one.judged[:, j]
             errors.append(one.error[use, j])
             commands.append((one.log.commands_at(one.log.time)[:, j] - one.log.measured[:, j])[use])
             named.append(one.named[use, j])
-            delays.append(one.delays[j])
         error, inside = np.concatenate(errors), np.concatenate(named)
-        found[joint] = _numbers(joint, error, np.concatenate(commands), inside, delays)
+        places = [one.log.index(joint) for one in replays]
+        shifted = sum(one.shifted[j] for one, j in zip(replays, places, strict=True))
+        moving = sum(int(one.moving[j]) for one, j in zip(replays, places, strict=True))
+        found[joint] = _numbers(
+            joint, error, np.concatenate(commands), inside, _delay(np.asarray(shifted), moving)
+        )
     return found
 
 
 def _numbers(
-    joint: str, error: Array, command: Array, named: NDArray[np.bool_], delays: list[float]
+    joint: str, error: Array, command: Array, named: NDArray[np.bool_], delay: float
 ) -> JointComparison:
-    known = [delay for delay in delays if np.isfinite(delay)]
     return JointComparison(
         joint,
         *_spread(error[~named]),
-        float(np.median(known)) if known else float("nan"),
+        delay,
         _rms(error) / _rms(command) if np.any(command) else float("nan"),
         *_spread(error),
         float(named.mean()) if named.size else 0.0,

@@ -29,13 +29,15 @@ class JointFollowers:
         with np.errstate(divide="ignore"):
             self._share = np.where(response.lag > 0, 1.0 - np.exp(-CYCLE / response.lag), 1.0)
         late = np.where(response.latency > 0, response.latency - early, 0.0)
-        self._delay = np.maximum(np.rint(late / CYCLE), 0).astype(int)
+        cycles = np.maximum(late / CYCLE, 0.0)
+        self._delay = np.floor(cycles).astype(int)
+        self._between = cycles - self._delay  # a fraction of a cycle lies between two commands
         self._columns = np.arange(pepper.n)
         self.place(command)
 
     def place(self, command: Array) -> None:
         """Let all joints rest at a command, shape (n,)."""
-        self._commands = np.tile(command, (int(self._delay.max()) + 1, 1))
+        self._commands = np.tile(command, (int(self._delay.max()) + 2, 1))
         self._servo, self._link, self.position = (np.array(command, dtype=float) for _ in range(3))
 
     def put(self, joints: list[int], position: Array) -> None:
@@ -51,7 +53,8 @@ class JointFollowers:
             command: Of that cycle [rad, m or share], shape (n,).
         """
         self._commands = np.concatenate([command[None], self._commands[:-1]])
-        due = self._commands[self._delay, self._columns]
+        due, older = (self._commands[self._delay + k, self._columns] for k in (0, 1))
+        due = np.where(self._between > 0, due + self._between * (older - due), due)
         self._servo = np.where(self._share < 1.0, self._servo + self._share * (due - self._servo), due)
         backlash, compliance = self._response.backlash, self._response.compliance
         self._link = np.clip(self._link, self._servo - backlash, self._servo + backlash)

@@ -159,9 +159,7 @@ def joint_response(pepper: PepperModel, kind: str = "measured") -> JointResponse
                 values[quantity][j], intervals[quantity][j] = value, (low, high)
             elif joint not in rows and quantity not in ("backlash", "compliance"):
                 values[quantity][j] = usual[quantity]
-    return JointResponse(
-        pepper.joint_names, *(values[q] for q in RESPONSE_QUANTITIES), intervals, tuple(sources)
-    )
+    return JointResponse(pepper.joint_names, **values, intervals=intervals, sources=tuple(sources))
 
 
 def _median(values: list[float]) -> float:

@@ -179,6 +179,7 @@ def test_the_modules_follow_as_the_replay_says(pepper):
     )
     found = replay(pepper, log)
     error = np.abs(found.error[found.judged[:, 0]])
-    assert np.median(error) < 0.002
-    assert error.max() < 0.012  # a cycle of the fastest motion: latency is rounded to cycles
-    assert np.abs(found.delays).max() <= 0.011
+    # A call in between two cycles waits for the next in both; here all are made as a cycle begins.
+    assert np.median(error) < 0.008
+    assert error.max() < 0.025
+    assert np.abs(found.delays).max() <= 0.016

@@ -4,8 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import pepper_kin as pk
 from pepper_kin.naoqi import NaoqiError
+from pepper_kin.naoqi.joint_followers import JointFollowers
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS
+from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.twin import joint_response
 
 DOCUMENTED_HEAD = ["HeadYaw", "HeadPitch"]
 
@@ -175,3 +179,17 @@ def test_wrong_calls_say_what_is_wrong(motion):
 def test_the_summary_lists_every_joint(motion):
     text = motion.getSummary()
     assert all(name in text for name in BODY)
+
+
+def test_joints_that_follow_as_measured_are_late_by_latency_and_lag():
+    """On a ramp at a constant speed a joint is latency plus lag behind, and half the play."""
+    pepper = pk.load_pepper()
+    response = joint_response(pepper, "ideal").changed(latency=0.05, lag=0.1, backlash=0.004)
+    followers = JointFollowers(pepper, response, np.zeros(pepper.n), 0.02)
+    for k in range(100):
+        reached = followers.step(np.full(pepper.n, 0.5 * CYCLE * (k + 1)))
+
+    behind = 0.5 * (0.03 + CYCLE / (1.0 - np.exp(-CYCLE / 0.1)) - CYCLE) + 0.004
+    np.testing.assert_allclose(0.5 * CYCLE * 100 - reached, behind, atol=1e-6)
+    followers.place(np.ones(pepper.n))
+    np.testing.assert_array_equal(followers.step(np.ones(pepper.n)), 1.0)
