@@ -23,6 +23,9 @@ COMMANDS_FROM = 2.0
 CALLS_BEFORE = 2.5
 """Round trips from the time of a row to the first reading: two calls, and the way of the answer."""
 
+LARGEST = 250_000_000
+"""Size that a compressed table may have when it is unpacked [bytes]."""
+
 _PAIRS = (("_command", "_measured"), (".reference", ".position"))
 _MOST = 2.0 * np.pi
 """Largest angle that is believed to be in radians: no joint of Pepper turns by half of it [rad]."""
@@ -120,9 +123,7 @@ def _lines(path: Path) -> tuple[list[str], list[str]]:
     """Return the names of the columns, and the lines of numbers."""
     content = read_bytes(path)
     try:
-        text = (lzma.decompress(content) if path.suffix.lower() == ".xz" else content).decode("utf-8-sig")
-    except lzma.LZMAError as error:
-        raise FileFormatError(path, f"is not xz: {error}") from error
+        text = (_unpacked(path, content) if path.suffix.lower() == ".xz" else content).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(path, f"is not text in UTF-8: {error.reason} at byte {error.start}") from error
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -133,6 +134,20 @@ def _lines(path: Path) -> tuple[list[str], list[str]]:
     if len(lines) < 4:
         raise FileFormatError(path, "has fewer than two rows of numbers", 1)
     return [column.strip() for column in lines[0].split(",")], lines[1:-1]
+
+
+def _unpacked(path: Path, content: bytes) -> bytes:
+    """Return what an xz file holds."""
+    unpacker = lzma.LZMADecompressor()
+    try:
+        text = unpacker.decompress(content, max_length=LARGEST + 1)
+    except lzma.LZMAError as error:
+        raise FileFormatError(path, f"is not xz: {error}") from error
+    if len(text) > LARGEST:
+        raise FileFormatError(path, f"holds more than {LARGEST // 1_000_000} MB")
+    if not unpacker.eof:
+        raise FileFormatError(path, "is truncated: it ends within its xz stream")
+    return text
 
 
 def _refuse_degrees(path: Path, column: str, values: Array) -> None:

@@ -407,6 +407,9 @@ FILES: dict[str, dict[str, Build]] = {
         "rows of a table": rows_of(".csv"),
         "columns of a table": lambda size: wide(1000 * size // 60).encode(),
     },
+    "robot's log": {
+        "rows of a log": filled("time,A_command,A_measured\n", lambda i: f"{2 + 0.2 * i:.1f},0.1,0.1\n")
+    },
     "joint states CSV": {"rows of states": rows_of(".csv")},
     "JSON": {"segments": long_json},
     "NPZ": {"zeros": long_archive, "members": members},

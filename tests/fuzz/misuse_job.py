@@ -73,7 +73,8 @@ LEFT_OUT = {
     "CompiledFunction", "Kernel", "Integrator", "Recorder", "Recording", "load_recording", "load_run",
     "ompl_plan", "RobotMemory", "CompiledMotionValidator", "CompiledManifold", "PepperModel", "state_data",
     "over_states", "all_over_states", "kernel_ir", "compile_function", "read_choregraphe",
-    "read_naoqi_export", "read_joint_states", "plot", "manifold_of", "Push", "Semantics",
+    "read_naoqi_export", "read_joint_states", "read_log", "check_logs", "plot", "manifold_of",
+    "Push", "Semantics",
 }  # fmt: skip
 """Processes, clocks, caches; values that only the library makes; readers, which have separate fuzz tests."""
 RESULTS = (

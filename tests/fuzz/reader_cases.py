@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mutations import Rng, changed_bytes, pick
 from reader_checks import (
     bag,
@@ -70,6 +71,7 @@ from pepper_kin.files import (
     read_joint_states,
     read_naoqi_export,
 )
+from pepper_kin.identification import read_log
 from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.model import audit, compare, load_pepper, load_robot, pepper_urdf
@@ -166,6 +168,20 @@ def states(path: Path) -> None:
     motion(read_joint_states(path, sample(), ignore=("WheelB",)))
 
 
+ROBOT_LOG = "time,A_command,A_measured,B_command,B_measured\n" + "".join(
+    f"{2.0 + 0.2 * k:.1f},{0.1 * k:.2f},{0.09 * k:.2f},-0.5,{-0.01 * k:.2f}\n" for k in range(12)
+)
+
+
+def robot_log(path: Path) -> None:
+    """Read a robot's log; what is accepted is finite, in order and of plausible angles."""
+    found = read_log(path)
+    assert np.isfinite(found.measured).all()
+    assert np.isfinite(found.command).all()
+    assert (np.diff(found.time) > 0).all()
+    assert np.abs(found.measured).max() <= 2.0 * np.pi
+
+
 def others(name: str) -> Callable[[], dict[str, bytes]]:
     """Return what makes the files of a recording but one."""
     return lambda: {other: content for other, content in recording_files().items() if other != name}
@@ -212,6 +228,7 @@ READERS: dict[str, Reader] = {
     "ROS YAML": trajectory_reader(".yaml", _trajectory_text(".yaml")),
     "NAOqi script": trajectory_reader(".py", _trajectory_text(".py")),
     "MCAP": trajectory_reader(".mcap", mcap_damage),
+    "robot's log": Reader("person_a_log.csv", robot_log, text_damage(ROBOT_LOG)),
     "joint states CSV": Reader("states.csv", states, _trajectory_text(".csv")),
     "joint states MCAP": Reader("states.mcap", states, mcap_damage),
     "bag": Reader("bag.mcap", with_path(Bag, bag), bag_damage),

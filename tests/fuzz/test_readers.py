@@ -30,7 +30,7 @@ LARGE = (20, 300, 4900)
 READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
-    "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
+    "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
     "Choregraphe behavior", "Choregraphe project", "Choregraphe export", "run", "motion",
     "recording header", "recording", "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF",
     "Pepper's meshes",
@@ -54,7 +54,8 @@ NOT_READ = {"xacro", "SDF"}
 """Formats that are refused by name even where they are whole."""
 FUNCTIONS = {
     "collision.Scene.load", "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
-    "files.read_joint_states", "files.read_naoqi_export", "jobs.load_motion", "kinematics.ReachMap.load",
+    "files.read_joint_states", "files.read_naoqi_export", "identification.read_log", "jobs.load_motion",
+    "kinematics.ReachMap.load",
     "model.audit", "model.compare", "model.load_pepper", "model.load_robot", "twin.load_recording",
     "twin.load_run",
 }  # fmt: skip

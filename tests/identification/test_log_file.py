@@ -68,11 +68,21 @@ def test_milliseconds_are_refused_and_other_rates_read(log, tmp_path, written):
 def test_other_files_are_refused(tmp_path):
     with pytest.raises(UnknownNameError, match="suffix"):
         read_log(tmp_path / "a.txt")
-    (tmp_path / "b.csv.xz").write_bytes(b"no")
+    (tmp_path / "b.csv.xz").write_bytes(b"no archive at all")
     with pytest.raises(FileFormatError, match="is not xz"):
+        read_log(tmp_path / "b.csv.xz")
+    (tmp_path / "b.csv.xz").write_bytes(lzma.compress(b"time,A_command,A_measured\n" * 1000)[:-20])
+    with pytest.raises(FileFormatError, match="is truncated"):
         read_log(tmp_path / "b.csv.xz")
     with pytest.raises(FileFormatError, match="cannot be read"):
         read_log(tmp_path / "missing.csv")
+
+
+def test_a_bomb_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("pepper_kin.identification.log_file.LARGEST", 1_000_000)
+    (tmp_path / "bomb.csv.xz").write_bytes(lzma.compress(bytes(2_000_000)))
+    with pytest.raises(FileFormatError, match="holds more than 1 MB"):
+        read_log(tmp_path / "bomb.csv.xz")
 
 
 def test_a_run_of_the_twin_is_a_log(pepper, tmp_path):
