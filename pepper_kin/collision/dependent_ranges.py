@@ -85,7 +85,7 @@ def dependent_ranges(pepper: PepperModel) -> tuple[DependentRange, ...]:
         a, b = row["link_pair"].split("-")
         key = (a, b, row["joint_1"], row["joint_2"])
         values = (row["value_1_rad"], row["joint_2_free_min_rad"], row["joint_2_free_max_rad"])
-        rows.setdefault(key, []).append((*(float(value) for value in values), row["source"]))
+        rows.setdefault(key, []).append((float(values[0]), float(values[1]), float(values[2]), row["source"]))
     ranges = []
     for (a, b, first, second), table in rows.items():
         if (min(a, b), max(a, b)) not in marked:

@@ -149,7 +149,8 @@ def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
 
 def _anchors(pepper: PepperModel, alignments: Sequence[Alignment]) -> dict[str, tuple[int, Matrix, Vector]]:
     """Return each frame as a body and the frame's rotation and origin in that body's frame."""
-    tree, anchors = moving_tree(pepper), {}
+    tree = moving_tree(pepper)
+    anchors: dict[str, tuple[int, Matrix, Vector]] = {}
     for name, pose in tree.frame_poses.items():
         body, rotation, translation = tree.frame_joints[name] - 1, pose[:3, :3], pose[:3, 3]
         if body >= 0:
