@@ -39,7 +39,7 @@ def held_out(pepper, logs, fit):
 
 
 def summary(replays, ideal):
-    """Return the numbers over all joints, as issue 31 asks them."""
+    """Return the numbers over all joints."""
     joints, plain = identification.compared(replays), identification.compared(ideal)
     error = np.concatenate([one.error[one.judged] for one in replays])
     named = np.concatenate([one.named[one.judged] for one in replays])

@@ -44,7 +44,7 @@ SHARES = np.arange(0.5, 1.3, 0.02)
 """Shares of the speed among which a search begins: the error has several minima over it."""
 
 DROOP = 0.006
-"""Gravity must move a joint by more than this [rad]: less is not told from backlash."""
+"""Gravity must move a joint by more than this [rad]: less cannot be separated from backlash."""
 
 ROUNDS = 3
 RESAMPLES = 2000

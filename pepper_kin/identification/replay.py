@@ -31,7 +31,7 @@ FAST = 0.2
 """A joint moves fast at this share of the speed that it was sent with."""
 
 FEW = 5
-"""A delay is told from at least so many readings in fast motion."""
+"""A delay is estimated from at least so many readings in fast motion."""
 
 SHIFTS = np.arange(-0.3, 0.3001, 0.005)
 """Among which the delay is looked for [s]."""
