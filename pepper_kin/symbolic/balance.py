@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.inverse_dynamics import Wrench, body_wrenches
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect, force_and_moment, world_motion
 from pepper_kin.symbolic.scalars import reciprocal
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, new_state
 from pepper_kin.symbolic.vectors import add
 
 if TYPE_CHECKING:
@@ -32,10 +30,9 @@ def base_wrench(pepper: PepperModel) -> casadi.Function:
         Function of q, v, a (n each); output `wrench` (6): force [N], then moment about the world's origin
         [N m], in world axes.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    force, torque = _floor_wrench(make_state(tree, inputs["q"], inputs["v"], inputs["a"]))
-    return make_function("base_wrench", graph, inputs, {"wrench": [[x] for x in (*force, *torque)]})
+    state, symbols = new_state(pepper, "q", "v", "a")
+    force, torque = _floor_wrench(state)
+    return symbols.function("base_wrench", wrench=[[x] for x in (*force, *torque)])
 
 
 @remembered
@@ -51,12 +48,11 @@ def zero_moment_point(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q, v, a (n each); output `point` (2): x and y on the floor [m].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    force, torque = _floor_wrench(make_state(tree, inputs["q"], inputs["v"], inputs["a"]))
+    state, symbols = new_state(pepper, "q", "v", "a")
+    force, torque = _floor_wrench(state)
     share = reciprocal(force[2])
     rows = [[-torque[1] * share], [torque[0] * share]]
-    return make_function("zero_moment_point", graph, inputs, {"point": rows})
+    return symbols.function("zero_moment_point", point=rows)
 
 
 def _floor_wrench(state: State) -> Wrench:

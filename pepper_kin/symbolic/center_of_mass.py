@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import first_moments
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.jacobians import Columns, reduced_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.poses import world_poses
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import Tree, read_tree
+from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.tree import Tree
 from pepper_kin.symbolic.vectors import Vector, add, scale, times, z_cross
 
 if TYPE_CHECKING:
@@ -29,10 +28,8 @@ def center_of_mass(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `center` (3) in world coordinates [m].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    center = center_of_all(make_state(tree, inputs["q"]))
-    return make_function("center_of_mass", graph, inputs, {"center": [[x] for x in center]})
+    state, symbols = new_state(pepper, "q")
+    return symbols.function("center_of_mass", center=[[x] for x in center_of_all(state)])
 
 
 @remembered
@@ -48,16 +45,15 @@ def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `jacobian` (3, n) in world axes [m/rad].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    state = make_state(tree, inputs["q"])
+    state, symbols = new_state(pepper, "q")
     moments, masses, _ = first_moments(state)
     columns: Columns = []
+    tree = state.tree
     for body, (rotation, _), h, m in zip(tree.bodies, world_poses(state), moments, masses, strict=True):
         local = (0.0, 0.0, m) if body.slides else z_cross(h)
         columns.append(tuple(times(rotation, scale(1.0 / total_mass(tree), local))))
     rows = reduced_rows(tree.full_map, columns)
-    return make_function("center_of_mass_jacobian", graph, inputs, {"jacobian": rows})
+    return symbols.function("center_of_mass_jacobian", jacobian=rows)
 
 
 def total_mass(tree: Tree) -> float:

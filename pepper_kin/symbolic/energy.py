@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import first_moments
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.momentum import velocities
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import new_state
 from pepper_kin.symbolic.vectors import cross, dot
 
 if TYPE_CHECKING:
@@ -28,11 +26,9 @@ def kinetic_energy(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q, v (n each); output `energy` (1) [J].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v")
-    state = make_state(tree, inputs["q"], inputs["v"])
+    state, symbols = new_state(pepper, "q", "v")
     total: Value = 0.0
-    for (omega, velocity), body in zip(velocities(state), tree.bodies, strict=True):
+    for (omega, velocity), body in zip(velocities(state), state.tree.bodies, strict=True):
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.second
         x, y, z = omega
         # omega . (tr(Sigma) - Sigma) omega / 2, its constants gathered.
@@ -40,9 +36,9 @@ def kinetic_energy(pepper: PepperModel) -> casadi.Function:
         spin = spin + (0.5 * (xx + yy)) * (z * z)
         drift = (0.5 * body.inertia.mass) * dot(velocity, velocity)
         total = total + spin + drift + dot(velocity, cross(omega, body.inertia.first))
-    for armature, v in zip(tree.armature, state.v, strict=True):
+    for armature, v in zip(state.tree.armature, state.v, strict=True):
         total = total + (0.5 * armature) * (v * v)
-    return make_function("kinetic_energy", graph, inputs, {"energy": [[total]]})
+    return symbols.function("kinetic_energy", energy=[[total]])
 
 
 @remembered
@@ -55,7 +51,6 @@ def potential_energy(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `energy` (1) [J].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    _, _, moment = first_moments(make_state(tree, inputs["q"]))
-    return make_function("potential_energy", graph, inputs, {"energy": [[-dot(tree.gravity, moment)]]})
+    state, symbols = new_state(pepper, "q")
+    _, _, moment = first_moments(state)
+    return symbols.function("potential_energy", energy=[[-dot(state.tree.gravity, moment)]])

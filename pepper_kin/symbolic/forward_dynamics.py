@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import coupled_entries, mass_entries
 from pepper_kin.symbolic.factorization import factorize
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.inverse_dynamics import full_torques
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import gather, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import gather, new_state
 
 if TYPE_CHECKING:
     import casadi
@@ -36,12 +34,8 @@ def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
         UnknownNameError: for a frame that the robot lacks.
         ModelError: naming joints that move no mass.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "tau")
-    if contact_frame is not None:
-        inputs["wrench"] = graph.inputs(6)
-    state = make_state(tree, inputs["q"], inputs["v"])
-    bias = gather(tree.full_map, full_torques(state, contact_frame, inputs.get("wrench")))
+    state, symbols = new_state(pepper, "q", "v", "tau", wrench=contact_frame is not None)
+    bias = gather(state.tree.full_map, full_torques(state, contact_frame, symbols.inputs.get("wrench")))
     factors = factorize(coupled_entries(state, mass_entries(state)), pepper.joint_names)
-    a = factors.solve([tau - b for tau, b in zip(inputs["tau"], bias, strict=True)])
-    return make_function("forward_dynamics", graph, inputs, {"a": [[value] for value in a]})
+    a = factors.solve([tau - b for tau, b in zip(symbols.inputs["tau"], bias, strict=True)])
+    return symbols.function("forward_dynamics", a=[[value] for value in a])

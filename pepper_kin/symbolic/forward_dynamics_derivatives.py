@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import coupled_entries, mass_entries, symmetric_rows
 from pepper_kin.symbolic.factorization import Factors, factorize
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.inverse_dynamics import full_torques
 from pepper_kin.symbolic.inverse_dynamics_derivatives import coupled_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import gather, make_state, new_inputs
+from pepper_kin.symbolic.states import gather, make_state, new_state
 from pepper_kin.symbolic.torque_derivatives import torque_derivatives
-from pepper_kin.symbolic.tree import read_tree
 
 if TYPE_CHECKING:
     import casadi
@@ -36,19 +34,17 @@ def forward_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
     Raises:
         ModelError: naming joints that move no mass.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "tau")
-    state = make_state(tree, inputs["q"], inputs["v"])
-    bias = gather(tree.full_map, full_torques(state))
+    state, symbols = new_state(pepper, "q", "v", "tau")
+    bias = gather(state.tree.full_map, full_torques(state))
     factors = factorize(coupled_entries(state, mass_entries(state)), pepper.joint_names)
-    a = factors.solve([tau - b for tau, b in zip(inputs["tau"], bias, strict=True)])
-    derivatives = torque_derivatives(make_state(tree, inputs["q"], inputs["v"], a))
+    a = factors.solve([tau - b for tau, b in zip(symbols.inputs["tau"], bias, strict=True)])
+    derivatives = torque_derivatives(make_state(state.tree, symbols.inputs["q"], symbols.inputs["v"], a))
     outputs = {
-        "da_dq": _solved(factors, coupled_rows(tree.full_map, derivatives.wrt_q)),
-        "da_dv": _solved(factors, coupled_rows(tree.full_map, derivatives.wrt_v)),
+        "da_dq": _solved(factors, coupled_rows(state.tree.full_map, derivatives.wrt_q)),
+        "da_dv": _solved(factors, coupled_rows(state.tree.full_map, derivatives.wrt_v)),
         "da_dtau": symmetric_rows(factors.inverse_entries(), pepper.n),
     }
-    return make_function("forward_dynamics_derivatives", graph, inputs, outputs)
+    return symbols.function("forward_dynamics_derivatives", **outputs)
 
 
 def _solved(factors: Factors, rows: list[list[Value]]) -> list[list[Value]]:

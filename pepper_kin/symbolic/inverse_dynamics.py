@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import first_moments
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import (
     along_joints,
@@ -17,8 +16,7 @@ from pepper_kin.symbolic.motion import (
     turn_towards,
 )
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State, gather, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, gather, new_state
 from pepper_kin.symbolic.vectors import Vector, add, cross, subtract
 
 if TYPE_CHECKING:
@@ -45,14 +43,10 @@ def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    if contact_frame is not None:
-        inputs["wrench"] = graph.inputs(6)
-    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
-    tau = full_torques(state, contact_frame, inputs.get("wrench"))
-    rows = [[value] for value in gather(tree.full_map, tau)]
-    return make_function("inverse_dynamics", graph, inputs, {"tau": rows})
+    state, symbols = new_state(pepper, "q", "v", "a", wrench=contact_frame is not None)
+    tau = full_torques(state, contact_frame, symbols.inputs.get("wrench"))
+    rows = [[value] for value in gather(state.tree.full_map, tau)]
+    return symbols.function("inverse_dynamics", tau=rows)
 
 
 @remembered
@@ -67,17 +61,21 @@ def gravity_torque(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `tau` (n) [N m or N].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    state = make_state(tree, inputs["q"])
+    state, symbols = new_state(pepper, "q")
+    rows = [[value] for value in gather(state.tree.full_map, full_gravity(state))]
+    return symbols.function("gravity_torque", tau=rows)
+
+
+def full_gravity(state: State) -> list[Value]:
+    """Return g of all coordinates of `pinocchio_model`, see `gravity_torque`."""
     moments, masses, _ = first_moments(state)
     pulls: list[Vector] = []
     tau: list[Value] = []
-    for body, turn, (x, y, _), mass in zip(tree.bodies, state.turns, moments, masses, strict=True):
-        pull = turn.inward(pulls[body.parent] if body.parent >= 0 else tree.gravity)
+    for body, turn, (x, y, _), mass in zip(state.tree.bodies, state.turns, moments, masses, strict=True):
+        pull = turn.inward(pulls[body.parent] if body.parent >= 0 else state.tree.gravity)
         pulls.append(pull)
         tau.append(-mass * pull[2] if body.slides else y * pull[0] - x * pull[1])
-    return make_function("gravity_torque", graph, inputs, {"tau": [[t] for t in gather(tree.full_map, tau)]})
+    return tau
 
 
 def body_wrenches(state: State) -> list[Wrench]:

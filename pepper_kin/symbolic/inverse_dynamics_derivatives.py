@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import coupled_entries, symmetric_rows
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import make_state, new_inputs
+from pepper_kin.symbolic.states import new_state
 from pepper_kin.symbolic.torque_derivatives import Entries, torque_derivatives
-from pepper_kin.symbolic.tree import read_tree
 
 if TYPE_CHECKING:
     import casadi
@@ -28,16 +26,14 @@ def inverse_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q, v, a (n each); outputs `dtau_dq`, `dtau_dv`, `dtau_da` (n, n), the last is M(q).
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
+    state, symbols = new_state(pepper, "q", "v", "a")
     derivatives = torque_derivatives(state)
     outputs = {
-        "dtau_dq": coupled_rows(tree.full_map, derivatives.wrt_q),
-        "dtau_dv": coupled_rows(tree.full_map, derivatives.wrt_v),
+        "dtau_dq": coupled_rows(state.tree.full_map, derivatives.wrt_q),
+        "dtau_dv": coupled_rows(state.tree.full_map, derivatives.wrt_v),
         "dtau_da": symmetric_rows(coupled_entries(state, derivatives.mass), pepper.n),
     }
-    return make_function("inverse_dynamics_derivatives", graph, inputs, outputs)
+    return symbols.function("inverse_dynamics_derivatives", **outputs)
 
 
 @remembered
@@ -54,11 +50,10 @@ def coriolis_matrix(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q, v (n each); output `coriolis` (n, n).
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v")
-    derivatives = torque_derivatives(make_state(tree, inputs["q"], inputs["v"]))
-    rows = [[0.5 * x for x in row] for row in coupled_rows(tree.full_map, derivatives.wrt_v)]
-    return make_function("coriolis_matrix", graph, inputs, {"coriolis": rows})
+    state, symbols = new_state(pepper, "q", "v")
+    derivatives = torque_derivatives(state)
+    rows = [[0.5 * x for x in row] for row in coupled_rows(state.tree.full_map, derivatives.wrt_v)]
+    return symbols.function("coriolis_matrix", coriolis=rows)
 
 
 def coupled_rows(full_map: Array, entries: Entries) -> list[list[Value]]:

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.poses import world_poses
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, new_state
 from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Vector, add, cross, scale, times, transpose
 
 if TYPE_CHECKING:
@@ -35,11 +33,9 @@ def frame_jacobian(pepper: PepperModel, frame: str) -> casadi.Function:
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    columns, _ = jacobian_columns(make_state(tree, inputs["q"]), frame)
-    rows = reduced_rows(tree.full_map, columns)
-    return make_function("frame_jacobian", graph, inputs, {"jacobian": rows})
+    state, symbols = new_state(pepper, "q")
+    rows = reduced_rows(state.tree.full_map, jacobian_columns(state, frame)[0])
+    return symbols.function("frame_jacobian", jacobian=rows)
 
 
 @remembered
@@ -56,11 +52,9 @@ def frame_jacobian_rate(pepper: PepperModel, frame: str) -> casadi.Function:
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v")
-    _, rates = jacobian_columns(make_state(tree, inputs["q"], inputs["v"]), frame)
-    rows = reduced_rows(tree.full_map, rates)
-    return make_function("frame_jacobian_rate", graph, inputs, {"jacobian_rate": rows})
+    state, symbols = new_state(pepper, "q", "v")
+    rows = reduced_rows(state.tree.full_map, jacobian_columns(state, frame)[1])
+    return symbols.function("frame_jacobian_rate", jacobian_rate=rows)
 
 
 def jacobian_columns(state: State, frame: str) -> tuple[Columns, Columns]:

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.composite import coupled_entries, mass_entries, symmetric_rows
 from pepper_kin.symbolic.factorization import factorize
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import new_state
 
 if TYPE_CHECKING:
     import casadi
@@ -29,11 +27,9 @@ def mass_matrix(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `mass` (n, n) [kg m^2, kg m or kg].
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    state = make_state(tree, inputs["q"])
+    state, symbols = new_state(pepper, "q")
     entries = coupled_entries(state, mass_entries(state))
-    return make_function("mass_matrix", graph, inputs, {"mass": symmetric_rows(entries, pepper.n)})
+    return symbols.function("mass_matrix", mass=symmetric_rows(entries, pepper.n))
 
 
 @remembered
@@ -49,10 +45,8 @@ def inverse_mass_matrix(pepper: PepperModel) -> casadi.Function:
     Raises:
         ModelError: naming joints that move no mass.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    state = make_state(tree, inputs["q"])
+    state, symbols = new_state(pepper, "q")
     entries = coupled_entries(state, mass_entries(state))
     inverse = factorize(entries, pepper.joint_names).inverse_entries()
     rows = symmetric_rows(inverse, pepper.n)
-    return make_function("inverse_mass_matrix", graph, inputs, {"inverse_mass": rows})
+    return symbols.function("inverse_mass_matrix", inverse_mass=rows)

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.center_of_mass import center_of_all
 from pepper_kin.symbolic.composite import composite_inertias, unit_wrench
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.jacobians import Columns, reduced_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect
 from pepper_kin.symbolic.poses import world_poses
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, new_state
 from pepper_kin.symbolic.vectors import ZERO, Vector, add, cross, scale, subtract, times, trace
 
 if TYPE_CHECKING:
@@ -31,11 +29,9 @@ def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
         Function of q, v (n each); output `momentum` (6): linear [kg m/s], then angular [kg m^2/s], in world
         axes.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v")
-    state = make_state(tree, inputs["q"], inputs["v"])
+    state, symbols = new_state(pepper, "q", "v")
     momenta = []
-    for (omega, velocity), body in zip(velocities(state), tree.bodies, strict=True):
+    for (omega, velocity), body in zip(velocities(state), state.tree.bodies, strict=True):
         h, second = body.inertia.first, body.inertia.second
         linear = add(scale(body.inertia.mass, velocity), cross(omega, h))
         spin = subtract(scale(trace(second), omega), times(second, omega))
@@ -43,7 +39,7 @@ def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
     _, (linear, angular) = collect(state, momenta)
     about_center = subtract(angular, cross(center_of_all(state), linear))
     rows = [[x] for x in (*linear, *about_center)]
-    return make_function("centroidal_momentum", graph, inputs, {"momentum": rows})
+    return symbols.function("centroidal_momentum", momentum=rows)
 
 
 @remembered
@@ -56,17 +52,15 @@ def centroidal_map(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q (n); output `map` (6, n), linear first, in world axes.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q")
-    state = make_state(tree, inputs["q"])
+    state, symbols = new_state(pepper, "q")
     inertias, _ = composite_inertias(state)
-    center = center_of_all(state)
+    tree, center = state.tree, center_of_all(state)
     columns: Columns = []
     for body, (rotation, origin), inertia in zip(tree.bodies, world_poses(state), inertias, strict=True):
         force, torque = (times(rotation, u) for u in unit_wrench(body.slides, inertia))
         columns.append((*force, *add(torque, cross(subtract(origin, center), force))))
     rows = reduced_rows(tree.full_map, columns)
-    return make_function("centroidal_map", graph, inputs, {"map": rows})
+    return symbols.function("centroidal_map", map=rows)
 
 
 def velocities(state: State) -> list[tuple[Vector, Vector]]:

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, new_state
 from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Matrix, Vector, add, product, times
 
 if TYPE_CHECKING:
@@ -57,13 +55,12 @@ def frame_poses(pepper: PepperModel, frames: Sequence[str]) -> casadi.Function:
 def _frame_poses(pepper: PepperModel, frames: tuple[str, ...], name: str, output: str) -> casadi.Function:
     candidates = []
     for compact in (True, False):
-        tree = read_tree(pepper, compact=compact)
-        graph, inputs = new_inputs(tree, "q")
+        state, symbols = new_state(pepper, "q", compact=compact)
         rows = []
-        for rotation, position in world_frames(make_state(tree, inputs["q"]), frames):
+        for rotation, position in world_frames(state, frames):
             rows += [(*turn, x) for turn, x in zip(rotation, position, strict=True)]
             rows.append((0.0, 0.0, 0.0, 1.0))
-        candidates.append(make_function(name, graph, inputs, {output: rows}))
+        candidates.append(symbols.function(name, **{output: rows}))
     return min(candidates, key=lambda function: int(function.n_instructions()))
 
 

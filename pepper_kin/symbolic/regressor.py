@@ -9,13 +9,11 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.bodies import clean, numbers
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.inverse_dynamics import Wrench
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import Motion, moment, motions, to_parent
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import follow, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import follow, new_state
 from pepper_kin.symbolic.vectors import ZERO, cross, times
 
 if TYPE_CHECKING:
@@ -38,21 +36,19 @@ def regressor(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of q, v, a (n each); output `regressor` (n, 10 bodies).
     """
-    tree = read_tree(pepper, compact=False)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    state = make_state(tree, inputs["q"], inputs["v"], inputs["a"])
-    count = len(tree.bodies)
+    state, symbols = new_state(pepper, "q", "v", "a", compact=False)
+    count = len(state.tree.bodies)
     full: list[list[Value]] = [[0.0] * (10 * count) for _ in range(count)]
     for i, motion in enumerate(motions(state)):
-        for k, wrench in enumerate(_parameter_wrenches(motion, tree.alignments[i].rotation)):
+        for k, wrench in enumerate(_parameter_wrenches(motion, state.tree.alignments[i].rotation)):
             j = i
             while j >= 0:
-                full[j][10 * i + k] = wrench[0][2] if tree.bodies[j].slides else wrench[1][2]
+                full[j][10 * i + k] = wrench[0][2] if state.tree.bodies[j].slides else wrench[1][2]
                 wrench = to_parent(state, j, *wrench)
-                j = tree.bodies[j].parent
-    columns = [follow(tree.full_map.T, [row[k] for row in full]) for k in range(10 * count)]
+                j = state.tree.bodies[j].parent
+    columns = [follow(state.tree.full_map.T, [row[k] for row in full]) for k in range(10 * count)]
     rows = [[column[i] for column in columns] for i in range(pepper.n)]
-    return make_function("regressor", graph, inputs, {"regressor": rows})
+    return symbols.function("regressor", regressor=rows)
 
 
 def _parameter_wrenches(motion: Motion, axes: Array) -> list[Wrench]:

@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 from pepper_kin.arrays import Array
+from pepper_kin.model import PepperModel
+from pepper_kin.symbolic.functions import Rows, make_function
 from pepper_kin.symbolic.scalars import Graph, Scalar, Value, cosine, sine
-from pepper_kin.symbolic.tree import Tree
+from pepper_kin.symbolic.tree import Tree, read_tree
 from pepper_kin.symbolic.turns import Turn
 from pepper_kin.symbolic.vectors import Vector
+
+if TYPE_CHECKING:
+    import casadi
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,3 +114,38 @@ def new_inputs(tree: Tree, *names: str) -> tuple[Graph, dict[str, list[Scalar]]]
     """Return a graph with joint vectors of the robot as inputs, by name."""
     graph = Graph()
     return graph, {name: graph.inputs(tree.full_map.shape[1]) for name in names}
+
+
+class Symbols(NamedTuple):
+    """Inputs of a function that is being written.
+
+    Attributes:
+        graph: The graph of the scalars.
+        inputs: Input name -> its scalars.
+    """
+
+    graph: Graph
+    inputs: dict[str, list[Scalar]]
+
+    def function(self, name: str, **outputs: Rows) -> casadi.Function:
+        """Return the function of the inputs with outputs by name, rows of values each."""
+        return make_function(name, self.graph, self.inputs, outputs)
+
+
+def new_state(
+    pepper: PepperModel, *names: str, compact: bool = True, wrench: bool = False
+) -> tuple[State, Symbols]:
+    """Return the state of a robot at symbols, and these.
+
+    Args:
+        pepper: The robot.
+        *names: Joint vectors that are inputs, in order: "q", and "v" and "a" of the state, or others.
+        compact: See `read_tree`.
+        wrench: Whether there is an input `wrench` (6), too.
+    """
+    tree = read_tree(pepper, compact=compact)
+    graph, inputs = new_inputs(tree, *names)
+    if wrench:
+        inputs["wrench"] = graph.inputs(6)
+    state = make_state(tree, *(inputs[name] for name in ("q", "v", "a") if name in inputs))
+    return state, Symbols(graph, inputs)

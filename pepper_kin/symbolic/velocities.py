@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import State, make_state, new_inputs
-from pepper_kin.symbolic.tree import read_tree
+from pepper_kin.symbolic.states import State, new_state
 from pepper_kin.symbolic.vectors import ZERO, add, scale, z_cross
 
 if TYPE_CHECKING:
@@ -30,10 +28,8 @@ def frame_velocity(pepper: PepperModel, frame: str) -> casadi.Function:
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v")
-    velocity, _ = _tip_motion(make_state(tree, inputs["q"], inputs["v"]), frame)
-    return make_function("frame_velocity", graph, inputs, {"velocity": [[x] for x in velocity]})
+    state, symbols = new_state(pepper, "q", "v")
+    return symbols.function("frame_velocity", velocity=[[x] for x in _tip_motion(state, frame)[0]])
 
 
 @remembered
@@ -51,10 +47,8 @@ def frame_acceleration(pepper: PepperModel, frame: str) -> casadi.Function:
     Raises:
         UnknownNameError: for a frame that the robot lacks.
     """
-    tree = read_tree(pepper, compact=True)
-    graph, inputs = new_inputs(tree, "q", "v", "a")
-    _, acceleration = _tip_motion(make_state(tree, inputs["q"], inputs["v"], inputs["a"]), frame)
-    return make_function("frame_acceleration", graph, inputs, {"acceleration": [[x] for x in acceleration]})
+    state, symbols = new_state(pepper, "q", "v", "a")
+    return symbols.function("frame_acceleration", acceleration=[[x] for x in _tip_motion(state, frame)[1]])
 
 
 def _tip_motion(state: State, frame: str) -> tuple[tuple, tuple]:

@@ -23,13 +23,13 @@ from pepper_kin.kernels import Kernel, compile_function, host_target, source_dig
 from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.model import PepperModel, robot_digest
 from pepper_kin.symbolic.bodies import Inertia
-from pepper_kin.symbolic.composite import coupled_entries, first_moments, mass_entries
+from pepper_kin.symbolic.composite import coupled_entries, mass_entries
 from pepper_kin.symbolic.factorization import factorize
 from pepper_kin.symbolic.functions import make_function
-from pepper_kin.symbolic.inverse_dynamics import full_torques
+from pepper_kin.symbolic.inverse_dynamics import full_gravity, full_torques
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.scalars import Graph, Scalar, Value
-from pepper_kin.symbolic.states import State, gather, make_state
+from pepper_kin.symbolic.states import gather, make_state
 from pepper_kin.symbolic.tree import Tree, read_tree
 from pepper_kin.symbolic.vectors import (
     add,
@@ -201,7 +201,7 @@ def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
     graph = Graph()
     inputs = {name: graph.inputs(n) for name in ("q", "v", "force", "extra", "share")}
     state = make_state(tree, inputs["q"], inputs["v"])
-    nominal = gather(tree.full_map, _gravity(state))
+    nominal = gather(tree.full_map, full_gravity(state))
     if variant.scaled:
         inputs["scale"] = graph.inputs(n)
         tree = _scaled(tree, inputs["scale"])
@@ -276,19 +276,6 @@ def _solve(
     for j, value in enumerate(extra):
         entries[j, j] = entries.get((j, j), 0.0) + value
     return factorize(entries, names).solve(right)
-
-
-def _gravity(state: State) -> list[Value]:
-    """Return g of all coordinates of `pinocchio_model`; see `pepper_kin.symbolic.gravity_torque`."""
-    tree = state.tree
-    moments, masses, _ = first_moments(state)
-    pulls: list[Sequence[Value]] = []
-    tau: list[Value] = []
-    for body, turn, (x, y, _), mass in zip(tree.bodies, state.turns, moments, masses, strict=True):
-        pull = turn.inward(pulls[body.parent] if body.parent >= 0 else tree.gravity)
-        pulls.append(pull)
-        tau.append(-mass * pull[2] if body.slides else y * pull[0] - x * pull[1])
-    return tau
 
 
 def _scaled(tree: Tree, factors: Sequence[Scalar]) -> Tree:
