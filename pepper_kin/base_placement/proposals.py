@@ -13,7 +13,7 @@ from pepper_kin.base_placement.moving_base import MovingBase, wrapped
 from pepper_kin.base_placement.obstacles import touches_obstacles
 from pepper_kin.base_placement.task_sets import TaskSet
 from pepper_kin.ik.batch import solve_batch
-from pepper_kin.ik.tasks import FramePosition
+from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.kinematics import frame_pose
 
 if TYPE_CHECKING:

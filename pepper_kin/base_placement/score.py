@@ -12,7 +12,7 @@ from pepper_kin.base_placement.moving_base import MovingBase, wrapped
 from pepper_kin.base_placement.task_sets import TaskSet
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import joints_used
-from pepper_kin.ik.tasks import FramePosition
+from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.kinematics import manipulability
 from pepper_kin.model.joint_vectors import as_real
 

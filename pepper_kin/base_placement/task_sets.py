@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import flatten_tasks
-from pepper_kin.ik.tasks import JointPosture
+from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 

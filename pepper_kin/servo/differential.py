@@ -16,8 +16,8 @@ from pepper_kin.core.braking import JointLimits, stopping_speed
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
-from pepper_kin.ik.tasks import Task, TaskGroup
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive
 from pepper_kin.servo.balance_rows import BalanceRows

@@ -15,9 +15,9 @@ from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
-from pepper_kin.ik.tasks import Task, TaskGroup
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.hands import hand_frame
+from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.joint_vectors import check_within_limits as check_limits

@@ -13,15 +13,13 @@ from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
 from pepper_kin.ik.solver import HalfSpaces, StepSolver
-from pepper_kin.ik.tasks import (
-    CenterOfMass,
-    FrameOrientation,
-    FramePosition,
-    JointPosture,
-    RelativeOrientation,
-    RelativePosition,
-    Task,
-)
+from pepper_kin.ik.tasks.center_of_mass import CenterOfMass
+from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
+from pepper_kin.ik.tasks.frame_position import FramePosition
+from pepper_kin.ik.tasks.joint_posture import JointPosture
+from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
+from pepper_kin.ik.tasks.relative_position import RelativePosition
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.plain_urdf import plain_urdf
 

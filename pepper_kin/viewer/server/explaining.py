@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, contacts
 from pepper_kin.ik import IKResult, IKStatus, solve
-from pepper_kin.ik.tasks import Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.words import joint_words, length_words, listed, pair_words, sentence

@@ -9,7 +9,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import LookAt
-from pepper_kin.ik.tasks import Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.servo import Servo, ServoState, ServoStatus
 

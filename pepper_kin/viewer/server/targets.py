@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.ik import HandPosition, LookAt
-from pepper_kin.ik.tasks import Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.drawable import Color

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks import Task
+from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.worker import Worker
 
