@@ -72,43 +72,14 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_PACKAGES = (
-    "base_placement",
-    "batch",
-    "collision",
-    "dynamics",
-    "exceptions",
-    "files",
-    "identification",
-    "ik",
-    "jobs",
-    "kernels",
-    "kinematics",
-    "model",
-    "motion",
-    "planners",
-    "servo",
-    "status",
-    "symbolic",
-    "trajectory",
-    "twin",
-    "viewer",
-)
 _NAMES = {
-    "PepperKinError": "exceptions",
-    "PepperModel": "model",
-    "Scene": "collision",
-    "Trajectory": "trajectory",
-    "Twin": "twin",
-    "TwinBatch": "twin",
-    "Viewer": "viewer",
-    "load_pepper": "model",
-    "load_robot": "model",
-    "pose": "model",
-    "PlanProblem": "motion",
-    "plan": "motion",
-    "plan_batch": "motion",
-    "retime": "trajectory",
+    "collision": "Scene",
+    "exceptions": "PepperKinError",
+    "model": "PepperModel load_pepper load_robot pose",
+    "motion": "PlanProblem plan plan_batch",
+    "trajectory": "Trajectory retime",
+    "twin": "Twin TwinBatch",
+    "viewer": "Viewer",
 }
 
 __all__ = [
@@ -148,4 +119,6 @@ __all__ = [
     "viewer",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{name: name for name in _PACKAGES}})
+_PACKAGES = tuple(name for name in __all__ if name not in " ".join(_NAMES.values()).split())
+
+__getattr__, __dir__ = lazily(__name__, {name: f"{name} {_NAMES.get(name, '')}" for name in _PACKAGES})

@@ -9,14 +9,15 @@ from types import ModuleType
 from typing import Any
 
 
-def lazily(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazily(package: str, names_of: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return a package's `__getattr__` and `__dir__`.
 
     Args:
         package: Its `__name__`.
-        homes: The module that each name is found in, below the package unless it begins with `pepper_kin.`; a
-            name whose home is itself is that module.
+        names_of: Module -> the names in it, separated by blanks.  It is below the package unless it begins
+            with `pepper_kin.`; its own name stands for the module itself.
     """
+    homes = {name: home for home, names in names_of.items() for name in names.split()}
 
     def get(name: str) -> Any:
         if name not in homes:
@@ -27,10 +28,10 @@ def lazily(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any]
         setattr(sys.modules[package], name, value)
         return value
 
-    def names() -> list[str]:
+    def listed() -> list[str]:
         return sorted({*vars(sys.modules[package]), *homes})
 
-    return get, names
+    return get, listed
 
 
 class _Later(ModuleType):

@@ -73,4 +73,9 @@ __all__ = [
     "zero_moment_point",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {"WHEEL_CONTACTS": "pepper_wheels"})
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "pepper_wheels": "WHEEL_CONTACTS",
+    },
+)

@@ -67,10 +67,10 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        **{package: package for package in ("base", "sensors", "world")},
-        **dict.fromkeys(("GestureReport", "replay"), "pepper_kin.paper.replay"),
-        **dict.fromkeys(
-            ("GESTURES", "PaperGesture", "paper_gesture", "paper_inconsistencies"), "pepper_kin.paper.table5"
-        ),
+        "base": "base",
+        "sensors": "sensors",
+        "world": "world",
+        "pepper_kin.paper.replay": "GestureReport replay",
+        "pepper_kin.paper.table5": "GESTURES PaperGesture paper_gesture paper_inconsistencies",
     },
 )

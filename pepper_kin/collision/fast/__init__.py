@@ -13,13 +13,12 @@ if TYPE_CHECKING:
     from pepper_kin.collision.fast.checker import FastChecker, fast_checker_for
     from pepper_kin.collision.fast.compiled import CompiledValidity, StaticLoads
 
-_MODULES = {
-    "CompiledValidity": "compiled",
-    "FastChecker": "checker",
-    "StaticLoads": "compiled",
-    "fast_checker_for": "checker",
-}
-
 __all__ = ["CompiledValidity", "FastChecker", "StaticLoads", "fast_checker_for"]
 
-__getattr__, __dir__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "compiled": "CompiledValidity StaticLoads",
+        "checker": "FastChecker fast_checker_for",
+    },
+)

@@ -9,13 +9,11 @@ from pepper_kin.lazy_names import lazily
 if TYPE_CHECKING:
     from pepper_kin.ik.fast.search import BatchSearch, alternatives, search_compiled, solutions_from
 
-_MODULES = {
-    "BatchSearch": "search",
-    "alternatives": "search",
-    "search_compiled": "search",
-    "solutions_from": "search",
-}
-
 __all__ = ["BatchSearch", "alternatives", "search_compiled", "solutions_from"]
 
-__getattr__, __dir__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "search": "BatchSearch alternatives search_compiled solutions_from",
+    },
+)

@@ -31,11 +31,10 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "DEFAULT_PORT": "rosbridge",
-        "CycloneTransport": "cyclonedds",
-        "LocalTransport": "local",
-        "RclpyTransport": "rclpy",
-        "RosbridgeClient": "rosbridge_client",
-        "RosbridgeServer": "rosbridge",
+        "rosbridge": "DEFAULT_PORT RosbridgeServer",
+        "cyclonedds": "CycloneTransport",
+        "local": "LocalTransport",
+        "rclpy": "RclpyTransport",
+        "rosbridge_client": "RosbridgeClient",
     },
 )

@@ -22,9 +22,8 @@ __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "Access": "pepper_kin.servers.access",
-        "serve": "serving",
-        "DEFAULT_PORT": "server",
-        "ViewerServer": "server",
+        "pepper_kin.servers.access": "Access",
+        "serving": "serve",
+        "server": "DEFAULT_PORT ViewerServer",
     },
 )
