@@ -25,19 +25,6 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.exceptions import PepperKinError
 from pepper_kin.status import ResultStatus
 
-__all__ = [
-    "Clock",
-    "MotionEnd",
-    "MotionEndedError",
-    "MotionState",
-    "RestMeter",
-    "RobotMotionStatus",
-    "SupervisedMotion",
-    "Supervisor",
-    "UnusableStateError",
-    "allowed_transitions",
-]
-
 CYCLE = 0.02
 """Time between two steps of a motion [s]."""
 

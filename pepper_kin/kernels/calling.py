@@ -18,7 +18,7 @@ import numpy as np
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import _emit_call, floats_at, intrinsic, words_at
-from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
+from pepper_kin.kernels.signatures import Argument, Array, Scalar
 
 if TYPE_CHECKING:
     from pepper_kin.kernels.compiled_function import CompiledFunction
@@ -282,6 +282,3 @@ def _steps(name: str, names: tuple[str, ...], arguments: tuple[Argument, ...]) -
 
     for index, argument in enumerate(arguments):
         yield from read(argument, 0, index, names[index])
-
-
-__all__ = ["BLOCK_WORDS", "Record", "builtin_function", "call_from_python"]

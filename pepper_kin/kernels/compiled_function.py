@@ -28,7 +28,7 @@ import marshal
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -37,7 +37,7 @@ import numpy as np
 
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
 from pepper_kin.kernels.portable import needed, portable_unit
-from pepper_kin.kernels.signatures import Array, Record, Scalar, Signature, parse_signature, record_of
+from pepper_kin.kernels.signatures import Signature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest, function_digest
 from pepper_kin.kernels.store import find, is_recording, obtain
 from pepper_kin.kernels.target import Target
@@ -330,10 +330,17 @@ def _source_digest(function: FunctionType) -> str:
     return hashlib.sha256(marshal.dumps(function.__code__)).hexdigest()
 
 
+def runtime_path() -> Path:
+    """The file of what stands in place of Numba's run time."""
+    return Path(__file__).with_name("data") / "runtime.ll"
+
+
+@cache
 def builder_digest() -> str:
     """Hash of the files here that decide what portable code is made of a function."""
     names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records", "calling"
-    return _digest_of(names) + " bounds checked" * BOUNDS_CHECKED
+    runtime = hashlib.sha256(runtime_path().read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    return f"{_digest_of(names)} {runtime}" + " bounds checked" * BOUNDS_CHECKED
 
 
 def _back_end_digest() -> str:
@@ -354,17 +361,3 @@ def _callback(function: CompiledFunction) -> Any:
     result = function.signature.result
     returned = kinds.get(result[0].name, ctypes.c_int64) if result else None
     return ctypes.CFUNCTYPE(returned, *scalars)(function.python)
-
-
-__all__ = [
-    "BOUNDS_CHECKED",
-    "INTERPRETED",
-    "Array",
-    "CompiledFunction",
-    "Record",
-    "Scalar",
-    "Unit",
-    "compiled",
-    "unit_of",
-    "units",
-]

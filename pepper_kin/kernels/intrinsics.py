@@ -54,6 +54,16 @@ def intrinsic(make: Callable[..., Any]) -> Callable[[Callable[..., Any]], Intrin
     return decorate
 
 
+def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
+    """Write what puts a number into all lanes of a type of vectors."""
+    from llvmlite import ir
+
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.IntType(32)(0))
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), vector.count), [0] * vector.count)
+    return builder.shuffle_vector(first, nothing, zeros)
+
+
 def _emit_call(result: str | None, *arguments: str) -> Callable[..., Any]:
     """Return what writes a call of a C function at an address; all arguments are scalars of these names."""
 
@@ -176,9 +186,7 @@ def _emit_eight_square_distances(typing_context: Any, block: Any, query: Any, n:
         i.add_incoming(word(0), before)
         total.add_incoming(ir.Constant(vector, [0.0] * _LANES), before)
         coordinate = builder.load(builder.gep(coordinates, [i]))
-        lane = builder.insert_element(ir.Constant(vector, ir.Undefined), coordinate, ir.IntType(32)(0))
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
-        spread = builder.shuffle_vector(lane, ir.Constant(vector, ir.Undefined), zeros)
+        spread = in_all_lanes(builder, coordinate, vector)
         difference = builder.fsub(builder.load(builder.gep(states, [i]), align=8), spread)
         square = builder.fmul(difference, difference, flags=["contract"])
         summed = builder.fadd(total, square, flags=["contract"])

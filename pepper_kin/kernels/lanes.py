@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.kernels.intrinsics import intrinsic
+from pepper_kin.kernels.intrinsics import in_all_lanes, intrinsic
 from pepper_kin.kernels.records import DOUBLES, SINGLES, WORDS, Kind, RecordView, single
 
 LANES = 8
@@ -80,7 +80,7 @@ def _register() -> Any:
 
         def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
             wide = [
-                v if isinstance(t, LanesType) else _spread(builder, v)
+                v if isinstance(t, LanesType) else in_all_lanes(builder, v, _vector())
                 for v, t in zip(values, sig.args, strict=True)
             ]
             return getattr(builder, name)(*wide, flags=_FAST)
@@ -98,15 +98,6 @@ def _register() -> Any:
         in_place = getattr(operator, "i" + symbol.__name__)
         lower(in_place, name)
     return kind
-
-
-def _spread(builder: Any, value: Any) -> Any:
-    from llvmlite import ir
-
-    nothing = ir.Constant(_vector(), ir.Undefined)
-    first = builder.insert_element(nothing, value, ir.IntType(32)(0))
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(first, nothing, zeros)
 
 
 def _emit_unary(name: str) -> Callable[..., Any]:
@@ -142,7 +133,7 @@ def _emit_spread(typing_context: Any, value: Any) -> Any:
     from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return _spread(builder, values[0])
+        return in_all_lanes(builder, values[0], _vector())
 
     return lanes_type()(types.float32), generate
 

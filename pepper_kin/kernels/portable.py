@@ -198,16 +198,3 @@ def _loaded() -> PortableCode | None:
             begin += size
         parts[symbol] = PortablePart(key, tuple(needs), *texts)
     return PortableCode(head["units"], parts, head["made_by"] == made_by())
-
-
-__all__ = [
-    "PortableCode",
-    "PortablePart",
-    "needed",
-    "portable_keys",
-    "portable_part",
-    "portable_path",
-    "portable_unit",
-    "used",
-    "write_portable",
-]

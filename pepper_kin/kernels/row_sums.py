@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pepper_kin.kernels.intrinsics import floats_at, intrinsic
+from pepper_kin.kernels.intrinsics import floats_at, in_all_lanes, intrinsic
 from pepper_kin.kernels.sources import file_digest
 
 _WIDE = 4
@@ -27,12 +27,7 @@ def _emit_sum(typing_context: Any, target: Any, rows: Any, shares: Any, count: A
             [builder.extract_value(group, i) for i in range(len(kind))]
             for group, kind in zip(arguments[1:3], signature.args[1:3], strict=True)
         )
-        nothing = ir.Constant(vector, ir.Undefined)
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _WIDE), [0] * _WIDE)
-        spread = [
-            builder.shuffle_vector(builder.insert_element(nothing, share, ir.IntType(32)(0)), nothing, zeros)
-            for share in shares
-        ]
+        spread = [in_all_lanes(builder, share, vector) for share in shares]
         whole = builder.and_(count, word(-_WIDE))
 
         def loop(first: Any, last: Any, step: int, kind: Any, factors: list[Any]) -> None:

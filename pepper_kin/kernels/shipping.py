@@ -157,14 +157,3 @@ def _entries(head: Mapping[str, dict[str, tuple[str, int, str]]], begin: int) ->
 
 def _checksum(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
-
-
-__all__ = [
-    "has_shipped",
-    "is_usable",
-    "shipped_before",
-    "shipped_keys",
-    "shipped_part",
-    "shipped_path",
-    "write_shipped",
-]

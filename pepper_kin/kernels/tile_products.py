@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.kernels.intrinsics import floats_at, intrinsic
+from pepper_kin.kernels.intrinsics import floats_at, in_all_lanes, intrinsic
 from pepper_kin.kernels.sources import file_digest
 
 TILE_ROWS, TILE_COLUMNS = 4, 8
@@ -32,14 +32,7 @@ def _emit_tile(
         word, number = ir.IntType(64), ir.DoubleType()
         vector = ir.VectorType(number, _WIDE)
         target, target_stride, left, right, stride, count, share = arguments
-        nothing = ir.Constant(vector, ir.Undefined)
-        zeros = ir.Constant(ir.VectorType(ir.IntType(32), _WIDE), [0] * _WIDE)
         none = ir.Constant(vector, [0.0] * _WIDE)
-
-        def spread(value: Any) -> Any:
-            return builder.shuffle_vector(
-                builder.insert_element(nothing, value, ir.IntType(32)(0)), nothing, zeros
-            )
 
         def place(address: Any, kind: Any) -> Any:
             return builder.inttoptr(address, kind.as_pointer())
@@ -63,7 +56,8 @@ def _emit_tile(
             for v in range(vectors)
         ]
         for a, row in enumerate(sums):
-            factor = spread(builder.load(place(builder.add(places[1], word(8 * a)), number), align=8))
+            own = builder.load(place(builder.add(places[1], word(8 * a)), number), align=8)
+            factor = in_all_lanes(builder, own, vector)
             for v, phi in enumerate(row):
                 product = builder.fmul(factor, wide[v], flags=["contract"])
                 phi.add_incoming(builder.fadd(phi, product, flags=["contract"]), body)
@@ -72,7 +66,7 @@ def _emit_tile(
             phi.add_incoming(builder.add(phi, step), body)
         builder.branch(test)
         builder.position_at_end(after)
-        factor, below = spread(share), builder.mul(target_stride, word(8))
+        factor, below = in_all_lanes(builder, share, vector), builder.mul(target_stride, word(8))
         address = target
         for row in sums:
             for v, phi in enumerate(row):

@@ -15,19 +15,6 @@ from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 
-__all__ = [
-    "Box",
-    "Capsule",
-    "Cylinder",
-    "Geometry",
-    "Mesh",
-    "Shape",
-    "Sphere",
-    "rotation_rpy",
-    "rotation_to_axis",
-    "transform",
-]
-
 
 def _check_positive(shape: object, *names: str) -> None:
     """Set attributes of a frozen shape to floats above zero.
@@ -194,12 +181,12 @@ def rotation_to_axis(axis: ArrayLike) -> NDArray[np.float64]:
     z = np.asarray(axis, dtype=float)
     z = z / np.linalg.norm(z)
     helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = _cross(helper, z)
+    x = cross_product(helper, z)
     x /= np.linalg.norm(x)
-    return np.array([x, _cross(z, x), z]).T.copy()
+    return np.array([x, cross_product(z, x), z]).T.copy()
 
 
-def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the cross product of two vectors, shape (3,) each: `np.cross` takes twenty times as long."""
     (a, b, c), (x, y, z) = first.tolist(), second.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])

@@ -47,14 +47,9 @@ class RelativePosition(RelativeTask, PointTask):
         name = label or pair
         point = read_only(as_targets(target, f"target of {name}", (3,)))
         super().__init__(
-            name,
-            weight=weight,
-            tolerance=tolerance,
-            hard=hard,
-            frame=frame,
-            reference=reference,
-            target=point,
-        )
+            name, weight=weight, tolerance=tolerance, hard=hard,
+            frame=frame, reference=reference, target=point,
+        )  # fmt: skip
 
     def place(self, pepper: PepperModel, q: Array) -> Array:
         """Return R_b^T (o_a - o_b) [m], shape (3,)."""
