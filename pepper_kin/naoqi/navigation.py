@@ -27,10 +27,6 @@ class ALNavigation(Module):
         ("explore", "saveExploration", "loadExploration", "getMetricalMap", "getExplorationPath"), NO_MAP
     )
 
-    def __init__(self, broker: Any) -> None:
-        super().__init__(broker)
-        self._security = 0.4
-
     def navigateTo(self, x: float, y: float, *arguments: Any) -> bool:
         """Go to a place in FRAME_ROBOT within 3 m, around obstacles; blocks; return whether it arrived."""
         method = "navigateTo"
@@ -66,30 +62,11 @@ class ALNavigation(Module):
         """Return [0, radius, [x, y]] of a free zone around the robot."""
         return [0, self.number("findFreeZone", "desiredRadius", desiredRadius), [0.0, 0.0]]
 
-    def startFreeZoneUpdate(self) -> None:
-        """Accept: the scene is known."""
-
-    def stopAndComputeFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
-        """Do what `findFreeZone` does."""
-        return self.findFreeZone(desiredRadius, maximumDisplacement)
-
-    def setSecurityDistance(self, distance: float) -> None:
-        """Set how far from obstacles the base stays [m]."""
-        self._security = self.number("setSecurityDistance", "distance", distance)
-
-    def getSecurityDistance(self) -> float:
-        """Return how far from obstacles the base stays [m]."""
-        return self._security
+    stopAndComputeFreeZone = findFreeZone
 
     def stopNavigateTo(self) -> None:
         """Brake."""
         self.broker.motion.stopMove()
-
-    def startLocalization(self) -> None:
-        """Accept: the place is known."""
-
-    def stopLocalization(self) -> None:
-        """Accept: the place is known."""
 
     def relocalizeInMap(self, estimation: Any) -> list[Any]:
         """Return [0, [pose, uncertainty]]."""

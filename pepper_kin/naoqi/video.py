@@ -128,9 +128,7 @@ class ALVideoDevice(Module):
             -bottom,
         ]
 
-    def getImageLocal(self, handle: str) -> list[Any]:
-        """Do what `getImageRemote` does."""
-        return self.getImageRemote(handle)
+    getImageLocal = getImageRemote
 
     def releaseImage(self, handle: str) -> bool:
         """Let a picture go."""
@@ -178,10 +176,6 @@ class ALVideoDevice(Module):
         """Return the indices of the cameras."""
         return list(CAMERAS)
 
-    def hasDepthCamera(self) -> bool:
-        """Return True."""
-        return True
-
     def getCameraName(self, cameraIndex: int) -> str:
         """Return the name of a camera."""
         return LENSES[self._known("getCameraName", "cameraIndex", cameraIndex, CAMERAS)]
@@ -190,21 +184,13 @@ class ALVideoDevice(Module):
         """Return whether there is a camera with this index."""
         return cameraIndex in CAMERAS
 
-    def openCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    openCamera = isCameraOpen
 
-    def closeCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    closeCamera = isCameraOpen
 
-    def startCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    startCamera = isCameraOpen
 
-    def stopCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    stopCamera = isCameraOpen
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
         """Keep a parameter of a camera; pictures do not change."""
