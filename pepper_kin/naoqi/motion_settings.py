@@ -211,22 +211,6 @@ class ConfigurationMethods(Module):
         inverse = np.linalg.inv(origin)
         return [float(x) for x in inverse[:3, :3] @ point + inverse[:3, 3]]
 
-    def setOrthogonalSecurityDistance(self, securityDistance: float) -> None:
-        """Set the distance that the base keeps ahead of it [m]."""
-        self._set_distance("setOrthogonalSecurityDistance", "orthogonal", securityDistance)
-
-    def getOrthogonalSecurityDistance(self) -> float:
-        """Return the distance that the base keeps ahead of it [m]."""
-        return self.body.security_distance["orthogonal"]
-
-    def setTangentialSecurityDistance(self, securityDistance: float) -> None:
-        """Set the distance that the base keeps beside it [m]."""
-        self._set_distance("setTangentialSecurityDistance", "tangential", securityDistance)
-
-    def getTangentialSecurityDistance(self) -> float:
-        """Return the distance that the base keeps beside it [m]."""
-        return self.body.security_distance["tangential"]
-
     def isCollision(self, pChainName: str) -> str:
         """Return "none", or the chain ("LArm", "RArm", "Arms") that touches the robot."""
         names_of(pChainName, self.name, "isCollision")
@@ -236,7 +220,10 @@ class ConfigurationMethods(Module):
         arms = sorted({side[0].upper() + side[1:] for side in sides})
         return "none" if not arms else arms[0] if len(arms) == 1 else "Arms"
 
-    def _set_distance(self, method: str, which: str, value: Any) -> None:
+    def _distance(self, method: str, which: str) -> float:
+        return self.body.security_distance[which]
+
+    def _set_distance(self, method: str, value: Any, which: str) -> None:
         distance = self.number(method, "securityDistance", value)
         if distance < 0:
             raise self.fail(method, f"securityDistance: got {distance:g}, expected 0 or more [m]")

@@ -1,4 +1,4 @@
-"""Methods that keep a value, return one, or do nothing: the rows of `data/simple_methods.csv`."""
+"""Methods that keep a value, return one, do nothing, or hand over: the rows of `data/simple_methods.csv`."""
 
 from __future__ import annotations
 
@@ -66,7 +66,13 @@ def _accept(method: str, place: str, value: str) -> Do:
     return lambda module, values: None
 
 
+def _call(method: str, place: str, more: str) -> Do:
+    added = [json.loads(more)] if more else []
+    return lambda module, values: getattr(module, place)(method, *values, *added)
+
+
 _DOES = {
+    "call": _call,
     "set": _set,
     "confirm": _confirm,
     "keep": _keep,

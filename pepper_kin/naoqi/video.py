@@ -134,29 +134,17 @@ class ALVideoDevice(Module):
         """Let a picture go."""
         return handle in self._subscriptions
 
-    def getResolution(self, handle: str) -> int:
-        """Return the resolution of a subscription."""
-        return self._subscription("getResolution", handle).resolution
-
     def setResolution(self, handle: str, resolution: int) -> bool:
         """Change the resolution of a subscription."""
         subscription = self._subscription("setResolution", handle)
         subscription.resolution = self._known("setResolution", "resolution", resolution, RESOLUTIONS)
         return True
 
-    def getColorSpace(self, handle: str) -> int:
-        """Return the color space of a subscription."""
-        return self._subscription("getColorSpace", handle).color_space
-
     def setColorSpace(self, handle: str, colorSpace: int) -> bool:
         """Change the color space of a subscription."""
         subscription = self._subscription("setColorSpace", handle)
         subscription.color_space = self._known("setColorSpace", "colorSpace", colorSpace, LAYERS)
         return True
-
-    def getFrameRate(self, handle: Any) -> int:
-        """Return the pictures a second of a subscription."""
-        return self._subscription("getFrameRate", handle).fps
 
     def setFrameRate(self, handle: str, fps: int) -> bool:
         """Change the pictures a second of a subscription."""
@@ -229,6 +217,9 @@ class ALVideoDevice(Module):
         return [0.5 - float(np.tan(yaw)) * lens.fx / 320.0, 0.5 + float(np.tan(pitch)) * lens.fy / 240.0]
 
     # Pictures.
+
+    def _read(self, method: str, handle: Any, what: str) -> int:
+        return int(getattr(self._subscription(method, handle), what))
 
     def _subscription(self, method: str, handle: Any) -> Subscription:
         if handle not in self._subscriptions:
