@@ -41,6 +41,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "gestures": pages.draw_gestures,
     "timing": pages.draw_timing,
     "live_page": pages.draw_live_page,
+    "log_page": pages.draw_log_page,
 }
 
 

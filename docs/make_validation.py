@@ -33,7 +33,7 @@ robot, NAOqi 2.5, September 2021): `setAngles` of nine joints at 5 Hz with the f
 encoders read. {minutes:.0f} minutes of five persons were at hand. The twin takes the commands the way of
 NAOqi's modules, with how the joints follow (`pk.twin.joint_response`) **fitted to the other four persons**
 in each case. `pepper-kin check log` prints the same table for logs of yours, with the values that were
-fitted to all five.
+fitted to all five; with `--page log.html` it writes a page that plays robot and twin over each other.
 
 ```text
 {table}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import os
 import tempfile
 import time
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ from .reaching import BODY
 from .sheet import FOLDER, Sheet, save_small
 from .stage import aim
 
+LOGS = Path(os.environ.get("PEPPER_KIN_ROBOT_LOGS", Path(__file__).parents[3] / "shared" / "robot_logs"))
 SCRUB = "e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }"
 TABLE = [[x, y, 0.7] for x in (0.3, 0.67) for y in (-0.3, 0.4)]
 
@@ -132,11 +135,21 @@ def draw_live_page() -> None:
         viewer.follow(False).move_target("left hand", (0.38, 0.22, 0.82)).move_target(
             "gaze", (0.38, 0.22, 0.82)
         )
-        save_small(_photographed(address), "live_page.png")
+        save_small(_photographed(address, _press_plan), "live_page.png")
 
 
-def _photographed(address: str) -> Image.Image:
-    """Let a browser open the live page, press Plan, wait for the motion and scrub to its middle."""
+def draw_log_page() -> None:
+    """The page of `pepper-kin check log` where somebody or something held the robot's arm."""
+    pepper = pk.load_pepper()
+    log = pk.identification.read_log(LOGS / "person_a_session_1.csv.xz")
+    with tempfile.TemporaryDirectory() as folder:
+        found = pk.identification.replay(pepper, log)
+        page = pk.Viewer(pepper).save_html(Path(folder) / "log.html", found, title=log.name)
+        save_small(_photographed(f"{page.as_uri()}#t=112.5", lambda page: None), "log_page.png")
+
+
+def _photographed(address: str, do: Callable[[Any], None]) -> Image.Image:
+    """Let a browser open a page, and do something there."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -145,15 +158,21 @@ def _photographed(address: str) -> Image.Image:
         page = browser.new_page(viewport={"width": 1120, "height": 720})
         page.set_default_timeout(300_000)
         page.goto(address)
-        _until(page, "window.pepperKin !== undefined && pepperKin.connected")
-        page.locator("#plan").click()
-        _until(page, "pepperKin.values.play !== null")
-        page.locator("#scrub").evaluate(SCRUB)
+        _until(page, "window.pepperKin !== undefined")
+        do(page)
         time.sleep(1.0)  # until the page has the new state
-        _until(page, "pepperKin.quality.settled && !pepperKin.viewer.needs_render")  # drawn finely
+        _until(page, "(pepperKin.quality?.settled ?? true) && !pepperKin.viewer.needs_render")  # drawn finely
         drawn = page.screenshot(timeout=300_000)
         browser.close()
     return Image.open(io.BytesIO(drawn)).convert("RGB")
+
+
+def _press_plan(page: Any) -> None:
+    """Press Plan, wait for the motion and scrub to its middle."""
+    _until(page, "pepperKin.connected")
+    page.locator("#plan").click()
+    _until(page, "pepperKin.values.play !== null")
+    page.locator("#scrub").evaluate(SCRUB)
 
 
 def _until(page: Any, condition: str) -> None:

@@ -11,6 +11,7 @@ import typer
 
 import pepper_kin as pk
 from pepper_kin.cli.terminal import FAILED, Json, progress
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_file, check_folder, make_folder, write_text
 
 app = typer.Typer(
@@ -131,16 +132,25 @@ def log(
         float | None, typer.Option(help="Share of the fastest speed that went with the commands.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of robot and twin: PNG.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="Page that plays robot and twin over each other, of one log: HTML.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Give a robot's commands to the twin, and hold the twin beside the robot.
 
     Example: pepper-kin check log session_1.csv.xz session_2.csv.xz --plot log.png
     """
-    if plot is not None:
-        check_file(plot)
+    if page is not None and len(files) > 1:
+        raise InvalidValueError("--page", str(page), f"to be left out with {len(files)} logs: it shows one")
+    for path in filter(None, (plot, page)):
+        check_file(path)
     with progress("replaying logs") as report:
         found = pk.identification.check_logs(files, share=share, progress=report)
     print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
     if plot is not None:
         print(f"wrote {pk.identification.save_replay_picture(found.replays, plot)}", file=sys.stderr)
+    if page is not None:
+        (only,) = found.replays
+        with pk.Viewer(pk.load_pepper()) as viewer:
+            print(f"wrote {viewer.save_html(page, only, title=only.log.name)}", file=sys.stderr)

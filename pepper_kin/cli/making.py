@@ -14,6 +14,7 @@ from pepper_kin.cli.terminal import (
     SIDES,
     Base,
     Hands,
+    HeadLimits,
     Json,
     complete_gesture,
     one_of,
@@ -53,6 +54,7 @@ def export(
     ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
+    head_limits: HeadLimits = "urdf",
     mesh_paths: Annotated[
         str | None,
         typer.Option(help="package, absolute or relative; relative copies the meshes beside the file."),
@@ -63,7 +65,7 @@ def export(
 
     Example: pepper-kin export mjcf --hands mimic --mesh-paths relative -o pepper/pepper.xml
     """
-    pepper = pk.load_pepper(base=base, hands=hands)
+    pepper = pk.load_pepper(base, hands, head_limits=head_limits)
     if output is None:
         text = pk.model.export(pepper, format, mesh_paths=mesh_paths)
         if as_json:

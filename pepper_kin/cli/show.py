@@ -13,6 +13,7 @@ from pepper_kin.cli.terminal import (
     VIEWS,
     Base,
     Hands,
+    HeadLimits,
     Json,
     NoScene,
     SceneFile,
@@ -46,13 +47,14 @@ def plot(
     ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
+    head_limits: HeadLimits = "urdf",
     as_json: Json = False,
 ) -> None:
     """Draw a trajectory against Pepper's limits, and its phase plane.
 
     Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
     """
-    pepper = pk.load_pepper(base=base, hands=hands)
+    pepper = pk.load_pepper(base, hands, head_limits=head_limits)
     trajectory = pk.files.load(file, pepper)
     check_file(output)
     held = None if scene is None else pk.Scene.load(scene)

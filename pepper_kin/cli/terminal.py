@@ -25,6 +25,7 @@ STAGES = ("inverse kinematics and path", "timing", "certificate", "twin", "repor
 
 BASES = ("fixed", "planar")
 HANDS = ("locked", "mimic", "independent")
+HEAD_LIMITS = ("urdf", "documented")
 VIEWS = ("three-quarter", "front", "side", "top")
 FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 SIDES = ("left", "right")
@@ -56,6 +57,13 @@ Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the fil
 Seed = Annotated[int, typer.Option(help="Seed of all random choices.")]
 Base = Annotated[str, typer.Option(help="fixed or planar.", autocompletion=one_of(BASES))]
 Hands = Annotated[str, typer.Option(help="locked, mimic or independent.", autocompletion=one_of(HANDS))]
+HeadLimits = Annotated[
+    str,
+    typer.Option(
+        help="urdf or documented: the head's pitch ends at 36.5 or 25.5 degrees.",
+        autocompletion=one_of(HEAD_LIMITS),
+    ),
+]
 SceneFile = Annotated[
     Path | None,
     typer.Option(help="Scene to show: JSON; scene.json in the motion's folder, if it is there, if left out."),

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import pepper_kin as pk
-from pepper_kin.cli.terminal import Base, Hands, Json, NoScene, SceneFile, scene_of
+from pepper_kin.cli.terminal import Base, Hands, HeadLimits, Json, NoScene, SceneFile, scene_of
 from pepper_kin.viewer import server
 
 app = typer.Typer()
@@ -36,6 +36,7 @@ def view(
     ] = None,
     base: Base = "fixed",
     hands: Hands = "locked",
+    head_limits: HeadLimits = "urdf",
     as_json: Json = False,
 ) -> None:
     """Open Pepper in the browser: sliders, targets to drag, obstacles, planning.  Ctrl-C ends it.
@@ -43,7 +44,7 @@ def view(
     Example: pepper-kin view demo/trajectory.csv
     """
     access = server.Access.of(host, allow_remote, token)
-    pepper = pk.load_pepper(base=base, hands=hands)
+    pepper = pk.load_pepper(base, hands, head_limits=head_limits)
 
     def announce(url: str) -> None:
         print(json.dumps({"url": url}) if as_json else url, flush=True)

@@ -240,12 +240,17 @@ def gravity_droop(pepper: PepperModel, log: RobotLog, response: JointResponse, p
 
 def holding_torque(pepper: PepperModel, log: RobotLog, paths: list[Array]) -> Array:
     """Return the torques that hold the twin against gravity at the times of a log [N m], shape (T, n)."""
-    stand = pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
-    q = np.tile(np.asarray(stand, dtype=float), (log.time.size, 1))
+    twin = np.column_stack([read_at(path, log, log.time) for path in paths])
     places = [pepper.joint_index(joint) for joint in log.joint_names]
-    for path, k in zip(paths, places, strict=True):
-        q[:, k] = read_at(path, log, log.time)
-    return np.asarray(dynamics.gravity_torque(pepper, q)[:, places])
+    return np.asarray(dynamics.gravity_torque(pepper, whole_body(pepper, log, twin))[:, places])
+
+
+def whole_body(pepper: PepperModel, log: RobotLog, angles: Array) -> Array:
+    """Return angles of a log's joints, shape (T, n of the log), with all others as in Stand [rad], (T, n)."""
+    stand = pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
+    q = np.tile(np.asarray(stand, dtype=float), (len(angles), 1))
+    q[:, [pepper.joint_index(joint) for joint in log.joint_names]] = angles
+    return q
 
 
 def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDArray[np.bool_]) -> float:

@@ -41,18 +41,13 @@ class ALAnimationPlayer(Module):
         """Forget the tags that were declared."""
         self.__dict__.pop("_own_tags", None)
 
-    def declarePathForTags(self, path: str) -> None:
-        """Accept a folder of animations, which stays empty here."""
-
     def declareTagForAnimations(self, tags: Any) -> None:
         """Give animations further tags: {tag: [animation, ...]}."""
         own = self.__dict__.setdefault("_own_tags", {})
         for tag, animations in dict(tags).items():
             own[str(tag).lower()] = gesture_for(str(animations[0]))
 
-    def addTagForAnimations(self, tags: Any) -> None:
-        """Do what `declareTagForAnimations` does."""
-        self.declareTagForAnimations(tags)
+    addTagForAnimations = declareTagForAnimations
 
     def getTagList(self) -> list[str]:
         """Return all tags."""
@@ -103,25 +98,15 @@ class ALBehaviorManager(Module):
         """Return the behaviors that `runBehavior` takes."""
         return [f"{PREFIX}{name}_1" for name in gesture_names()]
 
-    def getBehaviorNames(self) -> list[str]:
-        """Do what `getInstalledBehaviors` does."""
-        return self.getInstalledBehaviors()
+    getBehaviorNames = getInstalledBehaviors
 
-    def getUserBehaviorNames(self) -> list[str]:
-        """Return the behaviors of the user: none."""
-        return []
-
-    def getSystemBehaviorNames(self) -> list[str]:
-        """Do what `getInstalledBehaviors` does."""
-        return self.getInstalledBehaviors()
+    getSystemBehaviorNames = getInstalledBehaviors
 
     def isBehaviorInstalled(self, name: str) -> bool:
         """Return whether a behavior can be run."""
         return "animations/" in str(name)
 
-    def isBehaviorPresent(self, name: str) -> bool:
-        """Do what `isBehaviorInstalled` does."""
-        return self.isBehaviorInstalled(name)
+    isBehaviorPresent = isBehaviorInstalled
 
     def runBehavior(self, name: str) -> None:
         """Play an animation; blocks."""

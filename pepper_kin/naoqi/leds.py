@@ -114,22 +114,9 @@ class ALLeds(Module):
             self.fadeRGB(name, color, float(time) - before)
             before = float(time)
 
-    def setIntensity(self, name: str, intensity: float) -> None:
-        """Set a brightness, 0 to 1."""
-        value = self.share_of_light("setIntensity", intensity)
-        self._fade("setIntensity", name, (value,) * 3, 0.0, self._channels(name))
-
     def getIntensity(self, name: str) -> list[float]:
         """Return the brightness of a light: the largest of red, green and blue."""
         return [max(self.color(light)) for light in self._named_lights("getIntensity", name)]
-
-    def on(self, name: str) -> None:
-        """Switch lights on."""
-        self.setIntensity(name, 1.0)
-
-    def off(self, name: str) -> None:
-        """Switch lights off."""
-        self.setIntensity(name, 0.0)
 
     def reset(self, name: str) -> None:
         """Make lights white."""
@@ -174,6 +161,10 @@ class ALLeds(Module):
     def listLEDs(self) -> list[str]:
         """Return the lights."""
         return list(self._lights)
+
+    def _set_intensity(self, method: str, name: str, intensity: Any) -> None:
+        value = self.share_of_light("setIntensity", intensity)
+        self._fade("setIntensity", name, (value,) * 3, 0.0, self._channels(name))
 
     def share_of_light(self, method: str, value: Any) -> float:
         """Return a brightness cut to 0 to 1."""

@@ -225,16 +225,14 @@ class ALMemory(Module):
             raise self.fail("unsubscribeToEvent", f"{callbackModule} has not subscribed to {name}")
         self.subscriber(name).signal.disconnect(number)
 
+    unsubscribeToMicroEvent = unsubscribeToEvent
+
     def subscribeToMicroEvent(
         self, name: str, callbackModule: str, callbackMessage: str, callbackMethod: str
     ) -> None:
         """Do what `subscribeToEvent` does."""
         self._micro_events.add(name)
         self.subscribeToEvent(name, callbackModule, callbackMessage, callbackMethod)
-
-    def unsubscribeToMicroEvent(self, name: str, callbackModule: str) -> None:
-        """Do what `unsubscribeToEvent` does."""
-        self.unsubscribeToEvent(name, callbackModule)
 
     def unregisterModuleReference(self, moduleName: str) -> None:
         """End all subscriptions of a module."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError, quoted
+from pepper_kin.naoqi.simple_methods import simple_methods
 from pepper_kin.naoqi.tables import rows
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Module:
     Attributes:
         name: "ALMotion".
         not_simulated: Method -> why it is not simulated.
+        kept: What simple methods keep.
     """
 
     name = "ALModule"
@@ -74,6 +76,13 @@ class Module:
 
     def __init__(self, broker: Broker) -> None:
         self.broker = broker
+        self.kept: dict[tuple[Any, ...], Any] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Give a module its simple methods."""
+        if "name" in vars(cls):
+            for name, method in simple_methods(cls.name).items():
+                setattr(cls, name, method)
 
     @property
     def body(self) -> Body:

@@ -92,9 +92,7 @@ class BaseMethods(Module):
         self.body.wait(task)
         return not task.killed and not task.error
 
-    def walkTo(self, *arguments: Any) -> bool:
-        """Do what `moveTo` does."""
-        return self.moveTo(*arguments)
+    walkTo = moveTo
 
     def setFootSteps(self, legName: Any, footSteps: Any, timeList: Any, clearExisting: bool) -> None:
         """Move the base as far as a walk of NAO would: [x, y, theta] from foot to foot; returns at once."""
@@ -137,28 +135,18 @@ class BaseMethods(Module):
             self.stop_velocity()
             return self.body.do(MoveToTask(method, places[-1:], duration=duration))
 
-    def moveInit(self) -> None:
-        """Prepare for moving: the posture of the body is good as it is."""
-
-    def walkInit(self) -> None:
-        """Do what `moveInit` does."""
-
     def waitUntilMoveIsFinished(self) -> None:
         """Wait until no task moves the base; a velocity that nobody stops is not waited for."""
         self.body.time.wait_until(lambda: not any(isinstance(t, MoveToTask) for t in self.body.tasks))
 
-    def waitUntilWalkIsFinished(self) -> None:
-        """Do what `waitUntilMoveIsFinished` does."""
-        self.waitUntilMoveIsFinished()
+    waitUntilWalkIsFinished = waitUntilMoveIsFinished
 
     def moveIsActive(self) -> bool:
         """Return whether the base moves or is about to."""
         with self.body.time.lock:
             return bool(self._moves()) or bool(np.abs(self.body.controller.twist).max() > 1e-6)
 
-    def walkIsActive(self) -> bool:
-        """Return whether the base moves or is about to."""
-        return self.moveIsActive()
+    walkIsActive = moveIsActive
 
     def stopMove(self) -> None:
         """Brake; blocks until the base stands."""
@@ -166,18 +154,14 @@ class BaseMethods(Module):
             self.body.tasks.kill(self._moves(), self.body)
         self.body.time.wait_until(lambda: bool(np.abs(self.body.controller.twist).max() < 1e-6), 5.0)
 
-    def stopWalk(self) -> None:
-        """Do what `stopMove` does."""
-        self.stopMove()
+    stopWalk = stopMove
 
     def killMove(self) -> None:
         """End the tasks of the base, which brakes; returns at once."""
         with self.body.time.lock:
             self.body.tasks.kill(self._moves(), self.body)
 
-    def killWalk(self) -> None:
-        """Do what `killMove` does."""
-        self.killMove()
+    killWalk = killMove
 
     def getMoveConfig(self, config: str) -> list[list[Any]]:
         """Return names and values of the "Max", "Min" or "Default" configuration."""
@@ -217,13 +201,11 @@ class BaseMethods(Module):
         """Say whether the arms may move while the base does."""
         self._arms_while_moving = (bool(leftArmEnabled), bool(rightArmEnabled))
 
+    setWalkArmsEnabled = setMoveArmsEnabled
+
     def getWalkArmsEnabled(self) -> list[bool]:
         """Return whether the left and the right arm may move while the base does."""
         return list(self._arms_while_moving)
-
-    def setWalkArmsEnabled(self, leftArmEnabled: bool, rightArmEnabled: bool) -> None:
-        """Do what `setMoveArmsEnabled` does."""
-        self.setMoveArmsEnabled(leftArmEnabled, rightArmEnabled)
 
     _arms_while_moving = (True, True)
 

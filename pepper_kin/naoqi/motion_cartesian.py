@@ -39,86 +39,6 @@ class CartesianMethods(Module):
         """Return the 4 x 4 transform of an effector, joint or sensor in a frame, row by row."""
         return [float(x) for x in self._pose("getTransform", name, space, bool(useSensorValues)).ravel()]
 
-    def positionInterpolation(
-        self, chainName: str, space: int, path: Any, axisMask: int, durations: Any, isAbsolute: bool
-    ) -> None:
-        """Move one effector through positions [x, y, z, wx, wy, wz] at times [s]; blocks."""
-        self._interpolate(
-            "positionInterpolation", [chainName], [space], [path], [axisMask], [durations], isAbsolute
-        )
-
-    def positionInterpolations(
-        self,
-        effectorNames: Any,
-        taskSpaceForAllPaths: Any,
-        paths: Any,
-        axisMasks: Any,
-        relativeTimes: Any,
-        isAbsolute: bool = True,
-    ) -> None:
-        """Move effectors through positions [x, y, z, wx, wy, wz] at times [s]; blocks."""
-        self._interpolate_all(
-            "positionInterpolations",
-            effectorNames,
-            taskSpaceForAllPaths,
-            paths,
-            axisMasks,
-            relativeTimes,
-            isAbsolute,
-        )
-
-    def transformInterpolation(
-        self, chainName: str, space: int, path: Any, axisMask: int, duration: Any, isAbsolute: bool
-    ) -> None:
-        """Move one effector through transforms (12 or 16 numbers each) at times [s]; blocks."""
-        self._interpolate(
-            "transformInterpolation", [chainName], [space], [path], [axisMask], [duration], isAbsolute
-        )
-
-    def transformInterpolations(
-        self,
-        effectorNames: Any,
-        taskSpaceForAllPaths: Any,
-        paths: Any,
-        axisMasks: Any,
-        relativeTimes: Any,
-        isAbsolute: bool = True,
-    ) -> None:
-        """Move effectors through transforms (12 or 16 numbers each) at times [s]; blocks."""
-        self._interpolate_all(
-            "transformInterpolations",
-            effectorNames,
-            taskSpaceForAllPaths,
-            paths,
-            axisMasks,
-            relativeTimes,
-            isAbsolute,
-        )
-
-    def setPosition(
-        self, chainName: str, space: int, position: Any, fractionMaxSpeed: float, axisMask: int
-    ) -> None:
-        """Move an effector towards a position; returns at once."""
-        self._set("setPosition", [chainName], [space], [position], fractionMaxSpeed, [axisMask])
-
-    def setPositions(
-        self, names: Any, spaces: Any, positions: Any, fractionMaxSpeed: float, axisMask: Any
-    ) -> None:
-        """Move effectors towards positions; returns at once."""
-        self._set_all("setPositions", names, spaces, positions, fractionMaxSpeed, axisMask)
-
-    def setTransform(
-        self, chainName: str, space: int, transform: Any, fractionMaxSpeed: float, axisMask: int
-    ) -> None:
-        """Move an effector towards a transform; returns at once."""
-        self._set("setTransform", [chainName], [space], [transform], fractionMaxSpeed, [axisMask])
-
-    def setTransforms(
-        self, names: Any, spaces: Any, transforms: Any, fractionMaxSpeed: float, axisMask: Any
-    ) -> None:
-        """Move effectors towards transforms; returns at once."""
-        self._set_all("setTransforms", names, spaces, transforms, fractionMaxSpeed, axisMask)
-
     def changePosition(
         self, effectorName: str, space: int, positionChange: Any, fractionMaxSpeed: float, axisMask: int
     ) -> None:
@@ -185,6 +105,11 @@ class CartesianMethods(Module):
         if levels <= depth and count == 1:
             return [value]
         return self._each(method, quantity, value, count)
+
+    def _interpolate_one(
+        self, method: str, name: Any, space: Any, path: Any, mask: Any, times: Any, absolute: bool
+    ) -> None:
+        self._interpolate(method, [name], [space], [path], [mask], [times], absolute)
 
     def _interpolate_all(
         self, method: str, names: Any, spaces: Any, paths: Any, masks: Any, times: Any, absolute: bool
@@ -276,6 +201,9 @@ class CartesianMethods(Module):
             for joint, angle in angles.items():
                 found.setdefault(joint, []).append(Key(time, angle))
         return {joint: tuple(keys) for joint, keys in found.items()}
+
+    def _set_one(self, method: str, name: Any, space: Any, target: Any, share: Any, mask: Any) -> None:
+        self._set(method, [name], [space], [target], share, [mask])
 
     def _set_all(self, method: str, names: Any, spaces: Any, targets: Any, share: Any, masks: Any) -> None:
         effectors = self._effectors(method, names)

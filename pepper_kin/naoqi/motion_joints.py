@@ -141,14 +141,6 @@ class JointMethods(Module):
             read = self.body.measured if useSensors else self.body.commanded
             return [read(joint) for joint in joints]
 
-    def openHand(self, handName: str) -> None:
-        """Open a hand; blocks."""
-        self._move_hand("openHand", handName, 1.0)
-
-    def closeHand(self, handName: str) -> None:
-        """Close a hand; blocks."""
-        self._move_hand("closeHand", handName, 0.0)
-
     def _move_hand(self, method: str, hand: Any, value: float) -> None:
         if hand not in HANDS:
             raise self.fail(method, f"handName: got {quoted(hand)}, expected one of {', '.join(HANDS)}")

@@ -33,14 +33,6 @@ class ConfigurationMethods(Module):
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
-        self._flags = {
-            "fall_manager": True,
-            "push_recovery": True,
-            "smart_stiffness": True,
-            "diagnosis": True,
-            "notifications": True,
-            "whole_body": False,
-        }
         self._breathing: dict[str, bool] = dict.fromkeys(BREATHING_CHAINS, False)
         self._idle_posture: dict[str, bool] = dict.fromkeys(BREATHING_CHAINS, False)
         self._breath: dict[str, float] = {"Bpm": 12.0, "Amplitude": 1.0}
@@ -177,14 +169,6 @@ class ConfigurationMethods(Module):
     def _resources(self, method: str, names: Any) -> list[str]:
         return names_of(names, self.name, method)
 
-    def setEnableNotifications(self, enable: bool) -> None:
-        """Say whether ALMotion notifies."""
-        self._flags["notifications"] = bool(enable)
-
-    def areNotificationsEnabled(self) -> bool:
-        """Return whether ALMotion notifies."""
-        return self._flags["notifications"]
-
     # Protection.
 
     def setCollisionProtectionEnabled(self, pChainName: str, pEnable: bool) -> bool:
@@ -227,22 +211,6 @@ class ConfigurationMethods(Module):
         inverse = np.linalg.inv(origin)
         return [float(x) for x in inverse[:3, :3] @ point + inverse[:3, 3]]
 
-    def setOrthogonalSecurityDistance(self, securityDistance: float) -> None:
-        """Set the distance that the base keeps ahead of it [m]."""
-        self._set_distance("setOrthogonalSecurityDistance", "orthogonal", securityDistance)
-
-    def getOrthogonalSecurityDistance(self) -> float:
-        """Return the distance that the base keeps ahead of it [m]."""
-        return self.body.security_distance["orthogonal"]
-
-    def setTangentialSecurityDistance(self, securityDistance: float) -> None:
-        """Set the distance that the base keeps beside it [m]."""
-        self._set_distance("setTangentialSecurityDistance", "tangential", securityDistance)
-
-    def getTangentialSecurityDistance(self) -> float:
-        """Return the distance that the base keeps beside it [m]."""
-        return self.body.security_distance["tangential"]
-
     def isCollision(self, pChainName: str) -> str:
         """Return "none", or the chain ("LArm", "RArm", "Arms") that touches the robot."""
         names_of(pChainName, self.name, "isCollision")
@@ -252,7 +220,10 @@ class ConfigurationMethods(Module):
         arms = sorted({side[0].upper() + side[1:] for side in sides})
         return "none" if not arms else arms[0] if len(arms) == 1 else "Arms"
 
-    def _set_distance(self, method: str, which: str, value: Any) -> None:
+    def _distance(self, method: str, which: str) -> float:
+        return self.body.security_distance[which]
+
+    def _set_distance(self, method: str, value: Any, which: str) -> None:
         distance = self.number(method, "securityDistance", value)
         if distance < 0:
             raise self.fail(method, f"securityDistance: got {distance:g}, expected 0 or more [m]")
@@ -277,40 +248,6 @@ class ConfigurationMethods(Module):
         if name not in known:
             raise self.fail(method, f"got {quoted(name)}, expected one of {', '.join(known)}")
         return known[name]
-
-    # States.
-
-    def setFallManagerEnabled(self, pEnable: bool) -> None:
-        """Say whether falls are managed; the twin stands on its base."""
-        self._flags["fall_manager"] = bool(pEnable)
-
-    def getFallManagerEnabled(self) -> bool:
-        """Return whether falls are managed."""
-        return self._flags["fall_manager"]
-
-    def setPushRecoveryEnabled(self, pEnable: bool) -> None:
-        """Say whether pushes are answered; the twin stands on its base."""
-        self._flags["push_recovery"] = bool(pEnable)
-
-    def getPushRecoveryEnabled(self) -> bool:
-        """Return whether pushes are answered."""
-        return self._flags["push_recovery"]
-
-    def setSmartStiffnessEnabled(self, pEnable: bool) -> None:
-        """Say whether the stiffness adapts; the twin's motors have no temperature."""
-        self._flags["smart_stiffness"] = bool(pEnable)
-
-    def getSmartStiffnessEnabled(self) -> bool:
-        """Return whether the stiffness adapts."""
-        return self._flags["smart_stiffness"]
-
-    def setDiagnosisEffectEnabled(self, pEnable: bool) -> None:
-        """Say whether errors of the hardware have an effect; the twin has none."""
-        self._flags["diagnosis"] = bool(pEnable)
-
-    def getDiagnosisEffectEnabled(self) -> bool:
-        """Return whether errors of the hardware have an effect."""
-        return self._flags["diagnosis"]
 
     # Breathing and idling.
 

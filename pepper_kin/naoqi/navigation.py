@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from pepper_kin.motion import plan
 from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
+from pepper_kin.naoqi.motion_base import Pose
 
 FARTHEST = 3.0
 """The farthest that `navigateTo` goes [m] (the maker's documents)."""
@@ -27,10 +29,6 @@ class ALNavigation(Module):
         ("explore", "saveExploration", "loadExploration", "getMetricalMap", "getExplorationPath"), NO_MAP
     )
 
-    def __init__(self, broker: Any) -> None:
-        super().__init__(broker)
-        self._security = 0.4
-
     def navigateTo(self, x: float, y: float, *arguments: Any) -> bool:
         """Go to a place in FRAME_ROBOT within 3 m, around obstacles; blocks; return whether it arrived."""
         method = "navigateTo"
@@ -42,14 +40,7 @@ class ALNavigation(Module):
             raise self.fail(
                 method, f"the target is {math.hypot(*place):.3g} m away, expected at most {FARTHEST:g} m"
             )
-        base = self.body.base_pose(False)
-        cos, sin = math.cos(base[2]), math.sin(base[2])
-        goal = [
-            base[0] + cos * place[0] - sin * place[1],
-            base[1] + sin * place[0] + cos * place[1],
-            base[2] + theta,
-        ]
-        return self._go(goal)
+        return self._go(Pose(*self.body.base_pose(False)).moved(*place, theta))
 
     def navigateToInMap(self, target: Any) -> bool:
         """Go to a place in the world, around obstacles; blocks; return whether it arrived."""
@@ -66,30 +57,11 @@ class ALNavigation(Module):
         """Return [0, radius, [x, y]] of a free zone around the robot."""
         return [0, self.number("findFreeZone", "desiredRadius", desiredRadius), [0.0, 0.0]]
 
-    def startFreeZoneUpdate(self) -> None:
-        """Accept: the scene is known."""
-
-    def stopAndComputeFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
-        """Do what `findFreeZone` does."""
-        return self.findFreeZone(desiredRadius, maximumDisplacement)
-
-    def setSecurityDistance(self, distance: float) -> None:
-        """Set how far from obstacles the base stays [m]."""
-        self._security = self.number("setSecurityDistance", "distance", distance)
-
-    def getSecurityDistance(self) -> float:
-        """Return how far from obstacles the base stays [m]."""
-        return self._security
+    stopAndComputeFreeZone = findFreeZone
 
     def stopNavigateTo(self) -> None:
         """Brake."""
         self.broker.motion.stopMove()
-
-    def startLocalization(self) -> None:
-        """Accept: the place is known."""
-
-    def stopLocalization(self) -> None:
-        """Accept: the place is known."""
 
     def relocalizeInMap(self, estimation: Any) -> list[Any]:
         """Return [0, [pose, uncertainty]]."""
@@ -99,7 +71,7 @@ class ALNavigation(Module):
         """Return [[x, y, yaw], uncertainty] of the base in the world [m, rad]."""
         return [[float(v) for v in self.body.base_pose(True)], [0.0, 0.0, 0.0]]
 
-    def _go(self, goal: list[float]) -> bool:
+    def _go(self, goal: Sequence[float]) -> bool:
         """Go to a place of the world; where something stands in the way, along a planned path."""
         self.broker.motion.stop_velocity()
         places = [np.asarray(goal)]
@@ -119,7 +91,7 @@ class ALNavigation(Module):
         self.body.wait(self.body.do(task))
         return not task.error and not task.killed
 
-    def _path(self, goal: list[float]) -> list[Any] | None:
+    def _path(self, goal: Sequence[float]) -> list[Any] | None:
         """Return places on a path of the base around the obstacles, or None where none was found."""
         pepper = load_pepper(base="planar")
         posture = {
@@ -138,18 +110,11 @@ class ALNavigation(Module):
         if not isinstance(trajectory, list | tuple) or not trajectory:
             raise self.fail(method, f"trajectory: got {quoted(trajectory)}, expected a list")
         if trajectory[0] == "Composed":
-            places: list[list[float]] = []
-            x = y = yaw = 0.0
+            places = [Pose(0.0, 0.0, 0.0)]
             for part in trajectory[1:]:
                 for place in self._places(method, part):
-                    cos, sin = math.cos(yaw), math.sin(yaw)
-                    x, y, yaw = (
-                        x + cos * place[0] - sin * place[1],
-                        y + sin * place[0] + cos * place[1],
-                        yaw + place[2],
-                    )
-                    places.append([x, y, yaw])
-            return places
+                    places.append(places[-1].moved(*place))
+            return [list(place) for place in places[1:]]
         if trajectory[0] != "Holonomic" or len(trajectory) < 3 or trajectory[1][0] != "Line":
             raise self.fail(
                 method, f"got {quoted(trajectory)}, expected Composed or Holonomic parts with a Line"
@@ -189,10 +154,8 @@ class ALLocalization(Module):
     def goToPosition(self, position: Any) -> int:
         """Go to a place relative to home; blocks; return 0, or 1 where it did not arrive."""
         x, y, *theta = self.numbers("goToPosition", "position", position)
-        cos, sin = math.cos(self._home[2]), math.sin(self._home[2])
-        goal = [self._home[0] + cos * x - sin * y, self._home[1] + sin * x + cos * y]
-        turn = self._home[2] + (theta[0] if theta else 0.0)
-        return 0 if self.broker.module("ALNavigation").navigateToInMap([*goal, turn]) else 1
+        goal = Pose(*self._home).moved(x, y, theta[0] if theta else 0.0)
+        return 0 if self.broker.module("ALNavigation").navigateToInMap(goal) else 1
 
     def getRobotPosition(self, *_: Any) -> list[float]:
         """Return x, y [m] and yaw [rad] relative to home."""

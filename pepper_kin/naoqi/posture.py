@@ -28,7 +28,6 @@ class ALRobotPosture(Module):
     """Postures: where the body is, and how it gets into another."""
 
     name = "ALRobotPosture"
-    _tries = 3
 
     def goToPosture(self, postureName: str, maxSpeedFraction: float) -> bool:
         """Go to a posture with a share of the fastest speed; blocks; return whether it was reached."""
@@ -41,9 +40,7 @@ class ALRobotPosture(Module):
         motion.go_to_posture(posture, share, "goToPosture")
         return self._difference(posture) < NEAR
 
-    def applyPosture(self, postureName: str, maxSpeedFraction: float) -> bool:
-        """Go to a posture as it is; blocks; return whether it was reached."""
-        return self.goToPosture(postureName, maxSpeedFraction)
+    applyPosture = goToPosture
 
     def stopMove(self) -> None:
         """End the motion to a posture."""
@@ -56,22 +53,6 @@ class ALRobotPosture(Module):
         with self.body.time.lock:
             nearest = min(POSTURES, key=lambda name: self._difference(POSTURES[name]))
             return nearest if self._difference(POSTURES[nearest]) < NEAR else "Unknown"
-
-    def getPostureFamily(self) -> str:
-        """Return the family of the posture: Pepper stands."""
-        return "Standing"
-
-    def getPostureFamilyList(self) -> list[str]:
-        """Return the families of postures."""
-        return ["Standing"]
-
-    def getPostureList(self) -> list[str]:
-        """Return the postures that `goToPosture` takes."""
-        return ["Crouch", "Stand", "StandInit", "StandZero"]
-
-    def setMaxTryNumber(self, pMaxTryNumber: int) -> None:
-        """Set how often `goToPosture` tries."""
-        self._tries = int(pMaxTryNumber)
 
     def _posture(self, method: str, name: object) -> str | None:
         known = {key.lower(): value for key, value in POSTURES.items()}

@@ -54,7 +54,6 @@ class ALTextToSpeech(Module):
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
         self.spoken: list[Spoken] = []
-        self._language, self._voice, self._volume = "English", "naoenu", 1.0
         self._parameters: dict[str, float] = {"speed": 100.0, "pitchShift": 1.0, "defaultVoiceSpeed": 100.0}
         self._stopped = False
 
@@ -63,7 +62,7 @@ class ALTextToSpeech(Module):
         if not isinstance(text, str):
             raise self.fail("say", f"text: got {quoted(text)}, expected a string")
         words = plain(text)
-        chosen = language if isinstance(language, str) else self._language
+        chosen = language if isinstance(language, str) else self.getLanguage()
         memory = self.broker.memory
         self._stopped = False
         self.spoken.append(Spoken(self.body.time.now, words, chosen))
@@ -84,44 +83,12 @@ class ALTextToSpeech(Module):
         """Stop speaking."""
         self._stopped = True
 
-    def setLanguage(self, language: str) -> None:
-        """Choose a language."""
-        self._language = str(language)
-
-    def getLanguage(self) -> str:
-        """Return the language."""
-        return self._language
-
-    def getAvailableLanguages(self) -> list[str]:
-        """Return the languages that can be chosen."""
-        return ["English", "French", "German", "Italian", "Japanese", "Spanish"]
-
-    def getSupportedLanguages(self) -> list[str]:
-        """Do what `getAvailableLanguages` does."""
-        return self.getAvailableLanguages()
-
-    def setVoice(self, voiceID: str) -> None:
-        """Choose a voice."""
-        self._voice = str(voiceID)
-
-    def getVoice(self) -> str:
-        """Return the voice."""
-        return self._voice
-
-    def getAvailableVoices(self) -> list[str]:
-        """Return the voices that can be chosen."""
-        return ["naoenu", "julie"]
-
     def setVolume(self, volume: float) -> None:
         """Set the volume, 0 to 1."""
         value = self.number("setVolume", "volume", volume)
         if not 0.0 <= value <= 1.0:
             raise self.fail("setVolume", f"volume: got {value:g}, expected a number from 0 to 1")
-        self._volume = value
-
-    def getVolume(self) -> float:
-        """Return the volume."""
-        return self._volume
+        self.kept["volume",] = value
 
     def setParameter(self, pEffectName: str, pEffectValue: float) -> None:
         """Set "speed" (50 to 400), "pitchShift", ..."""
@@ -137,18 +104,9 @@ class ALTextToSpeech(Module):
         """Speak at speed 100."""
         self._parameters["speed"] = 100.0
 
-    def setLanguageDefaultVoice(self, language: str, voice: str) -> None:
-        """Accept: all voices are silent."""
-
-    def enableNotifications(self) -> None:
-        """Accept: events are raised in any case."""
-
-    def disableNotifications(self) -> None:
-        """Accept: events are raised in any case."""
-
     def locale(self) -> str:
         """Return the locale of the language."""
-        return {"English": "en_US", "French": "fr_FR", "German": "de_DE"}.get(self._language, "en_US")
+        return {"English": "en_US", "French": "fr_FR", "German": "de_DE"}.get(self.getLanguage(), "en_US")
 
 
 class ALAnimatedSpeech(Module):
@@ -188,17 +146,13 @@ class ALAnimatedSpeech(Module):
         """Say whether speech comes with gestures."""
         self._mode = 2 if enable else 0
 
+    setBodyLanguageEnabled = setBodyTalkEnabled
+
     def isBodyTalkEnabled(self) -> bool:
         """Return whether speech comes with gestures."""
         return self._mode > 0
 
-    def setBodyLanguageEnabled(self, enable: bool) -> None:
-        """Do what `setBodyTalkEnabled` does."""
-        self.setBodyTalkEnabled(enable)
-
-    def isBodyLanguageEnabled(self) -> bool:
-        """Return whether speech comes with gestures."""
-        return self._mode > 0
+    isBodyLanguageEnabled = isBodyTalkEnabled
 
     def setBodyLanguageModeFromStr(self, stringBodyLanguageMode: str) -> None:
         """Choose "disabled", "random" or "contextual"."""
@@ -222,9 +176,6 @@ class ALAnimatedSpeech(Module):
     def getBodyLanguageMode(self) -> int:
         """Return 0 (disabled), 1 (random) or 2 (contextual)."""
         return self._mode
-
-    def declareAnimationsPackage(self, animationsPackage: str) -> None:
-        """Accept a package of animations, which is empty here."""
 
     def addTagsToWords(self, tagsToWords: Any) -> None:
         """Keep which words have which tags: {tag: [word, ...]}."""

@@ -146,13 +146,6 @@ class ALTracker(Module):
         self._mode, self._effector = "Head", "None"
         self._task: TrackTask | None = None
         self._relative = [-1.0, 0.0, 0.0, 0.1, 0.1, 0.3]
-        self._numbers = {
-            "MaximumDistanceDetection": 3.0,
-            "TimeOut": 1000.0,
-            "MaximumVelocity": 0.35,
-            "MaximumAcceleration": 0.4,
-        }
-        self._flags = {"search": False}
 
     @property
     def distance(self) -> float:
@@ -209,9 +202,6 @@ class ALTracker(Module):
         """Register a target ("Face", "RedBall", "People", an object of the scene) with its size."""
         self._targets[str(pTarget)] = pParams
 
-    def setExtractorPeriod(self, pTarget: str, pPeriod: int) -> None:
-        """Accept: places are known at every cycle."""
-
     def unregisterTarget(self, pTarget: str) -> None:
         """Forget a target."""
         self._targets.pop(pTarget, None)
@@ -242,9 +232,6 @@ class ALTracker(Module):
         self.stopTracker()
         self._task = TrackTask(self, pTarget, self._effector)
         self.body.do(self._task)
-
-    def trackEvent(self, pEventName: str) -> None:
-        """Accept: there is nobody who raises the event with places."""
 
     def stopTracker(self) -> None:
         """Follow no longer."""
@@ -318,54 +305,15 @@ class ALTracker(Module):
         """Return where the base stays from the target."""
         return list(self._relative)
 
-    def toggleSearch(self, pSearch: bool) -> None:
-        """Say whether the head searches for a lost target."""
-        self._flags["search"] = bool(pSearch)
-
-    def isSearchEnabled(self) -> bool:
-        """Return whether the head searches for a lost target."""
-        return self._flags["search"]
-
-    def setMaximumDistanceDetection(self, pMaxDistance: float) -> None:
-        """Set how far targets are detected [m]."""
-        self._set("MaximumDistanceDetection", pMaxDistance)
-
-    def getMaximumDistanceDetection(self) -> float:
-        """Return how far targets are detected [m]."""
-        return self._numbers["MaximumDistanceDetection"]
-
-    def setTimeOut(self, pTimeMs: float) -> None:
-        """Set after which time a target is lost [ms]."""
-        self._set("TimeOut", pTimeMs)
-
     def getTimeOut(self) -> int:
         """Return after which time a target is lost [ms]."""
-        return int(self._numbers["TimeOut"])
-
-    def setMaximumVelocity(self, pVelocity: float) -> None:
-        """Set the speed of the base [m/s]."""
-        self._set("MaximumVelocity", pVelocity)
-
-    def getMaximumVelocity(self) -> float:
-        """Return the speed of the base [m/s]."""
-        return self._numbers["MaximumVelocity"]
-
-    def setMaximumAcceleration(self, pAcceleration: float) -> None:
-        """Set the acceleration of the base [m/s^2]."""
-        self._set("MaximumAcceleration", pAcceleration)
-
-    def getMaximumAcceleration(self) -> float:
-        """Return the acceleration of the base [m/s^2]."""
-        return self._numbers["MaximumAcceleration"]
+        return int(self.kept.get(("TimeOut",), 1000.0))
 
     def initialize(self) -> None:
         """Forget targets and settings."""
         self.stopTracker()
         self._targets.clear()
         self._mode, self._effector = "Head", "None"
-
-    def _set(self, name: str, value: Any) -> None:
-        self._numbers[name] = self.number(f"set{name}", name, value)
 
 
 MODULES = (ALTracker,)

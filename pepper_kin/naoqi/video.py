@@ -128,17 +128,11 @@ class ALVideoDevice(Module):
             -bottom,
         ]
 
-    def getImageLocal(self, handle: str) -> list[Any]:
-        """Do what `getImageRemote` does."""
-        return self.getImageRemote(handle)
+    getImageLocal = getImageRemote
 
     def releaseImage(self, handle: str) -> bool:
         """Let a picture go."""
         return handle in self._subscriptions
-
-    def getResolution(self, handle: str) -> int:
-        """Return the resolution of a subscription."""
-        return self._subscription("getResolution", handle).resolution
 
     def setResolution(self, handle: str, resolution: int) -> bool:
         """Change the resolution of a subscription."""
@@ -146,19 +140,11 @@ class ALVideoDevice(Module):
         subscription.resolution = self._known("setResolution", "resolution", resolution, RESOLUTIONS)
         return True
 
-    def getColorSpace(self, handle: str) -> int:
-        """Return the color space of a subscription."""
-        return self._subscription("getColorSpace", handle).color_space
-
     def setColorSpace(self, handle: str, colorSpace: int) -> bool:
         """Change the color space of a subscription."""
         subscription = self._subscription("setColorSpace", handle)
         subscription.color_space = self._known("setColorSpace", "colorSpace", colorSpace, LAYERS)
         return True
-
-    def getFrameRate(self, handle: Any) -> int:
-        """Return the pictures a second of a subscription."""
-        return self._subscription("getFrameRate", handle).fps
 
     def setFrameRate(self, handle: str, fps: int) -> bool:
         """Change the pictures a second of a subscription."""
@@ -178,10 +164,6 @@ class ALVideoDevice(Module):
         """Return the indices of the cameras."""
         return list(CAMERAS)
 
-    def hasDepthCamera(self) -> bool:
-        """Return True."""
-        return True
-
     def getCameraName(self, cameraIndex: int) -> str:
         """Return the name of a camera."""
         return LENSES[self._known("getCameraName", "cameraIndex", cameraIndex, CAMERAS)]
@@ -190,21 +172,13 @@ class ALVideoDevice(Module):
         """Return whether there is a camera with this index."""
         return cameraIndex in CAMERAS
 
-    def openCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    openCamera = isCameraOpen
 
-    def closeCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    closeCamera = isCameraOpen
 
-    def startCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    startCamera = isCameraOpen
 
-    def stopCamera(self, cameraIndex: int) -> bool:
-        """Return whether there is a camera with this index."""
-        return cameraIndex in CAMERAS
+    stopCamera = isCameraOpen
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
         """Keep a parameter of a camera; pictures do not change."""
@@ -243,6 +217,9 @@ class ALVideoDevice(Module):
         return [0.5 - float(np.tan(yaw)) * lens.fx / 320.0, 0.5 + float(np.tan(pitch)) * lens.fy / 240.0]
 
     # Pictures.
+
+    def _read(self, method: str, handle: Any, what: str) -> int:
+        return int(getattr(self._subscription(method, handle), what))
 
     def _subscription(self, method: str, handle: Any) -> Subscription:
         if handle not in self._subscriptions:

@@ -15,7 +15,6 @@ from pepper_kin.ros_messages.definitions import BOUNDED, FIXED, PRIMITIVES, STRI
 from pepper_kin.ros_messages.messages import DTYPES, EMPTY, Message, as_array
 
 _ZEROS = tuple(bytes(n) for n in range(8))
-_MEMBER = "structure_needs_at_least_one_member"
 
 
 class _Source:

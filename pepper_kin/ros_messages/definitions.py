@@ -207,27 +207,6 @@ def definition(type_name: str) -> Definition:
     return found
 
 
-def referenced_types(found: Definition, library: dict[str, Definition] | None = None) -> list[Definition]:
-    """Return the definitions of all types within a message, itself excluded, sorted by name.
-
-    Args:
-        found: The message.
-        library: Where to look them up; the package's if omitted.
-
-    Raises:
-        UnknownNameError: for a type that is in neither.
-    """
-    known, waiting = {}, [found]
-    while waiting:
-        for field in waiting.pop().fields:
-            if field.nested and field.base not in known:
-                if library is not None and field.base not in library:
-                    raise UnknownNameError("message type", field.base, library)
-                known[field.base] = definition(field.base) if library is None else library[field.base]
-                waiting.append(known[field.base])
-    return [known[name] for name in sorted(known)]
-
-
 def _full_base(base: str, package: str) -> str:
     if base in PRIMITIVES or base == STRING:
         return base

@@ -1,7 +1,8 @@
 """Pictures of the robot: a live page, recordings that need no server, images.
 
     Viewer                                    a robot with scene and targets, live or saved
-    JointMotion, Drawable, marker, Viewpoint  motions, shapes and cameras
+    JointMotion, Ghost, Note                  motions, a second robot beside one, and what is said meanwhile
+    Drawable, marker, Viewpoint               shapes and cameras
     render_motion                             a motion as page, film or picture, by the file's suffix
     save_motion_page, save_reach_html, save_video, screenshot, find_chromium
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from pepper_kin.viewer.browser import find_chromium, screenshot
     from pepper_kin.viewer.camera import Viewpoint
     from pepper_kin.viewer.drawable import Drawable, marker
-    from pepper_kin.viewer.joint_motion import JointMotion
+    from pepper_kin.viewer.joint_motion import Ghost, JointMotion, Note
     from pepper_kin.viewer.reach_page import save_reach_html
     from pepper_kin.viewer.recording import save_motion_page
     from pepper_kin.viewer.rendering import render_motion
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Drawable",
+    "Ghost",
     "JointMotion",
+    "Note",
     "Viewer",
     "Viewpoint",
     "find_chromium",
@@ -45,7 +48,7 @@ __getattr__, __dir__ = lazily(
         "browser": "find_chromium screenshot",
         "camera": "Viewpoint",
         "drawable": "Drawable marker",
-        "joint_motion": "JointMotion",
+        "joint_motion": "Ghost JointMotion Note",
         "reach_page": "save_reach_html",
         "recording": "save_motion_page",
         "rendering": "render_motion",

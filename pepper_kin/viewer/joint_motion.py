@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
@@ -11,12 +11,48 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import FrozenArrays, read_only
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.identification.replay import Replay, whole_body
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.viewer.motion_frames import Series, limited_series
 
 _TRAJECTORY_STEP = 0.005  # [s]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A sentence about a time of a motion.
+
+    Attributes:
+        start: Time from which it holds [s].
+        end: Time to which it holds [s].
+        text: The sentence.
+        curve: Name of the curve in whose plot the time is shaded; none if omitted.
+    """
+
+    start: float
+    end: float
+    text: str
+    curve: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ghost(FrozenArrays):
+    """A second robot in the place of the first, drawn translucent and in another color.
+
+    Attributes:
+        name: What a page calls it.
+        positions: Its joint positions at the times of the motion, shape (T, n) [rad or m].
+        series: Its lines in the plots of the motion's curves, by their names, values of shape (T,).
+        beside: What a page calls the first robot.
+    """
+
+    name: str
+    positions: NDArray[np.float64]
+    series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    beside: str = "motion"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,24 +64,57 @@ class JointMotion(FrozenArrays):
         positions: Joint positions at those times, shape (T, n) [rad or m].
         series: Curves, name (with unit) to values of shape (T,).
         limits: Largest magnitude that a curve may have, by its name, in its unit.
+        commands: Lines of what a curve should have been, by its name, values of shape (T,).
+        ghost: A second robot, which recordings, pictures and films show; the live page does not.
+        notes: What is said at some times, in recordings.
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
+    commands: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    ghost: Ghost | None = None
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         times = read_only(as_finite(self.times, "times", (None,)))
         positions = read_only(as_finite(self.positions, "positions", (times.size, None)))
-        curves = {
-            name: read_only(as_finite(values, f"series {name!r}", (times.size,)))
-            for name, values in self.series.items()
-        }
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "series", MappingProxyType(curves))
+        object.__setattr__(self, "series", _lines(self.series, "series", times.size, None))
         object.__setattr__(self, "limits", MappingProxyType(dict(self.limits)))
+        object.__setattr__(self, "commands", _lines(self.commands, "command", times.size, self.series))
+        if self.ghost is not None:
+            of = f"of {self.ghost.name!r}"
+            there = read_only(as_finite(self.ghost.positions, f"positions {of}", positions.shape))
+            lines = _lines(self.ghost.series, f"series {of}", times.size, self.series)
+            object.__setattr__(self, "ghost", replace(self.ghost, positions=there, series=lines))
+        object.__setattr__(self, "notes", tuple(self.notes))
+
+    @property
+    def curves(self) -> dict[str, Series]:
+        """The curves by name, each with its limit and its other lines."""
+        there = {} if self.ghost is None else self.ghost.series
+        return {
+            name: replace(curve, ghost=there.get(name), command=self.commands.get(name))
+            for name, curve in limited_series(self.series, self.limits).items()
+        }
+
+
+def _lines(
+    lines: Mapping[str, ArrayLike], quantity: str, samples: int, curves: Mapping[str, object] | None
+) -> Mapping[str, NDArray[np.float64]]:
+    """Return copies of lines by name, values of shape (samples,), of `curves` where these are given."""
+    for name in lines:
+        if curves is not None and name not in curves:
+            raise UnknownNameError(f"curve of a {quantity}", name, curves)
+    return MappingProxyType(
+        {
+            name: read_only(as_finite(values, f"{quantity} {name!r}", (samples,)))
+            for name, values in lines.items()
+        }
+    )
 
 
 class ExecutedMotion(Protocol):
@@ -70,7 +139,9 @@ class ExecutedMotion(Protocol):
         """Joint torques."""
 
 
-Playable: TypeAlias = JointMotion | Trajectory | ExecutedMotion | NDArray[np.float64] | Sequence[float]
+Playable: TypeAlias = (
+    JointMotion | Trajectory | ExecutedMotion | Replay | NDArray[np.float64] | Sequence[float]
+)
 """What a viewer can play; an array of shape (n,) is a posture held still."""
 
 
@@ -92,7 +163,8 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
     Args:
         pepper: The robot.
         motion: A `JointMotion`, a trajectory (its velocities become curves), a run of the twin (its torques
-            become curves), or joint positions of shape (n,).
+            become curves), the replay of a robot's log (the robot becomes the ghost), or joint positions of
+            shape (n,).
 
     Returns:
         The motion.
@@ -105,6 +177,8 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
         return motion
     if isinstance(motion, Trajectory):
         return _of_trajectory(pepper, motion)
+    if isinstance(motion, Replay):
+        return _of_replay(pepper, motion)
     if isinstance(motion, np.ndarray | Sequence):
         return still(pepper, motion)
     return _of_run(pepper, motion)
@@ -130,6 +204,35 @@ def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
     torques = as_joint_vectors(pepper, torques, "torques of the run")
     curves = _curves(pepper, "torque", ("N m", "N"), torques)
     return JointMotion(times, positions, curves, _limits(curves, pepper.effort_limits))
+
+
+def _of_replay(pepper: PepperModel, found: Replay) -> JointMotion:
+    """Return the twin with the robot as its ghost; readings that were lost are bridged."""
+    log, arrived = found.log, found.log.arrived()
+    robot = np.column_stack(
+        [np.interp(log.time, log.time[here], log.measured[here, j]) for j, here in enumerate(arrived.T)]
+    )
+    names = [f"{joint} [{pepper.joint_units[pepper.joint_index(joint)]}]" for joint in log.joint_names]
+    twin, ghost, commands = (
+        dict(zip(names, angles.T, strict=True)) for angles in (found.twin, robot, log.commands_at(log.time))
+    )
+    notes = tuple(
+        Note(
+            stretch.begin,
+            stretch.end,
+            f"{stretch.joint}: up to {1e3 * stretch.size:.0f} mrad apart ({stretch.kind})",
+            names[log.index(stretch.joint)],
+        )
+        for stretch in found.stretches
+    )
+    return JointMotion(
+        log.time,
+        whole_body(pepper, log, found.twin),
+        twin,
+        commands=commands,
+        ghost=Ghost("robot", whole_body(pepper, log, robot), ghost, beside="twin"),
+        notes=notes,
+    )
 
 
 def _curves(

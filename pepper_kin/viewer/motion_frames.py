@@ -21,10 +21,14 @@ class Series:
     Attributes:
         values: One value for each sample, shape (T,).
         limit: Largest magnitude that it may have, in its unit; None where it has no limit.
+        ghost: The same of a second robot, shape (T,), or None.
+        command: What it should have been, shape (T,), or None.
     """
 
     values: ArrayLike
     limit: float | None = None
+    ghost: ArrayLike | None = None
+    command: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,8 @@ class SampledSeries:
         low: Smallest value nearer to this frame than to its neighbors, shape (F,).
         high: Largest such value, shape (F,).
         limit: Largest magnitude that it may have, in its unit; None where it has no limit.
+        ghost: The same of a second robot at each frame, shape (F,), or None.
+        command: What it should have been at each frame, shape (F,), or None.
     """
 
     name: str
@@ -44,6 +50,8 @@ class SampledSeries:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     limit: float | None = None
+    ghost: NDArray[np.float64] | None = None
+    command: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -199,4 +207,5 @@ def _sampled(name: str, series: Series, samples: int, kept: NDArray[np.intp]) ->
         np.minimum.reduceat(curve, borders),
         np.maximum.reduceat(curve, borders),
         series.limit,
+        *(None if line is None else np.asarray(line)[kept] for line in (series.ghost, series.command)),
     )

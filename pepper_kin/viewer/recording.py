@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access import atomic_file
-from pepper_kin.viewer.drawable import Drawable
+from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
+from pepper_kin.viewer.ghost import GHOST_COLOR
+from pepper_kin.viewer.joint_motion import Ghost, Note
 from pepper_kin.viewer.motion_frames import MotionFrames, limited_series, motion_frames
 from pepper_kin.viewer.touching import TouchSpan
 
@@ -82,10 +84,13 @@ def write_frames_page(
     title: str,
     markers: Sequence[Drawable] = (),
     touches: Sequence[TouchSpan] = (),
+    notes: Sequence[Note] = (),
+    ghost: Ghost | None = None,
 ) -> Path:
     """Write frames that are chosen already as one HTML file; see `save_motion_page`.
 
-    What touches in `touches` is drawn in red at these times, and named in a sentence.
+    What touches in `touches` is drawn in red at these times, and named in a sentence; `notes` are shown at
+    theirs.  `ghost` is the second robot, whose parts and frames are among the others.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):
@@ -100,8 +105,10 @@ def write_frames_page(
         "title": title,
         "commands": [buffers.embed(command) for command in draw_commands(everything)],
         "markers": [_legend_entry(ball) for ball in markers],
+        "ghost": ghost and {"name": ghost.name, "beside": ghost.beside, "color": _css(GHOST_COLOR)},
         "motion": _motion_data(frames, names, drawn, buffers),
         "touches": [asdict(span) for span in touches],
+        "notes": [asdict(note) for note in notes],
         "buffers": buffers.contents,
     }
     return atomic_file.write_text(path, _page(title, content))
@@ -163,6 +170,8 @@ def _motion_data(
                 "value": buffers.floats(curve.value),
                 "low": buffers.floats(curve.low),
                 "high": buffers.floats(curve.high),
+                "ghost": None if curve.ghost is None else buffers.floats(curve.ghost),
+                "command": None if curve.command is None else buffers.floats(curve.command),
             }
             for curve in frames.series
         ],
@@ -170,9 +179,14 @@ def _motion_data(
 
 
 def _legend_entry(ball: Drawable) -> dict[str, Any]:
-    red, green, blue = (round(255 * channel) for channel in ball.color[:3])
     place = ball.transform_shape_to_link[:3, 3].tolist()
-    return {"name": ball.name, "color": f"rgb({red}, {green}, {blue})", "position": place}
+    return {"name": ball.name, "color": _css(ball.color), "position": place}
+
+
+def _css(color: Color) -> str:
+    """Return a color as style sheets write it, without its opacity."""
+    red, green, blue = (round(255 * channel) for channel in color[:3])
+    return f"rgb({red}, {green}, {blue})"
 
 
 def _page(title: str, content: dict[str, Any]) -> str:

@@ -22,14 +22,9 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.viewer.browser import screenshot
 from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
-from pepper_kin.viewer.joint_motion import JointMotion, Playable, joint_motion, still
-from pepper_kin.viewer.motion_frames import (
-    MotionFrames,
-    Series,
-    frames_of_samples,
-    kept_samples,
-    limited_series,
-)
+from pepper_kin.viewer.ghost import ghost_link, ghost_of
+from pepper_kin.viewer.joint_motion import Playable, joint_motion, still
+from pepper_kin.viewer.motion_frames import frames_of_samples, kept_samples, limited_series
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, SPHERES, VISUAL
 from pepper_kin.viewer.target_listener import TargetListener
@@ -82,6 +77,7 @@ class Viewer:
         self._layers = tuple(_LAYERS[name] for name in (geometry_type, over) if name in _LAYERS)
         shapes = _shapes(pepper, geometry_type)
         drawn = [drawable for shape in shapes for drawable in Drawable.all_of_shape(shape)]
+        self._ghost = ghost_of(drawn)
         if over is not None:
             on_top = _shapes(pepper, over)
             drawn += [
@@ -313,20 +309,27 @@ class Viewer:
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
-        own = series is None
-        curves = limited_series(
-            chosen.series if own else series or {}, chosen.limits if own else limits or {}
-        )
-        frames = self._frames(chosen, curves, fps)
-        positions = chosen.positions[kept_samples(chosen.times, fps)]
+        curves = chosen.curves if series is None else limited_series(series, limits or {})
+        kept, links, drawn = kept_samples(chosen.times, fps), self._drawn_links, self._robot
+        # At the frames alone: poses of every sample would cost most of the time.
+        poses = frame_poses(self._pepper, chosen.positions[kept], links)
+        if chosen.ghost is not None:
+            there = frame_poses(self._pepper, chosen.ghost.positions[kept], links)
+            poses = np.concatenate([poses, there], axis=1)
+            links, drawn = (*links, *map(ghost_link, links)), (*drawn, *self._ghost)
+        frames = frames_of_samples(chosen.times, kept, poses, len(links), curves)
         return write_frames_page(
             path,
-            (*self._robot, *self._surroundings.values()),
-            self._drawn_links,
+            (*drawn, *self._surroundings.values()),
+            links,
             frames,
             title=self._pepper.name if title is None else title,
             markers=tuple(self._targets.values()),
-            touches=touch_spans(self._pepper, frames.times, positions, self._scene, self._drawn_links),
+            touches=touch_spans(
+                self._pepper, frames.times, chosen.positions[kept], self._scene, self._drawn_links
+            ),
+            notes=chosen.notes,
+            ghost=chosen.ghost,
         )
 
     def save_image(
@@ -410,12 +413,6 @@ class Viewer:
         server, self._server = self._server, None
         if server is not None:
             server.close()
-
-    def _frames(self, motion: JointMotion, series: Mapping[str, Series], fps: float) -> MotionFrames:
-        """Compute poses at the frames alone: those of every sample would cost most of the time."""
-        kept = kept_samples(motion.times, fps)
-        poses = frame_poses(self._pepper, motion.positions[kept], self._drawn_links)
-        return frames_of_samples(motion.times, kept, poses, len(self._drawn_links), series)
 
     def _live(self) -> ViewerServer:
         with self._starting:  # threads share one

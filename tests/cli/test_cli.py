@@ -1,6 +1,8 @@
 import json
 import re
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 import pepper_kin as pk
@@ -134,6 +136,14 @@ def test_export_prints_or_writes_the_same(run, tmp_path, format, root):
     written = run("export", format, "--hands", "mimic", "-o", "new/pepper.xml", cwd=tmp_path)
     assert written.returncode == 0, written.stderr
     assert (tmp_path / "new" / "pepper.xml").read_text().strip() == printed.stdout.strip()
+
+
+def test_the_exported_head_ends_where_the_option_says(run, tmp_path):
+    for words, degrees in (((), 36.5), (("--head-limits", "documented"), 25.5)):
+        done = run("export", "urdf", *words, cwd=tmp_path)
+        joint = ElementTree.fromstring(done.stdout).find("joint[@name='HeadPitch']/limit")
+        assert np.rad2deg(float(joint.get("upper"))) == pytest.approx(degrees, abs=1e-3)
+    assert run("export", "urdf", "--head-limits", "seen", cwd=tmp_path).returncode == 2
 
 
 def test_export_with_meshes_beside_it_loads_in_mujoco(run, tmp_path):

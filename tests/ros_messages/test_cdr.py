@@ -9,7 +9,7 @@ from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ros_messages import MessageError, decode, encode, message_names, message_type
-from pepper_kin.ros_messages.definitions import definition, definition_texts, referenced_types
+from pepper_kin.ros_messages.definitions import definition_texts
 
 NAMES = [name for name in message_names() if name in definition_texts()]
 """Messages that have a definition file; parts of services and actions are built of the same fields."""
@@ -21,13 +21,17 @@ SIGNED_CHAR = "service_msgs/msg/ServiceEventInfo"
 """mcap_ros2 reads `char` as signed; in ROS 2 it is uint8."""
 
 
+def types_within(kind):
+    """Return the names of all types within a message."""
+    inner = kind.nested.values()
+    return {part.type_name for part in inner}.union(*map(types_within, inner))
+
+
 def schema(name):
     """Return the text that a recording holds: the definition and all that it refers to."""
     texts = [definition_texts()[name]]
-    for part in referenced_types(definition(name)):
-        if part.type_name not in SPECIAL:
-            short = part.type_name.replace("/msg/", "/")
-            texts.append(f"MSG: {short}\n{definition_texts()[part.type_name]}")
+    for part in sorted(types_within(message_type(name)) - set(SPECIAL)):
+        texts.append(f"MSG: {part.replace('/msg/', '/')}\n{definition_texts()[part]}")
     return ("\n" + "=" * 80 + "\n").join(texts)
 
 

@@ -227,35 +227,40 @@ class Transform:
     @staticmethod
     def fromRotX(angle: float) -> Transform:
         """Return a rotation about x [rad]."""
-        return transformFromRotX(angle)
+        return Transform.from3DRotation(angle, 0.0, 0.0)
 
     @staticmethod
     def fromRotY(angle: float) -> Transform:
         """Return a rotation about y [rad]."""
-        return transformFromRotY(angle)
+        return Transform.from3DRotation(0.0, angle, 0.0)
 
     @staticmethod
     def fromRotZ(angle: float) -> Transform:
         """Return a rotation about z [rad]."""
-        return transformFromRotZ(angle)
+        return Transform.from3DRotation(0.0, 0.0, angle)
 
     @staticmethod
     def from3DRotation(wx: float, wy: float, wz: float) -> Transform:
         """Return Rz(wz) Ry(wy) Rx(wx) [rad]."""
-        return transformFromRotation3D(Rotation3D(wx, wy, wz))
+        return Transform.fromPosition(0.0, 0.0, 0.0, wx, wy, wz)
 
     @staticmethod
     def fromPosition(
         x: float, y: float, z: float, wx: float = 0.0, wy: float = 0.0, wz: float = 0.0
     ) -> Transform:
         """Return the transform of a position [m] and rotations [rad]."""
-        return transformFromPosition(x, y, z, wx, wy, wz)
+        return of_matrix(pose_of((x, y, z), rpy=(wx, wy, wz)))
 
 
-# The flat names of static methods, which scripts in Python 2 use.
-Transform_fromRotX, Transform_fromRotY = Transform.fromRotX, Transform.fromRotY
-Transform_fromRotZ, Transform_from3DRotation = Transform.fromRotZ, Transform.from3DRotation
-Transform_fromPosition, Pose2D_fromPolarCoordinates = Transform.fromPosition, Pose2D.fromPolarCoordinates
+# The flat names of methods, which scripts use as well.
+Transform_fromRotX = transformFromRotX = rotationFromRotX = Transform.fromRotX
+Transform_fromRotY = transformFromRotY = rotationFromRotY = Transform.fromRotY
+Transform_fromRotZ = transformFromRotZ = rotationFromRotZ = Transform.fromRotZ
+Transform_from3DRotation = transformFrom3DRotation = Transform.from3DRotation
+Transform_fromPosition = transformFromPosition = Transform.fromPosition
+transformInverse, transformDiff = Transform.inverse, Transform.diff
+transformToFloatVector = Transform.toVector
+Pose2D_fromPolarCoordinates, pose2DInverse = Pose2D.fromPolarCoordinates, Pose2D.inverse
 
 
 def of_matrix(matrix: Any) -> Transform:
@@ -263,39 +268,9 @@ def of_matrix(matrix: Any) -> Transform:
     return Transform([float(x) for x in np.asarray(matrix)[:3].ravel()])
 
 
-def transformFromRotX(angle: float) -> Transform:
-    """Return a rotation about x [rad]."""
-    return transformFromRotation3D(Rotation3D(angle, 0.0, 0.0))
-
-
-def transformFromRotY(angle: float) -> Transform:
-    """Return a rotation about y [rad]."""
-    return transformFromRotation3D(Rotation3D(0.0, angle, 0.0))
-
-
-def transformFromRotZ(angle: float) -> Transform:
-    """Return a rotation about z [rad]."""
-    return transformFromRotation3D(Rotation3D(0.0, 0.0, angle))
-
-
-rotationFromRotX, rotationFromRotY, rotationFromRotZ = transformFromRotX, transformFromRotY, transformFromRotZ
-
-
 def transformFromRotation3D(rotation: Iterable[float]) -> Transform:
     """Return Rz(wz) Ry(wy) Rx(wx) [rad]."""
-    return of_matrix(pose_of((0.0, 0.0, 0.0), rpy=tuple(rotation)))
-
-
-def transformFrom3DRotation(wx: float, wy: float, wz: float) -> Transform:
-    """Return Rz(wz) Ry(wy) Rx(wx) [rad]."""
-    return transformFromRotation3D((wx, wy, wz))
-
-
-def transformFromPosition(
-    x: float, y: float, z: float, wx: float = 0.0, wy: float = 0.0, wz: float = 0.0
-) -> Transform:
-    """Return the transform of a position [m] and rotations [rad]."""
-    return of_matrix(pose_of((x, y, z), rpy=(wx, wy, wz)))
+    return Transform.from3DRotation(*rotation)
 
 
 def transformFromPosition3D(position: Iterable[float]) -> Transform:
@@ -345,26 +320,6 @@ def pose2DFromPosition6D(position: Iterable[float]) -> Pose2D:
     """Return the pose in the plane of a Position6D."""
     x, y, _, _, _, wz = position
     return Pose2D(x, y, wz)
-
-
-def pose2DInverse(pose: Pose2D) -> Pose2D:
-    """Return the inverse."""
-    return pose.inverse()
-
-
-def transformInverse(transform: Transform) -> Transform:
-    """Return the inverse."""
-    return transform.inverse()
-
-
-def transformDiff(first: Transform, second: Transform) -> Transform:
-    """Return where the second is as seen from the first."""
-    return first.diff(second)
-
-
-def transformToFloatVector(transform: Transform) -> list[float]:
-    """Return the 16 numbers of a transform."""
-    return transform.toVector()
 
 
 def changeRepereTransformToPosition3D(transform: Transform, position: Position3D) -> Position3D:

@@ -3,6 +3,7 @@
 (() => {
   const element = (id) => document.getElementById(id);
   const STEP = 0.1; // seconds per arrow key
+  const HUE = 211; // of the first curve
 
   function fail(error) {
     element("failure").textContent = `This page cannot draw: ${error.message}. It needs a browser with WebGL.`;
@@ -56,9 +57,13 @@
     return look;
   }
 
-  function connectPlots(viewer, motion, series) {
+  function connectPlots(viewer, motion, { motion: { series }, ghost, notes }) {
     const [list, button] = ["plots", "show-plots"].map(element);
-    const plots = series.map((curve, k) => new Plot(list, motion, curve, (211 + 47 * k) % 360));
+    const plots = series.map((curve, k) => {
+      const spans = notes.filter((note) => note.curve === curve.name);
+      // Beside those of a ghost, all curves have one color.
+      return new Plot(list, motion, curve, { hue: ghost ? HUE : (HUE + 47 * k) % 360, ghost, spans });
+    });
     const draw = () => list.hidden || plots.forEach((plot) => plot.draw());
     const show = (visible) => {
       list.hidden = !visible;
@@ -100,6 +105,20 @@
     show();
   }
 
+  // List what is said of the present time.
+  function connectNotes(motion, notes) {
+    const list = element("notes");
+    let shown = "";
+    const show = () => {
+      const texts = notes.filter(({ start, end }) => motion.time >= start && motion.time <= end).map(({ text }) => text);
+      if (texts.join("\n") === shown) return;
+      shown = texts.join("\n");
+      list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+    };
+    motion.listeners.push(show);
+    show();
+  }
+
   function connectKeys(motion) {
     const click = (selector) => () => document.querySelector(selector).click();
     const jump = (time) => {
@@ -127,12 +146,19 @@
     });
   }
 
-  function listMarkers(markers) {
-    element("legend").append(...markers.map((marker) => {
+  // What the colors of robots and lines mean, beside a ghost.
+  function colorsOf({ ghost, motion: { series } }) {
+    if (!ghost) return [];
+    const command = series.some(({ command }) => command) ? [{ name: "command", color: "var(--quiet)" }] : [];
+    return [{ name: ghost.beside, color: `hsl(${HUE} 62% var(--curve))` }, ghost, ...command];
+  }
+
+  function listNames(things) {
+    element("legend").append(...things.map(({ name, color }) => {
       const item = document.createElement("li");
       const dot = document.createElement("i");
-      dot.style.background = marker.color;
-      item.append(dot, marker.name);
+      dot.style.background = color;
+      item.append(dot, name);
       return item;
     }));
   }
@@ -143,10 +169,11 @@
     const motion = new Motion(viewer, content.motion);
     document.body.classList.toggle("still", motion.duration === 0);
     document.body.classList.toggle("bare", options.get("panel") === "0");
-    listMarkers(content.markers);
+    listNames([...colorsOf(content), ...content.markers]);
     connectTimeline(motion);
     if (content.touches.length) connectTouches(viewer, motion, content.touches);
-    const showPlots = connectPlots(viewer, motion, content.motion.series);
+    if (content.notes.length) connectNotes(motion, content.notes);
+    const showPlots = connectPlots(viewer, motion, content);
     showPlots(content.motion.series.length > 0 && (options.get("plots") ?? (innerWidth > 900 ? "1" : "0")) === "1");
     const subject = stage.subject(viewer, motion, content.markers);
     stage.layFloor(viewer, subject);

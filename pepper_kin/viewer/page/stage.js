@@ -305,11 +305,15 @@ const stage = (() => {
     });
   }
 
-  // Glass throws no shadow; solids throw that of their far side, which cannot speckle the lit one.
+  // Glass throws no shadow, and lies behind what is in the same place; solids throw that of their far side, which
+  // cannot speckle the lit one.
   function castShadows(viewer) {
     viewer.scene.traverse((object) => {
       if (!object.material) return;
-      if (object.material.opacity < 0.6) object.castShadow = false;
+      if (object.material.opacity < 0.6) {
+        object.castShadow = false;
+        Object.assign(object.material, { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 });
+      }
       object.material.shadowSide = THREE.BackSide;
     });
   }

@@ -1,0 +1,24 @@
+"""The second robot of a page: the first one's parts, translucent, on links of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pepper_kin.viewer.drawable import Color, Drawable
+
+GHOST_COLOR: Color = (0.95, 0.45, 0.05, 0.45)
+
+
+def ghost_link(link: str) -> str:
+    """Return what the ghost's link is called in a page."""
+    return f"ghost {link}"
+
+
+def ghost_of(drawables: Sequence[Drawable]) -> tuple[Drawable, ...]:
+    """Return what is fixed to links once more, in the ghost's color and on its links."""
+    return tuple(
+        replace(part, link=ghost_link(part.link), color=GHOST_COLOR)
+        for part in drawables
+        if part.link is not None
+    )
