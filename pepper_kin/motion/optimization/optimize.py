@@ -26,8 +26,8 @@ from pepper_kin.model.joint_vectors import (
 )
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization.cost import Cost, figures_of
-from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
@@ -387,7 +387,7 @@ class _Judge:
         if any(error > task.tolerance * _MORE for task, error in kept):
             return False
         return self.problem_data.clearance_before > 0 and is_clear_along(
-            Checks(self.pepper, self.scene), self.before
+            Checks(self.pepper, self.scene), self.before, held=False
         )
 
     def _errors(self, motion: Trajectory) -> tuple[float, ...]:
@@ -408,7 +408,7 @@ class _Judge:
 
         That nothing touches is proven along all of the motion; distances are measured every 4 ms.
         """
-        if not is_clear_along(Checks(self.pepper, self.scene), motion):
+        if not is_clear_along(Checks(self.pepper, self.scene), motion, held=False):
             return -float("inf")
         step = max(_DISTANCE_STEP, examination_step(motion.duration))
         times = sample_times(motion.duration, step)
