@@ -18,6 +18,7 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.motion.examination import cut, reach_along
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
+from pepper_kin.trajectory.samples import refuse_other_joints
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"
 MOST_STATES = 4_000_000
@@ -53,9 +54,7 @@ def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajecto
         InfeasibleError: for a plan that failed, with its reason.
     """
     if isinstance(path, Trajectory):
-        if path.joint_names != pepper.joint_names:
-            names = ", ".join(path.joint_names), ", ".join(pepper.joint_names)
-            raise InvalidValueError("joints of the trajectory", *names)
+        refuse_other_joints(pepper, path.joint_names)
         return path
     if isinstance(path, PlannedPath):
         path = planned_curve(path)

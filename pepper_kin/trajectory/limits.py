@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import AtFrames, load_torque, load_wrench
+from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
@@ -20,8 +21,19 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_positive
-from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
+from pepper_kin.model.wheels import WHEEL_FRAMES
+from pepper_kin.trajectory.balance import (
+    checked_balance,
+    edge_moments,
+    moment_matrix,
+    moves_base,
+    support_polygon,
+)
+from pepper_kin.trajectory.path import is_plan
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
 
 
 def checked_share(quantity: str, value: float) -> float:
@@ -135,26 +147,47 @@ class MotionLimits(NamedTuple):
 
 
 def motion_limits(
-    velocity_scale: float,
-    acceleration_scale: float,
-    torque_scale: float | None,
+    pepper: PepperModel,
+    *,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
+    torque: bool = True,
     balance: float | None = None,
-    loads: Loads = (),
-    speeds: AtFrames = (),
+    hand_speed: float | Mapping[str, float] | None = None,
+    payload: Mapping[str, float] | None = None,
+    scene: Scene | None = None,
+    along: object = None,
 ) -> MotionLimits:
-    """Return what a motion may use, with its shares checked; torque_scale None leaves torque out.
+    """Return what a motion may use, with the options checked that `retime` describes.
+
+    The loads are the payload and the attached objects of the scene; without a scene, those of a plan that the
+    motion is `along`.
 
     Raises:
-        InvalidValueError: for a share that is not in (0, 1].
+        InvalidValueError: for a share that is not in (0, 1]; a balance that is no distance, or of a robot
+            without wheels; a speed or mass that is not a finite number above 0; or a scene that is none.
+        UnknownNameError: for a frame that the robot lacks.
     """
+    loads = loads_of(pepper, scene, payload)
+    if scene is None and is_plan(along):
+        loads += tuple(getattr(along, "loads", ()))
+    if hand_speed is not None and not isinstance(hand_speed, Mapping):
+        hand_speed = dict.fromkeys(HANDS, hand_speed)
     return MotionLimits(
         checked_share("velocity_scale", velocity_scale),
         checked_share("acceleration_scale", acceleration_scale),
-        None if torque_scale is None else checked_share("torque_scale", torque_scale),
-        balance,
+        checked_share("torque_scale", torque_scale) if torque else None,
+        checked_balance(pepper, balance),
         loads,
-        speeds,
+        at_frames(pepper, "hand_speed", hand_speed, "m/s"),
     )
+
+
+def wheel_speeds(pepper: PepperModel) -> AtFrames:
+    """Return the greatest speeds of a differential base's wheels; nothing for other robots [m/s]."""
+    wheels = pepper.wheels
+    return () if wheels is None or not wheels.differential else tuple((f, wheels.speed) for f in WHEEL_FRAMES)
 
 
 @kept_for_robot(most=32)

@@ -13,6 +13,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.limits import checked_share
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits
@@ -72,10 +73,10 @@ class OnlineMotion:
         self._limits = tuple(
             _finite_limits(pepper, name, limit)
             for name, limit in (
-                ("velocity", pepper.velocity_limits * _share("velocity_scale", velocity_scale)),
+                ("velocity", pepper.velocity_limits * checked_share("velocity_scale", velocity_scale)),
                 (
                     "acceleration",
-                    pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
+                    pepper.acceleration_limits * checked_share("acceleration_scale", acceleration_scale),
                 ),
                 ("jerk", jerk_limits(pepper, jerk)),
             )
@@ -318,13 +319,6 @@ def _load() -> Any:
     except ImportError as error:
         raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "online motion") from error
     return ruckig
-
-
-def _share(quantity: str, value: float) -> float:
-    share = check_positive(quantity, value)
-    if share > 1.0:
-        raise InvalidValueError(quantity, value, "a number in (0, 1]")
-    return share
 
 
 def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:

@@ -34,10 +34,7 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.trajectory.balance import checked_balance
-from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.editing import joined
-from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import (
@@ -46,6 +43,7 @@ from pepper_kin.trajectory.limits import (
     motion_limits,
     moving_joints,
     refuse_motionless,
+    wheel_speeds,
 )
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
 from pepper_kin.trajectory.sampling import sample_times
@@ -129,10 +127,10 @@ def retime(
     rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, greatest))
     if rate is not None and np.isinf(rate).all():
         rate = None
-    carried, kept_balance = carried_along(pepper, path, scene, payload), checked_balance(pepper, balance)
     allowed = motion_limits(
-        velocity_scale, acceleration_scale, torque_scale if torque else None, kept_balance, carried,
-        hand_speeds(pepper, hand_speed),
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
+        scene=scene, along=path,
     )  # fmt: skip
     curve = as_cubic_path(pepper, path)
     refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")

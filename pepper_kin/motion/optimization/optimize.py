@@ -32,11 +32,11 @@ from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits, MotionLimits, motion_limits
 from pepper_kin.trajectory.path import PathLike
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import examination_step, sample_times
 
 if TYPE_CHECKING:
@@ -103,11 +103,11 @@ def optimize(
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
         intervals: Pieces of the spline, 4 to 1,000; three times as many if these come too near.
-        velocity_scale: Share of the velocity limits to use, in (0, 1].
-        acceleration_scale: The same of acceleration limits.
-        torque_scale: The same of effort limits.
-        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
-        payload: Point masses besides attached objects at "left", "right" or a frame [kg], as in `retime`.
+        velocity_scale: As in `retime`.
+        acceleration_scale: As in `retime`.
+        torque_scale: As in `retime`.
+        balance: As in `retime` [m].
+        payload: As in `retime` [kg].
         jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
@@ -127,13 +127,16 @@ def optimize(
     """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
-    load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
+    allowed = motion_limits(
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, balance=balance, payload=payload, scene=scene, along=path,
+    )  # fmt: skip
+    load_search(pepper, allowed.loads, allowed.balance is not None)
     begin = time.perf_counter()
-    allowed = motion_limits(velocity_scale, acceleration_scale, torque_scale, balance, held)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
     limits = allowed.of(pepper, pepper.acceleration_limits, drives=True)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
-    tasks = as_constraints(pepper, constraints, held) if constraints else ()
+    tasks = as_constraints(pepper, constraints, allowed.loads) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
     before = _timed(pepper, path, allowed, payload, scene)
     before = _within_limits(pepper, path, before, limits, rate)
@@ -279,10 +282,7 @@ def _timed(
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
     if isinstance(path, Trajectory):
-        if path.joint_names != pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
-            )
+        refuse_other_joints(pepper, path.joint_names)
         return path
     if isinstance(path, Plan) and path.path is None:
         raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
