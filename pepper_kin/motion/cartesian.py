@@ -211,13 +211,8 @@ class _Follower:
         tolerance: float,
         least_step: float,
     ) -> None:
-        self.pepper, self.hand, self.frame, self.direction, self.joints = (
-            pepper,
-            hand,
-            frame,
-            direction,
-            joints,
-        )
+        self.pepper, self.hand, self.frame = pepper, hand, frame
+        self.direction, self.joints = direction, joints
         self.tolerance, self.least_step = tolerance, least_step
         arm_only = joints is None and f"{hand}_arm" in pepper.group_names
         # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later.
@@ -259,13 +254,8 @@ class _Follower:
                 ahead.append((ahead[-1] + done[-1]) / 2)  # fast joints need more stops
             else:
                 return np.array(path), np.array(done), *found
-        length = 100 * route.length
-        return (
-            np.array(path),
-            np.array(done),
-            CartesianStatus.DONE,
-            f"{self.hand} hand did all {length:.1f} cm.",
-        )
+        message = f"{self.hand} hand did all {100 * route.length:.1f} cm."
+        return np.array(path), np.array(done), CartesianStatus.DONE, message
 
     def _step(self, before: Array, point: Array) -> Array | tuple[CartesianStatus, str]:
         """Return the joint positions [rad or m] at the next stop, shape (n,), or why there are none.

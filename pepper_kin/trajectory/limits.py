@@ -96,6 +96,7 @@ class Limits:
         loads: What is carried; it acts on torque and balance.
         speed: Greatest speeds of frames' origins [m/s].
         wheels: Limits of the wheels of a planar base; None for other robots.
+        jerk: [rad/s^3 or m/s^3], shape (n,); None to leave jerk out.
     """
 
     velocity: Array
@@ -105,6 +106,7 @@ class Limits:
     loads: Loads = ()
     speed: AtFrames = ()
     wheels: WheelLimits | None = None
+    jerk: Array | None = None
 
 
 class MotionLimits(NamedTuple):

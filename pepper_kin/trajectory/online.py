@@ -137,10 +137,8 @@ class OnlineMotion:
             LimitError: for a target outside the limits of position or velocity.
             InfeasibleError: where joints cannot stay within their position limits on the way.
         """
-        position, velocity = (
-            _vector(self.pepper, q_target, "q_target"),
-            _vector(self.pepper, v_target, "v_target"),
-        )
+        position = _vector(self.pepper, q_target, "q_target")
+        velocity = _vector(self.pepper, v_target, "v_target")
         check_within_limits(self.pepper, position, "q_target", _TINY)
         _check_symmetric(self.pepper, "v_target", velocity, self._limits[0])
         now = State(*_at(self._plan, self.time - self._begun))

@@ -242,7 +242,7 @@ def _timed(
     s = problem.grid.s.copy()
     from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-    return limit_jerk(pepper, curve, trajectory, s, limits, jerk)
+    return limit_jerk(pepper, curve, trajectory, s, replace(limits, jerk=jerk))
 
 
 def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:

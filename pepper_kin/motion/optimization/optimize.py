@@ -134,18 +134,18 @@ def optimize(
     load_search(pepper, allowed.loads, allowed.balance is not None)
     begin = time.perf_counter()
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
-    limits = allowed.of(pepper, pepper.acceleration_limits, drives=True)
+    rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
+    limits = replace(allowed.of(pepper, pepper.acceleration_limits, drives=True), jerk=rate)
     weights, world = cost or Cost(), scene if scene is not None else Scene()
     tasks = as_constraints(pepper, constraints, allowed.loads) if constraints else ()
-    rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
     before = _timed(pepper, path, allowed, payload, scene)
-    before = _within_limits(pepper, path, before, limits, rate)
+    before = _within_limits(pepper, path, before, limits)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
-        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks, jerk=rate)
+        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks)
 
     problems = [posed(before)]
-    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
+    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks)
     problems += map(posed, _detours(pepper, before, starts, seed, allowed, begin + seconds))
     search = _Descents(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
     best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
@@ -204,24 +204,21 @@ def _cost_of(descent: LocalResult) -> float:
     return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
 
 
-def _within_limits(
-    pepper: PepperModel, path: object, motion: Trajectory, limits: Limits, jerk: Array | None
-) -> Trajectory:
+def _within_limits(pepper: PepperModel, path: object, motion: Trajectory, limits: Limits) -> Trajectory:
     """Return the motion to start from, made slower if it is a user's and breaks limits.
 
     Args:
         pepper: The robot.
         path: What the user gave.
         motion: The motion made of it; the same object where the user gave a motion.
-        limits: Limits of velocity, acceleration, torque and balance.
-        jerk: Limits of jerk [rad/s^3 or m/s^3], shape (n,); None for none.
+        limits: The limits.
 
     Raises:
         InfeasibleError: where no slower motion is within the limits.
     """
     if motion is not path:
         return motion
-    motion = motion.scaled(stretch_at_extremes(motion, limits, jerk))
+    motion = motion.scaled(stretch_at_extremes(motion, limits))
     for _ in range(_SLOWER):
         state = motion(sample_times(motion.duration, examination_step(motion.duration)))
         stretch = measure_use(pepper, state, limits).stretch
@@ -330,7 +327,6 @@ class _Judge:
     margin: float
     wanted: float | None
     tasks: tuple[Task, ...]
-    jerk: Array | None
 
     def __call__(self, problem: SplineProblem, descent: LocalResult) -> Optimized:
         """Return the outcome of a descent on a problem, that of the motion before or another."""
@@ -352,7 +348,7 @@ class _Judge:
         states = found(sample_times(found.duration, examination_step(found.duration)))
         limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
         stretch = measure_use(self.pepper, states, limits).stretch
-        stretch = max(stretch, stretch_at_extremes(found, limits, self.jerk))
+        stretch = max(stretch, stretch_at_extremes(found, limits))
         if not np.isfinite(stretch):
             return refused(OptimizedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
@@ -372,7 +368,7 @@ class _Judge:
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
-        free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
+        free = self.wanted is None and self.cost.clearance == 0 and self.limits.jerk is None
         dearer = free and not new.cost(self.cost) < old.cost(self.cost)
         if dearer and self._before_is_clear():
             return refused(OptimizedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
