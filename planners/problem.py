@@ -133,14 +133,6 @@ class Problem:
         _require_validity(validity, self.n)
         return self._with(validity=validity)
 
-    def resolved(self, resolution: float) -> Problem:
-        """Return the same problem at another resolution.
-
-        Raises:
-            InvalidValueError: The resolution is not allowed.
-        """
-        return self._with(resolution=_checked_resolution(resolution, self.diagonal))
-
     def begun_at(self, start: FloatArray, goals: FloatArray) -> Problem:
         """Return the same problem with other ends inside the box, shapes (n,) and (k, n).
 

@@ -152,11 +152,12 @@ class Result:
         made = object.__new__(cls)
         states, calls, _, iterations = counters[: ITERATIONS + 1].tolist()
         made.__dict__.update(
-            status=status, path=path, goal_index=goal, cost=math.inf if path is None else path.length,
-            iterations=iterations, states_checked=states, validity_calls=calls, time=deadline.elapsed,
-            seed=seed,
+            status=status, path=path, goal_index=goal, iterations=iterations, states_checked=states,
+            validity_calls=calls, time=deadline.elapsed, seed=seed,
         )  # fmt: skip
         made.__dict__.update(more)
+        if "cost" not in more:
+            made.__dict__["cost"] = math.inf if path is None else path.length
         return made
 
     @property

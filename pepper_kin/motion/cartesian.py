@@ -16,9 +16,10 @@ from pepper_kin.collision import Scene, checker_for
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.status import ResultStatus
 
@@ -219,10 +220,8 @@ class _Follower:
         self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(joints, None)]
         if arm_only:
             self.ways.append((f"{hand}_arm", None))
+        margin = checked_margin(margin)
         self.ways.append((joints, (scene or Scene()).padded(margin)))
-        margin = float(as_finite(margin, "margin", ()))
-        if margin < 0:
-            raise InvalidValueError("margin", margin, "0 or more [m]")
         self.checker = checker_for(pepper, scene, margin)
         self.exact = checker_for(pepper, scene)
         self.statics = static_limits(pepper, None, None, scene)

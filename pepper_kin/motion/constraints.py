@@ -23,8 +23,10 @@ from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 if TYPE_CHECKING:
     import casadi
 
-SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
-"""Packages on which the kernels depend."""
+SOURCES = tuple(
+    f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion.constraints")
+)
+"""Packages and modules on which the kernels depend."""
 
 
 def as_constraints(

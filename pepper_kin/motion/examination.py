@@ -15,7 +15,7 @@ from pepper_kin.core.collision.curve_check import (
     write_intervals,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import Checks, held_by
 from pepper_kin.trajectory.path import PiecewiseCubic
 
 
@@ -46,11 +46,6 @@ def is_clear_along(
     reach = np.require(reach_along(checks.pepper, checks.exact.scene, curve), float, ["C"])
     arguments = checks.of_motion(*motion), breaks, coefficients, reach, *margins, held, strictly
     return bool(checks.run(is_clear, *arguments))
-
-
-def held_by(scene: Scene | None) -> tuple[tuple[str, float], ...]:
-    """Return what hangs on the robot in a scene, see `motion_bounds`."""
-    return () if scene is None else tuple((item.frame, item.extent) for item in scene.attached.values())
 
 
 def reach_along(pepper: PepperModel, scene: Scene | None, curve: PiecewiseCubic) -> Array:

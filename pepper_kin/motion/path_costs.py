@@ -269,7 +269,7 @@ class PathCosts:
 @kept_for_robot(most=64)
 def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[Structure, ...]) -> Kernel:
     """Return the kernel of `_expression`."""
-    by = source_digest(*SOURCES)
+    by = source_digest(*SOURCES, __name__)
     key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
     return compile_function(lambda: _expression(pepper, sources, structures), key=key)
 

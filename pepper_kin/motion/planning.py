@@ -188,7 +188,8 @@ def _check_gap(planner: str, gap: float | None) -> None:
     """
     if gap is not None and planner != "aorrtc":
         raise InvalidValueError("gap", gap, f"None with planner {planner!r}, or planner 'aorrtc'")
-    checked_gap(gap)
+    if gap is not None:
+        checked_gap(gap)
 
 
 def check_planner(planner: str, constrained: bool) -> None:

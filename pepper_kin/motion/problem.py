@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from pepper_kin.model.joint_vectors import (
     shown,
 )
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import held_by, is_clear_along
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.trajectory.path import CubicPath
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
@@ -171,7 +170,7 @@ def path_problem(
         least: What the curve must keep from the scene at every point, as the ends do [m].
         kept: What `Checks.margins` returns, where that is known.
     """
-    pepper, held = checks.pepper, held_by(checks.exact.scene)
+    pepper, held = checks.pepper, checks.held
     limits, bounded, reach = _limits(pepper, held)
     scene_margin, own_margin = checks.margins(start, goals, free, margin) if kept is None else kept
     if bounded:
@@ -285,11 +284,4 @@ def checked_timeout(timeout: float) -> float:
     Raises:
         InvalidValueError: for what is none.
     """
-    if not is_number(timeout):
-        raise InvalidValueError("timeout", repr(timeout), "a finite number above 0 [s]")
     return check_positive("timeout", timeout, "[s]")
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value is one real number: not a bool, a string or a list."""
-    return isinstance(value, Real) and not isinstance(value, bool | np.bool_)

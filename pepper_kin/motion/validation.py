@@ -10,13 +10,12 @@ import numpy as np
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
@@ -120,8 +119,7 @@ def validate(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    if not 0 <= as_real(margin) < np.inf:
-        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
+    margin = checked_margin(margin)
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
     followed = checked_path(pepper, path)
     dense = dense_states(pepper, scene, followed)

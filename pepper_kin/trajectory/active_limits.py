@@ -14,8 +14,15 @@ from pepper_kin.dynamics.support_polygon import inner_radius
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
 from pepper_kin.trajectory.balance import balance_margin, moves_base, support_polygon
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits, motion_limits, share_of, wheel_speeds
+from pepper_kin.trajectory.limits import (
+    JerkLike,
+    LimitedQuantities,
+    Limits,
+    jerk_limits,
+    motion_limits,
+    share_of,
+    wheel_speeds,
+)
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 

@@ -18,8 +18,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.extremes import derivative, maxima
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import MotionLimits, motion_limits, wheel_speeds
+from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut

@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
@@ -17,10 +17,10 @@ from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_pr
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
 from pepper_kin.model.wheels import WHEEL_FRAMES
 from pepper_kin.trajectory.balance import (
     checked_balance,
@@ -34,6 +34,11 @@ from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+
+JerkLike: TypeAlias = str | float | ArrayLike
+
+NAMED = {"gentle": 5.0, "moderate": 10.0, "brisk": 30.0}
+"""Factors on the acceleration limits [1/s]: full acceleration is reached in 0.2, 0.1 and 0.033 s."""
 
 
 def checked_share(quantity: str, value: float) -> float:
@@ -184,6 +189,34 @@ def motion_limits(
         loads,
         at_frames(pepper, "hand_speed", hand_speed, "m/s"),
     )
+
+
+def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None = None) -> Array:
+    """Return the limit of each joint [rad/s^3 or m/s^3], shape (n,).
+
+    Args:
+        pepper: The robot.
+        jerk: A name of `NAMED`; a factor on the acceleration limits [1/s]; or limits, shape (n,), of which
+            infinite ones do not act.
+        acceleration: The acceleration limits, shape (n,); None for the robot's.
+
+    Raises:
+        UnknownNameError: listing the names.
+        InvalidValueError: for what is not above zero, or has another shape.
+    """
+    if isinstance(jerk, str):
+        if jerk not in NAMED:
+            raise UnknownNameError("jerk limit", jerk, NAMED)
+        jerk = NAMED[jerk]
+    try:
+        value = as_numbers(jerk, "jerk")
+    except InvalidValueError:
+        value = np.array(np.nan)
+    if value.shape not in ((), (pepper.n,)) or not np.all(value > 0):
+        allowed = f"a name, a factor above 0 [1/s], or {pepper.n} limits above 0"
+        raise InvalidValueError("jerk", shown(jerk), allowed)
+    limits = pepper.acceleration_limits if acceleration is None else acceleration
+    return np.array(value if value.ndim else value * limits)
 
 
 def wheel_speeds(pepper: PepperModel) -> AtFrames:

@@ -12,8 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import checked_share
+from pepper_kin.trajectory.limits import JerkLike, checked_share, jerk_limits
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits

@@ -35,11 +35,12 @@ from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.editing import joined
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import (
+    JerkLike,
     Limits,
     MotionLimits,
+    jerk_limits,
     motion_limits,
     moving_joints,
     refuse_motionless,
@@ -134,7 +135,11 @@ def retime(
     )  # fmt: skip
     curve = as_cubic_path(pepper, path)
     refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
-    limits = _limits(pepper, greatest, allowed, _drives(pepper, curve.coefficients))
+    drives = _drives(pepper, curve.coefficients)
+    if acceleration_limits is None:
+        limits = _kept_limits(pepper, allowed, drives)
+    else:
+        limits = _limits(pepper, greatest, allowed, drives)
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
@@ -155,13 +160,6 @@ def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives:
         allowed: What a user says.
         drives: Whether the base moves, so that its wheels count.
     """
-    if greatest is pepper.acceleration_limits:
-        return _kept_limits(pepper, allowed, drives)
-    return _made_limits(pepper, greatest, allowed, drives)
-
-
-def _made_limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:
-    """Return new limits of a motion from those of acceleration, shape (n,); see `_limits`."""
     made = allowed.of(pepper, greatest, drives=drives)
     return replace(
         made,
@@ -174,7 +172,7 @@ def _made_limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, dr
 @kept_for_robot(most=32)
 def _kept_limits(pepper: PepperModel, allowed: MotionLimits, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
-    return _made_limits(pepper, pepper.acceleration_limits, allowed, drives)
+    return _limits(pepper, pepper.acceleration_limits, allowed, drives)
 
 
 def _where_joints_move(limits: Array) -> Array:

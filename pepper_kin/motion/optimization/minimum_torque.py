@@ -24,7 +24,7 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
-from pepper_kin.motion.optimization.free_joints import free_joints
+from pepper_kin.motion.optimization.moving import free_joints
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory

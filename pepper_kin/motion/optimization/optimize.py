@@ -17,12 +17,10 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
-    as_real,
     check_choice,
     check_positive,
     check_seed,
     check_whole,
-    shown,
 )
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
@@ -30,11 +28,11 @@ from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization.cost import Cost, figures_of
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
-from pepper_kin.trajectory.limits import Limits, MotionLimits, motion_limits
+from pepper_kin.trajectory.limits import JerkLike, Limits, MotionLimits, jerk_limits, motion_limits
 from pepper_kin.trajectory.path import PathLike
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import examination_step, sample_times
@@ -253,8 +251,7 @@ def _checked(
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
     check_choice("solver", solver, SOLVERS)
-    if not 0 <= as_real(margin) < np.inf:
-        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
+    checked_margin(margin)
     check_whole("starts", starts, 1, MOST_STARTS)
     check_seed(seed)
     if duration is not None and check_positive("duration", duration, "s") > LONGEST:

@@ -18,10 +18,9 @@ from pepper_kin.motion.optimization.balance_term import BalanceTerm
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.clearance_term import ClearanceTerm, clearance_rows, least_distance
 from pepper_kin.motion.optimization.cost import Cost, jerk_scale
-from pepper_kin.motion.optimization.free_joints import free_joints
 from pepper_kin.motion.optimization.held_term import HeldTerm
 from pepper_kin.motion.optimization.kernel_term import kernel_rows
-from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.motion.optimization.moving import Moving, free_joints
 from pepper_kin.motion.optimization.range_term import RangeTerm, range_rows
 from pepper_kin.motion.optimization.torque_term import TorqueTerm
 from pepper_kin.motion.optimization.wheel_term import WheelTerm
