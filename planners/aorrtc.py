@@ -101,7 +101,7 @@ def aorrtc(
     """
     load_code(first_round, grow, shorten)
     deadline = Deadline(timeout)
-    seed, gap = seed_number(seed), _checked_gap(gap)
+    seed, gap = seed_number(seed), checked_gap(gap)
     most = _UNLIMITED if max_iterations is None else whole_number("max_iterations", max_iterations)
     step = None if step is None else positive_number("step", step)
     task = problem if path is None else _from_path(problem, path)
@@ -129,8 +129,12 @@ def aorrtc(
     )  # fmt: skip
 
 
-def _checked_gap(gap: float | None) -> float:
-    """Return a gap as a number."""
+def checked_gap(gap: float | None) -> float:
+    """Return a gap as a number, 0 for None.
+
+    Raises:
+        InvalidValueError: It is below 0, or not finite.
+    """
     if gap is None:
         return 0.0
     allowed = "a finite number of 0 or more, or None"
@@ -144,9 +148,7 @@ def _checked_gap(gap: float | None) -> float:
 
 def _from_path(problem: Problem, path: Path) -> Problem:
     """Return the problem of a path: its start, and its end as the last goal."""
-    if path.n != problem.n:
-        got = f"{path.n} coordinates"
-        raise InvalidValueError("path", got, f"{problem.n} coordinates, as in the problem")
+    problem.require_same("path", path.n)
     goals = np.concatenate((problem.goals, path.points[-1:]))
     return problem.begun_at(path.points[0], goals)
 

@@ -24,16 +24,15 @@ from .deadline import Deadline, load_code
 from .frontier import spread
 from .motion_validator import machine_code_of
 from .problem import Problem
-from .result import Status
+from .result import Result, Status
 from .sampling import stream_key, uniform
-from .search_space import STATES, STOP, SearchSpace, last_valid_step, space_of
+from .search_space import ITERATIONS, STOP, SearchSpace, last_valid_step, space_of
 from .tree import (
     BY_EDGE,
     FOUND,
     FULL,
     GOAL_NODE,
     GOAL_SIZE,
-    ITERATIONS,
     OWN_COUNTERS,
     SAMPLE,
     START_NODE,
@@ -78,30 +77,14 @@ class Car(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class CarResult:
-    """The outcome of `car_connect`.
+class CarResult(Result):
+    """The outcome of `car_connect`; its `path` is None, and `cost` is infinite.
 
     Attributes:
-        status: How it ended.
         curve: The path from the start to a goal, of any number of pieces; None unless solved.
-        goal_index: Which of the goals was reached; None unless solved.
-        iterations: Number of samples drawn.
-        states_checked: Number of states whose validity was asked for.
-        time: Wall time [s].
-        seed: Seed of the run.
-        tree_sizes: Nodes of the trees of the start and of the goals where no path was found; None otherwise.
-        frontier: Some nodes of the smaller one, shape (m, 3); None otherwise.
     """
 
-    status: Status
-    curve: CarCurve | None
-    goal_index: int | None
-    iterations: int
-    states_checked: int
-    time: float
-    seed: int
-    tree_sizes: tuple[int, int] | None = None
-    frontier: FloatArray | None = None
+    curve: CarCurve | None = None
 
     @property
     def length(self) -> float:
@@ -141,12 +124,12 @@ def car_connect(
         status, curve, goal, frontier = _searched(problem, space, car, trees, key, deadline)
         if curve is not None:
             curve = _shortened(space, car, curve, counters, deadline, stream_key(seed, _STREAM + 1))
-    samples, start, end = counters[ITERATIONS : GOAL_SIZE + 1].tolist()
+    start, end = counters[START_SIZE : GOAL_SIZE + 1].tolist()
     leave_trees(trees)
-    return CarResult(
-        status, curve, goal, samples, int(counters[STATES]), deadline.elapsed, seed,
-        None if frontier is None else (start, end), frontier,
-    )  # fmt: skip
+    sizes = None if frontier is None else (start, end)
+    return CarResult.of_run(
+        status, counters, deadline, seed, goal=goal, curve=curve, tree_sizes=sizes, frontier=frontier
+    )
 
 
 def _searched(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -31,14 +30,13 @@ from .path import Path
 from .problem import Problem
 from .result import Result, Status
 from .sampling import random_state, stream_key
-from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of
+from .search_space import ITERATIONS, STOP, SearchSpace, distance, last_valid_step, space_of
 from .tree import (
     FOUND,
     FULL,
     GOAL_NODE,
     GOAL_SIZE,
     GOING_ON,
-    ITERATIONS,
     SAMPLE,
     START_NODE,
     TARGET,
@@ -129,22 +127,11 @@ def cbirrt(
     path = None if found.points is None else Path.trusted(found.points, problem.metric)
     if path is not None:
         residual = manifold.worst(path.points)
-    states, calls, _, samples = trees.counters[: ITERATIONS + 1].tolist()
     leave_trees(trees)
-    return Result(
-        status=found.status,
-        path=path,
-        goal_index=found.goal_index,
-        cost=math.inf if path is None else path.length,
-        iterations=samples,
-        states_checked=states,
-        validity_calls=calls,
-        time=deadline.elapsed,
-        seed=seed,
-        tree_sizes=found.sizes,
-        frontier=found.frontier,
-        residual=residual,
-    )
+    return Result.of_run(
+        found.status, trees.counters, deadline, seed, path, found.goal_index, tree_sizes=found.sizes,
+        frontier=found.frontier, residual=residual,
+    )  # fmt: skip
 
 
 def require_fit(problem: Problem, manifold: ConstraintManifold) -> None:
@@ -255,12 +242,8 @@ def walk(
     Returns:
         Number of states written, and whether the target was met.
     """
-    place, counters, chain, current = (
-        np.empty(2, np.int64),
-        workspace.counters,
-        workspace.chain,
-        workspace.current,
-    )
+    chain, current, counters = workspace
+    place = np.empty(2, np.int64)
     n, count, walked, end = origin.size, 0, 0.0, seconds_now(space.clock, place) + seconds
     for i in range(n):
         current[i] = origin[i]
@@ -409,14 +392,9 @@ class Explorer:
         self.surface = self._contexts.enter_context(self._surface)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Raise what a function in Python raised."""
-        self._contexts.__exit__(kind, error, traceback)
+        self._contexts.close()
 
     @property
     def stopped(self) -> bool:

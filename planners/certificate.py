@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError
-
 from .path import Path
 from .problem import Problem
 from .smooth import SmoothPath
@@ -60,10 +58,7 @@ def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | No
     Raises:
         InvalidValueError: The path has another number of coordinates, or the resolution is not allowed.
     """
-    if path.n != problem.n:
-        raise InvalidValueError(
-            "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
-        )
+    problem.require_same("path", path.n)
     validator = problem.validator(resolution=resolution)
     spacing = positive_number("resolution", validator.resolution)
     if isinstance(path, Path):

@@ -7,8 +7,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.exceptions import InvalidValueError
-
 from .cbirrt import Explorer, require_fit, walk
 from .constraint_manifold import ConstraintManifold, edges_hold, project_rows
 from .deadline import Deadline, load_code
@@ -52,7 +50,8 @@ def constrained_shortcut(
             option is not allowed.
     """
     load_code(walk, project_rows, edges_hold)
-    _require_same(problem, manifold, path)
+    require_fit(problem, manifold)
+    problem.require_same("path", path.n)
     seed, iterations = seed_number(seed), whole_number("iterations", iterations)
     deadline, rng, points = Deadline(timeout), np.random.default_rng(seed), path.points
     with Explorer(problem, manifold, deadline) as explorer:
@@ -96,7 +95,8 @@ def constrained_smooth(
             option is not allowed.
     """
     load_code(walk, project_rows, edges_hold)
-    _require_same(problem, manifold, path)
+    require_fit(problem, manifold)
+    problem.require_same("path", path.n)
     deadline, best = Deadline(timeout), path.points
     with Explorer(problem, manifold, deadline) as explorer:
         for _ in range(_PASSES):
@@ -135,12 +135,6 @@ def project(
         require_inside(f"states[{k}]", rows[k], problem.lower, problem.upper, problem.labels)
     with Explorer(problem, manifold, Deadline()) as explorer:
         return explorer.project(rows)
-
-
-def _require_same(problem: Problem, manifold: ConstraintManifold, path: Path) -> None:
-    require_fit(problem, manifold)
-    if path.n != problem.n:
-        raise InvalidValueError("path", f"{path.n} coordinates", f"{problem.n} coordinates, as the problem")
 
 
 def _equally_spaced(explorer: Explorer, path: Path) -> FloatArray:

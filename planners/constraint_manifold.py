@@ -6,7 +6,6 @@ import ctypes
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_kernel
+from pepper_kin.kernels.intrinsics import call_kernel, floats_at
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 from .search_space import distance
@@ -249,24 +248,19 @@ class OnSurface:
             code = CompiledManifold(address, np.zeros(n), order, order, n)
         return _surface_of(self._manifold, code, *self._box, self._stop)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Raise what the function raised."""
         if self._error is not None:
             raise self._error
 
     def _answer(self, kernel_input: int, out: int, work: int) -> None:
         n, rows = self._manifold.n, self._manifold.rows
-        answer = _numbers_at(out, rows * (1 + n))
+        answer = floats_at(out, rows * (1 + n))
         answer[:] = np.nan
         if self._error is not None:
             return
         try:
-            state = _numbers_at(kernel_input, n).copy()
+            state = floats_at(kernel_input, n).copy()
             residual, jacobian = self._manifold.function(state[None])  # type: ignore[operator]
             values, slopes = np.asarray(residual, dtype=float), np.asarray(jacobian, dtype=float)
             if values.shape != (1, rows) or slopes.shape != (1, rows, n):
@@ -276,10 +270,6 @@ class OnSurface:
         except BaseException as error:  # also an interrupt from the keyboard
             self._error = error
             self._stop[0] = 1
-
-
-def _numbers_at(address: int, count: int) -> FloatArray:
-    return np.frombuffer(memoryview((ctypes.c_double * count).from_address(address)), np.float64)
 
 
 TRIAL, STEP, FIXED, CURRENT, MIDDLE, AIM = 0, 1, 2, 3, 4, 5  # rows

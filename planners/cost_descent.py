@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.core.clock import seconds_now
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
@@ -33,7 +32,7 @@ from .motion_validator import machine_code_of
 from .path import Path
 from .problem import Problem
 from .sampling import stream_key, uniform
-from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
+from .search_space import ITERATIONS, STOP, SearchSpace, distance, edge_valid, space_of, step_count
 from .vectors import FloatArray, finite_points, seed_number, whole_number
 
 _FEWEST, _MOST = 24, 400  # points
@@ -59,9 +58,6 @@ _COST, _TRIAL_COST, _SPAN, _DIAGONAL, _STAYS, _ALONG = range(6)
 
 # Places in `memory`: what goes on from one call to the next.
 _TOTAL, _BEFORE, _DAMPING, _WHOLE_DAMPING, _LEAST, _STIFF, _WEAK = range(7)
-
-# Places in `counters`, after those of the validity function.
-_ITERATIONS = STOP + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +177,8 @@ def descend_cost(
             an option is not allowed.
     """
     load_code(shorten_by_cost, descend, measure_costs)
-    for what, got in (("path", path.n), ("cost", cost.n)):
-        if got != problem.n:
-            raise InvalidValueError(what, f"{got} coordinates", f"{problem.n} coordinates, as the problem")
+    problem.require_same("path", path.n)
+    problem.require_same("cost", cost.n)
     if manifold is not None:
         require_fit(problem, manifold)
     seed, shortcuts = seed_number(seed), whole_number("shortcuts", shortcuts)
@@ -204,7 +199,7 @@ def descend_cost(
             return path
         key = stream_key(seed, _STREAM)
         for work, most in ((shorten_by_cost, shortcuts), (descend, iterations)):
-            band.counters[_ITERATIONS] = 0
+            band.counters[ITERATIONS] = 0
             while not (deadline.expired or price.stop[0] or surface.stop[0] or band.counters[STOP]):
                 if work(space, price, surface, band, deadline.time_slice, key, most):
                     break
@@ -222,7 +217,7 @@ def _band(points: FloatArray) -> Band:
     count, n = points.shape
     trial, step, gradient = np.zeros((3, count, n))
     lines, rows, memory = np.zeros((6, count)), np.zeros((4, n)), np.zeros(7)
-    counters = np.zeros(_ITERATIONS + 1, dtype=np.int64)
+    counters = np.zeros(ITERATIONS + 1, dtype=np.int64)
     return Band(
         np.ascontiguousarray(points), trial, step, gradient, lines, rows, memory, np.ones(n), counters
     )
@@ -310,16 +305,16 @@ def shorten_by_cost(
     points, trial, lines, counters = band.points, band.trial, band.lines, band.counters
     place, count, n = np.empty(2, np.int64), points.shape[0], points.shape[1]
     end, memory = seconds_now(space.clock, place) + seconds, band.memory
-    if counters[_ITERATIONS] == 0:
+    if counters[ITERATIONS] == 0:
         memory[_TOTAL] = _total(points, lines[_COST], space.weights)
-    while counters[_ITERATIONS] < attempts:
+    while counters[ITERATIONS] < attempts:
         if counters[STOP] != 0 or cost.stop[0] != 0 or seconds_now(space.clock, place) >= end:
             return False
-        number = counters[_ITERATIONS] * _DRAWS
-        counters[_ITERATIONS] += 1
+        number = counters[ITERATIONS] * _DRAWS
+        counters[ITERATIONS] += 1
         i, j = int(uniform(key, number) * count), int(uniform(key, number + 1) * count)
         i, j = min(i, j), max(i, j)
-        if counters[_ITERATIONS] == 1:
+        if counters[ITERATIONS] == 1:
             i, j = 0, count - 1
         if j - i < 2:
             continue
@@ -383,7 +378,7 @@ def descend(
     """
     points, lines, counters, place = band.points, band.lines, band.counters, np.empty(2, np.int64)
     end, memory = seconds_now(space.clock, place) + seconds, band.memory
-    if counters[_ITERATIONS] == 0:
+    if counters[ITERATIONS] == 0:
         length = 0.0
         for k in range(points.shape[0] - 1):
             length += distance(points[k], points[k + 1], space.weights)
@@ -391,14 +386,14 @@ def descend(
         memory[_WEAK], memory[_WHOLE_DAMPING] = 0.0, _FIRST_DAMPING * memory[_TOTAL] / length**3
         memory[_LEAST] = memory[_WHOLE_DAMPING] / _STIFFEST
         memory[_STIFF] = memory[_WHOLE_DAMPING] * _STIFFEST
-    while counters[_ITERATIONS] < iterations and memory[_WEAK] < _WEAK_ROUNDS:
+    while counters[ITERATIONS] < iterations and memory[_WEAK] < _WEAK_ROUNDS:
         if counters[STOP] != 0 or cost.stop[0] != 0 or surface.stop[0] != 0:
             return False
         if seconds_now(space.clock, place) >= end:
             return False
-        number, last = counters[_ITERATIONS], points.shape[0] - 1
+        number, last = counters[ITERATIONS], points.shape[0] - 1
         whole, low, high, rounds = number % (_BLOCKS + 1) == 0, 0, last, _ROUNDS
-        counters[_ITERATIONS] += 1
+        counters[ITERATIONS] += 1
         memory[_DAMPING] = memory[_WHOLE_DAMPING]
         if not whole:
             first = number * (_STEP_DRAWS + points.shape[1])

@@ -8,17 +8,17 @@ that says which states of a batch are valid (`StateValidityChecker`), which a `M
 from __future__ import annotations
 
 import ctypes
-import operator
+import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.intrinsics import call_four, floats_at
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2
 
 from .deadline import Deadline
@@ -102,8 +102,8 @@ class CompiledMotionValidator:
         Raises:
             InvalidValueError: The address is no address, or there is no coordinate.
         """
-        object.__setattr__(self, "address", _at_least_one("address", self.address))
-        object.__setattr__(self, "n", _at_least_one("n", self.n))
+        for name in ("address", "n"):
+            object.__setattr__(self, name, whole_number(name, getattr(self, name), 1, math.inf))
         if not callable(self.new_memory):
             raise InvalidValueError("new_memory", self.new_memory, "a callable that returns a float64 array")
 
@@ -277,12 +277,7 @@ class Callback:
         self._before = self._counters[: CALLS + 1].copy()
         return self.code
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Raise what the checker raised; write to the counters how often it was called."""
         validator, counters = self._validator, self._counters
         counters[STOP] = 0
@@ -295,7 +290,7 @@ class Callback:
         if self._error is not None:
             return 0
         try:
-            found = self._validator.last_valid_step(self._state(a), self._state(b), steps)
+            found = self._validator.last_valid_step(floats_at(a, self._n), floats_at(b, self._n), steps)
             if self._validator.deadline.expired:
                 self._counters[STOP] = 1
             return found
@@ -304,29 +299,13 @@ class Callback:
             self._counters[STOP] = 1
             return 0
 
-    def _state(self, address: int) -> FloatArray:
-        return np.frombuffer(memoryview((ctypes.c_double * self._n).from_address(address)), np.float64)
-
-
-class _MachineCode:
-    """The same `with` block for a validity function that needs no callback."""
-
-    def __init__(self, code: CompiledMotionValidator) -> None:
-        self._code = code
-
-    def __enter__(self) -> CompiledMotionValidator:
-        return self._code
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
 
 def machine_code_of(
     problem: Problem,
     deadline: Deadline,
     resolution: float | None = None,
     counters: np.ndarray | None = None,
-) -> Callback | _MachineCode:
+) -> AbstractContextManager[CompiledMotionValidator]:
     """Return a context whose value is the problem's validity as a C function.
 
     Args:
@@ -336,15 +315,5 @@ def machine_code_of(
         counters: Of the planner, integers, shape (k,), see `Callback`.
     """
     if isinstance(problem.validity, CompiledMotionValidator):
-        return _MachineCode(problem.validity)
+        return nullcontext(problem.validity)
     return Callback(problem.validator(deadline, resolution), problem.n, counters)
-
-
-def _at_least_one(quantity: str, value: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = 0
-    if number < 1:
-        raise InvalidValueError(quantity, value, "an integer of 1 or more")
-    return number

@@ -133,14 +133,6 @@ class Problem:
         _require_validity(validity, self.n)
         return self._with(validity=validity)
 
-    def resolved(self, resolution: float) -> Problem:
-        """Return the same problem at another resolution.
-
-        Raises:
-            InvalidValueError: The resolution is not allowed.
-        """
-        return self._with(resolution=_checked_resolution(resolution, self.diagonal))
-
     def begun_at(self, start: FloatArray, goals: FloatArray) -> Problem:
         """Return the same problem with other ends inside the box, shapes (n,) and (k, n).
 
@@ -157,6 +149,15 @@ class Problem:
         made = object.__new__(Problem)
         made.__dict__.update(self.__dict__, **fields)
         return made
+
+    def require_same(self, quantity: str, n: int) -> None:
+        """Refuse a path, or something else, of another number n of coordinates.
+
+        Raises:
+            InvalidValueError: naming both numbers.
+        """
+        if n != self.n:
+            raise InvalidValueError(quantity, f"{n} coordinates", f"{self.n} coordinates, as the problem")
 
     def validator(self, deadline: Deadline | None = None, resolution: float | None = None) -> MotionValidator:
         """Return a fresh validator of motions, whose counters start at zero.
@@ -191,12 +192,7 @@ class GoalSource:
         """
         self.problem = problem
         self.count = len(problem.goals)
-        self._rng = np.random.default_rng((_STREAM, seed)) if self.endless else None
-
-    @property
-    def endless(self) -> bool:
-        """Whether more goals can be drawn."""
-        return self.problem.goal_sampler is not None
+        self._rng = np.random.default_rng((_STREAM, seed))
 
     def draw(self) -> FloatArray | None:
         """Return another goal, shape (1, n); None if the sampler has none now.
@@ -205,7 +201,7 @@ class GoalSource:
             InvalidValueError: The sampler returned something else than a finite state inside the box.
         """
         problem = self.problem
-        if problem.goal_sampler is None or self._rng is None:
+        if problem.goal_sampler is None:
             return None
         drawn = problem.goal_sampler(self._rng)
         if drawn is None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
+from pepper_kin.kernels.signatures import Ints1
 from pepper_kin.status import ResultStatus
 
+from .deadline import Deadline
 from .path import Path
+from .search_space import ITERATIONS
 from .vectors import FloatArray
 
 
@@ -125,10 +128,36 @@ class Result:
     residual: float = math.nan
 
     @classmethod
-    def trusted(cls, **fields: Any) -> Result:
-        """Return the result with these fields, of which none without a default may be missing."""
+    def of_run(
+        cls,
+        status: Status,
+        counters: Ints1,
+        deadline: Deadline,
+        seed: int,
+        path: Path | None = None,
+        goal: int | None = None,
+        **more: Any,
+    ) -> Self:
+        """Return the result of a run that is over.
+
+        Args:
+            status: How it ended.
+            counters: Of the planner, see `search_space.STATES`.
+            deadline: Its clock.
+            seed: Its seed.
+            path: Its path.
+            goal: The goal that was reached.
+            **more: Other fields, or other values of those above.
+        """
         made = object.__new__(cls)
-        made.__dict__.update(fields)
+        states, calls, _, iterations = counters[: ITERATIONS + 1].tolist()
+        made.__dict__.update(
+            status=status, path=path, goal_index=goal, iterations=iterations, states_checked=states,
+            validity_calls=calls, time=deadline.elapsed, seed=seed,
+        )  # fmt: skip
+        made.__dict__.update(more)
+        if "cost" not in more:
+            made.__dict__["cost"] = math.inf if path is None else path.length
         return made
 
     @property

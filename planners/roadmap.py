@@ -21,14 +21,16 @@ from .result import Result, Status
 from .sampling import random_state, stream_key
 from .search_space import (
     CALLS,
+    ITERATIONS,
     STATES,
     STOP,
     SearchSpace,
     distance,
     distance_to_nearest,
-    is_free,
+    edge_valid,
     last_valid_step,
     space_of,
+    step_count,
 )
 from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_blocks
 from .vectors import (
@@ -51,8 +53,8 @@ _STREAM = 3
 # How a call ends.
 DONE, TIME_UP, FULL, NO_PATH = range(4)
 
-# Places in `counters`, after those of the validity function.
-DRAWN, NODES, EDGES, QUERY, REACHED = range(STOP + 1, STOP + 6)
+# Places in `counters`, after those of all planners.
+DRAWN, NODES, EDGES, QUERY, REACHED = range(ITERATIONS + 1, ITERATIONS + 6)
 _COUNTERS = REACHED + 1
 
 # Rows of `nodes`: first arc, arc from the parent, last query that closed it, last query that has it as goal.
@@ -197,8 +199,10 @@ class Roadmap:
         before = counters.copy()
         first = self._valid(np.concatenate((begin[None, :], ends)))
         usable = np.flatnonzero(first[1:])
-        status, path, goal = self._ends_status(first), None, None
-        if status is None:
+        path, goal = None, None
+        if not (first[0] and usable.size):
+            status = Status.GOAL_INVALID if first[0] else Status.START_INVALID
+        else:
             places = np.full(1 + usable.size, -1, dtype=np.int64)
             status = self._search(begin.copy(), ends[usable], places, deadline, max_nodes)
             if status is Status.SOLVED:
@@ -206,17 +210,7 @@ class Roadmap:
                 path = Path.trusted(points, self.problem.metric)
                 goal = int(usable[int(np.argmax(places[1:] == reached))])
         spent = counters - before
-        return Result(
-            status=status,
-            path=path,
-            goal_index=goal,
-            cost=math.inf if path is None else path.length,
-            iterations=int(spent[NODES]),
-            states_checked=int(spent[STATES]),
-            validity_calls=int(spent[CALLS]),
-            time=deadline.elapsed,
-            seed=self.seed,
-        )
+        return Result.of_run(status, spent, deadline, self.seed, path, goal, iterations=int(spent[NODES]))
 
     def _search(
         self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline, max_nodes: int
@@ -241,17 +235,6 @@ class Roadmap:
             wanted = min(max(int(self.nodes * _GROWTH), self.nodes + _FEWEST_NODES), max_nodes)
             if self._scatter(wanted, deadline) == TIME_UP:
                 return Status.NO_PATH_IN_TIME
-
-    @staticmethod
-    def _ends_status(valid: np.ndarray) -> Status | None:
-        """Return the status where start or all goals are invalid, else None.
-
-        Args:
-            valid: Which are valid, the start and then each of g goals, shape (1 + g,).
-        """
-        if not valid[0]:
-            return Status.START_INVALID
-        return None if valid[1:].any() else Status.GOAL_INVALID
 
     def _start(self, start: ArrayLike | None) -> FloatArray:
         """Return a query's start, checked, shape (n,); the problem's for None.
@@ -533,7 +516,8 @@ def _can_be_taken(space: SearchSpace, graph: Graph, source: int, target: int, ed
     """Return whether an edge is valid, finding it out if that is not known."""
     if graph.findings[edge] == UNKNOWN:
         a, b = graph.states[source], graph.states[target]
-        free = is_free(space, a, b, graph.lengths[edge], graph.rows, graph.counters)
+        steps = step_count(graph.lengths[edge], space.resolution)
+        free = edge_valid(space, a, b, steps, graph.rows, graph.counters, False)
         graph.findings[edge] = VALID if free else INVALID
     return graph.findings[edge] == VALID
 

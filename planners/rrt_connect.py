@@ -17,14 +17,13 @@ from .path import Path
 from .problem import BETWEEN_DRAWS, GoalSource, Problem
 from .result import Result, Status
 from .sampling import luby, stream_key
-from .search_space import STOP, last_valid_step, space_of
+from .search_space import ITERATIONS, STOP, last_valid_step, space_of
 from .tree import (
     BY_EDGE,
     FOUND,
     FULL,
     GOAL_SIZE,
     GOING_ON,
-    ITERATIONS,
     LANES,
     START_SIZE,
     TIME_UP,
@@ -304,24 +303,12 @@ class Search:
     ) -> Result:
         """Return the result of a run; `more` are its other fields."""
         trees = self._trees
-        states, calls = trees.counters[:STOP].tolist()
         if path is None and trees.counters[START_SIZE : GOAL_SIZE + 1].all():
             self._note_trees()
             side = self._stuck_side()
             nodes = trees.states[side, : trees.counters[START_SIZE + side]]
             more |= {"tree_sizes": tuple(self._sizes), "frontier": spread(nodes)}
-        return Result.trusted(
-            status=status,
-            path=path,
-            goal_index=goal,
-            cost=math.inf if path is None else path.length,
-            iterations=self.samples,
-            states_checked=states,
-            validity_calls=calls,
-            time=deadline.elapsed,
-            seed=seed,
-            **more,
-        )
+        return Result.of_run(status, trees.counters, deadline, seed, path, goal, **more)
 
     def ended(self, status: Status, deadline: Deadline, seed: int) -> Result:
         """Return the result of a run that is over."""

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from .motion_validator import CompiledMotionValidator
     from .problem import Problem
 
-STATES, CALLS, STOP = 0, 1, 2
-"""First places of a planner's counters: states looked at, calls of the validity function, a sign to stop."""
+STATES, CALLS, STOP, ITERATIONS = range(4)
+"""First places of a planner's counters: states looked at, calls of the validity function, a sign to stop, and
+iterations."""
 
 _FIRST_STEPS = 8  # of an edge that is checked coarsely first
 
@@ -166,11 +167,3 @@ def edge_valid(
             return False
         count *= 2
     return True
-
-
-@compiled(lean=True)
-def is_free(
-    space: SearchSpace, a: FloatArray, b: FloatArray, length: float, rows: FloatArray, counters: Ints1
-) -> bool:
-    """Return whether an edge of a length from a valid state is valid; see `edge_valid`."""
-    return edge_valid(space, a, b, step_count(length, space.resolution), rows, counters, False)

@@ -17,7 +17,16 @@ from .motion_validator import machine_code_of
 from .path import Path
 from .problem import FINEST_RESOLUTION, Problem
 from .sampling import normal_number, stream_key, uniform, within_ellipsoid
-from .search_space import STOP, SearchSpace, distance, edge_valid, measure, space_of, step_count
+from .search_space import (
+    ITERATIONS,
+    STOP,
+    SearchSpace,
+    distance,
+    edge_valid,
+    measure,
+    space_of,
+    step_count,
+)
 from .tree import grown
 from .vectors import FloatArray, seed_number, whole_number
 
@@ -40,8 +49,8 @@ _INSIDE = 1.0 - 1e-12  # of the box's extent, for rounding
 # How a call ends.
 DONE, TIME_UP, FULL = range(3)
 
-# Places in `counters`, after those of the validity function.
-ITERATIONS, SIZE, GAINED = STOP + 1, STOP + 2, STOP + 3
+# Places in `counters`, after those of all planners.
+SIZE, GAINED = ITERATIONS + 1, ITERATIONS + 2
 _COUNTERS = GAINED + 1
 
 
@@ -112,10 +121,7 @@ def shortcut(
     """
     load_code(drop_flat, shorten)
     deadline = Deadline(timeout)
-    if path.n != problem.n:
-        raise InvalidValueError(
-            "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
-        )
+    problem.require_same("path", path.n)
     seed, iterations = seed_number(seed), whole_number("iterations", iterations)
     if not 0.0 <= least_gain < 1.0:
         raise InvalidValueError("least_gain", least_gain, "a number from 0 to below 1")

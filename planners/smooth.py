@@ -191,10 +191,7 @@ def smooth(
             allowed.
         InfeasibleError: The path itself is not valid at this resolution, or leaves no space at a corner.
     """
-    if path.n != problem.n:
-        raise InvalidValueError(
-            "path", f"{path.n} coordinates", f"{problem.n} coordinates, as in the problem"
-        )
+    problem.require_same("path", path.n)
     polyline = Path(path.points, problem.weights).merged(_MERGE * problem.diagonal)
     if len(polyline) < 2:
         raise InvalidValueError("path", f"length {path.length:g}", "a path whose way-points differ")

@@ -19,14 +19,21 @@ from .path import Path
 from .problem import Problem
 from .result import Result, Status
 from .sampling import random_state, stream_key, uniform
-from .search_space import STOP, SearchSpace, distance, last_valid_step, space_of, step_count
+from .search_space import (
+    ITERATIONS,
+    STOP,
+    SearchSpace,
+    distance,
+    last_valid_step,
+    space_of,
+    step_count,
+)
 from .tree import (
     BY_EDGE,
     FOUND,
     FULL,
     GOAL_NODE,
     GOING_ON,
-    ITERATIONS,
     OWN_ROWS,
     SAMPLE,
     START_NODE,
@@ -94,8 +101,7 @@ def transition_rrt(
     load_code(grow, price_at, last_valid_step, trace)
     if problem.goal_sampler is not None:
         raise InvalidValueError("goals", "a sampler", "goal states, for a search with a price")
-    if cost.n != problem.n:
-        raise InvalidValueError("cost", f"{cost.n} coordinates", f"{problem.n} coordinates, as the problem")
+    problem.require_same("cost", cost.n)
     seed, max_iterations = seed_number(seed), whole_number("max_iterations", max_iterations)
     deadline, trees = Deadline(timeout), take_trees(problem.n)
     counters = trees.counters
@@ -125,19 +131,9 @@ def transition_rrt(
             if ended == FOUND:
                 points, goal = traced(trees)
                 path = Path.trusted(points, problem.metric)
-    states, calls, _, samples = counters[: ITERATIONS + 1].tolist()
     leave_trees(trees)
-    return Result(
-        status=status,
-        path=path,
-        goal_index=goal,
-        cost=math.inf if path is None else cost.along(path.resample(_PRICED * problem.spacing)),
-        iterations=samples,
-        states_checked=states,
-        validity_calls=calls,
-        time=deadline.elapsed,
-        seed=seed,
-    )
+    integral = math.inf if path is None else cost.along(path.resample(_PRICED * problem.spacing))
+    return Result.of_run(status, counters, deadline, seed, path, goal, cost=integral)
 
 
 def _valid(space: SearchSpace, states: FloatArray, counters: Ints1) -> np.ndarray:

@@ -12,7 +12,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import eight_square_distances
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
 
-from .search_space import STOP, SearchSpace
+from .search_space import ITERATIONS, SearchSpace
 from .vectors import FloatArray
 
 LANES = 8
@@ -23,8 +23,8 @@ _FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
 # How growth ends.
 GOING_ON, FOUND, TIME_UP, FULL = range(4)
 
-# Places in `counters`, after those of the validity function; a search has its own ones from OWN_COUNTERS on.
-ITERATIONS, START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, BY_EDGE, OWN_COUNTERS = range(STOP + 1, STOP + 8)
+# Places in `counters`, after those of all planners; a search has its own ones from OWN_COUNTERS on.
+START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, BY_EDGE, OWN_COUNTERS = range(ITERATIONS + 1, ITERATIONS + 7)
 _COUNTERS = OWN_COUNTERS + 10
 
 # Rows of `rows`; a search has its own ones from OWN_ROWS on.

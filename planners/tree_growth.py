@@ -13,7 +13,16 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 from .deadline import TIME_SLICE
 from .sampling import random_state, uniform, within_ellipsoid
-from .search_space import STOP, SearchSpace, distance, edge_valid, last_valid_step, measure, step_count
+from .search_space import (
+    ITERATIONS,
+    STOP,
+    SearchSpace,
+    distance,
+    edge_valid,
+    last_valid_step,
+    measure,
+    step_count,
+)
 from .tree import (
     BY_EDGE,
     FOUND,
@@ -21,7 +30,6 @@ from .tree import (
     GOAL_NODE,
     GOAL_SIZE,
     GOING_ON,
-    ITERATIONS,
     OWN_COUNTERS,
     OWN_ROWS,
     SAMPLE,

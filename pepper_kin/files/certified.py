@@ -22,7 +22,7 @@ from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-    from pepper_kin.trajectory.jerk_limits import JerkLike
+    from pepper_kin.trajectory.limits import JerkLike
 
 SLOWED = 1e-4
 """Greatest share by which a motion that uses a limit to the full is written slower."""

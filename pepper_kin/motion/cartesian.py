@@ -16,9 +16,10 @@ from pepper_kin.collision import Scene, checker_for
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.status import ResultStatus
 
@@ -211,23 +212,16 @@ class _Follower:
         tolerance: float,
         least_step: float,
     ) -> None:
-        self.pepper, self.hand, self.frame, self.direction, self.joints = (
-            pepper,
-            hand,
-            frame,
-            direction,
-            joints,
-        )
+        self.pepper, self.hand, self.frame = pepper, hand, frame
+        self.direction, self.joints = direction, joints
         self.tolerance, self.least_step = tolerance, least_step
         arm_only = joints is None and f"{hand}_arm" in pepper.group_names
         # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later.
         self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(joints, None)]
         if arm_only:
             self.ways.append((f"{hand}_arm", None))
+        margin = checked_margin(margin)
         self.ways.append((joints, (scene or Scene()).padded(margin)))
-        margin = float(as_finite(margin, "margin", ()))
-        if margin < 0:
-            raise InvalidValueError("margin", margin, "0 or more [m]")
         self.checker = checker_for(pepper, scene, margin)
         self.exact = checker_for(pepper, scene)
         self.statics = static_limits(pepper, None, None, scene)
@@ -259,13 +253,8 @@ class _Follower:
                 ahead.append((ahead[-1] + done[-1]) / 2)  # fast joints need more stops
             else:
                 return np.array(path), np.array(done), *found
-        length = 100 * route.length
-        return (
-            np.array(path),
-            np.array(done),
-            CartesianStatus.DONE,
-            f"{self.hand} hand did all {length:.1f} cm.",
-        )
+        message = f"{self.hand} hand did all {100 * route.length:.1f} cm."
+        return np.array(path), np.array(done), CartesianStatus.DONE, message
 
     def _step(self, before: Array, point: Array) -> Array | tuple[CartesianStatus, str]:
         """Return the joint positions [rad or m] at the next stop, shape (n,), or why there are none.

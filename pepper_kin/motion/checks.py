@@ -48,6 +48,7 @@ class Checks:
         exact: Coal's checker without margins.
         compiled: Whether machine code answers.
         quick: Whether coal is asked about nothing but ties, so that many questions cost little.
+        held: What hangs on the robot, see `motion_bounds`.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, statics: StaticLimits | None = None) -> None:
@@ -55,7 +56,7 @@ class Checks:
         self.statics = StaticLimits(pepper) if statics is None else statics
         _load_code()
         self.exact: CollisionChecker = checker_for(pepper, scene)
-        self._fast = fast_checker_for(pepper, scene)
+        self._fast, self.held = fast_checker_for(pepper, scene), held_by(self.exact.scene)
         self.compiled, self.quick = self._fast.supported, self._fast.alone
         self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
         self._checks: dict[int, tuple[object, MotionCheck]] = {}
@@ -297,6 +298,11 @@ class Checks:
         if not self.run(sound_ends, self.of_motion(start, free), ends, margin, LEAST_MARGIN, kept):
             return None
         return float(kept[0]), float(kept[1])
+
+
+def held_by(scene: Scene | None) -> tuple[tuple[str, float], ...]:
+    """Return what hangs on the robot in a scene, see `motion_bounds`."""
+    return () if scene is None else tuple((item.frame, item.extent) for item in scene.attached.values())
 
 
 def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:

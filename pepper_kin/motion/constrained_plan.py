@@ -153,7 +153,7 @@ class _Along:
             problem.search_problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
         )
         rounded = planners.constrained_smooth(problem.relaxed, manifold, short, timeout=timeout)
-        return self._waypoints((rounded, short, path))
+        return constrained_waypoints(problem, manifold, (rounded, short, path))
 
     def cheapest(
         self, path: planners.Path, costs: PathCosts, plain: Array | None
@@ -173,20 +173,15 @@ class _Along:
         def descended(one: planners.Path, steps: int) -> planners.Path:
             left = max(end - time.perf_counter(), 1e-3)
             return planners.descend_cost(
-                problem.search_problem,
-                price,
-                one,
-                manifold=self._manifold,
-                seed=self._seed,
-                iterations=steps,
-                timeout=left,
-            )
+                problem.search_problem, price, one, manifold=self._manifold, seed=self._seed,
+                iterations=steps, timeout=left,
+            )  # fmt: skip
 
         others = [self._other(self._seed + k, end - time.perf_counter()) for k in range(1, SEARCHES)]
         lowered = [descended(one, FIRST_STEPS) for one in (path, *others) if one is not None]
         lowered.sort(key=price.along)
         cheapest = descended(lowered[0], STEPS)
-        points = self._waypoints((cheapest, *lowered))
+        points = constrained_waypoints(problem, self._manifold, (cheapest, *lowered))
         figures = None if points is None else figures_of(problem, costs, points)
         if figures is None or (before is not None and before.total <= figures.total):
             return plain, before, before
@@ -202,10 +197,6 @@ class _Along:
         )  # fmt: skip
         return result.path
 
-    def _waypoints(self, paths: Sequence[planners.Path]) -> Array | None:
-        """Return way-points of the first path whose spline is clear, held, and keeps the constraints."""
-        return constrained_waypoints(self._problem, self._manifold, paths)
-
     def ended(self, path: Array | None, more: dict[str, Any], found: planners.Path) -> Plan:
         """Return the plan of way-points, if there are any and their spline keeps the constraints.
 
@@ -216,7 +207,8 @@ class _Along:
         """
         tasks, checks, ended = self._request.constraints, self._request.checks, self._request.ended
         errors = () if path is None else largest_errors(checks.pepper, path, tasks)
-        if path is None or not _keeps(tasks, errors):
+        uses = (error / task.tolerance for task, error in zip(tasks, errors, strict=True))
+        if path is None or max(uses) > 1.0 + 1e-9:
             message = NO_SPLINE + narrowest(self._problem, found)
             return ended(PlanStatus.NO_PATH_IN_TIME, message, **{**more, "costs": ()})
         curve = as_cubic_path(checks.pepper, path)
@@ -233,10 +225,6 @@ def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tup
             allowed = f"its tolerance is {words_for(task.tolerance, task.unit_on(pepper))}"
             return status, f"The {what} does not meet a constraint: {task.shortfall(pepper, q)}; {allowed}."
     return None
-
-
-def _keeps(tasks: Sequence[Task], errors: Sequence[float]) -> bool:
-    return all(error <= task.tolerance * (1.0 + 1e-9) for task, error in zip(tasks, errors, strict=True))
 
 
 def _words(tasks: Sequence[Task], path: Array, errors: Sequence[float]) -> str:

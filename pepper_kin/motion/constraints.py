@@ -18,15 +18,15 @@ from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 
 if TYPE_CHECKING:
     import casadi
 
-SOURCES = tuple(f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion"))
-"""Packages on which the kernels depend."""
-
-_kept: RobotMemory[tuple[Structure, ...], Kernel] = RobotMemory()
+SOURCES = tuple(
+    f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion.constraints")
+)
+"""Packages and modules on which the kernels depend."""
 
 
 def as_constraints(
@@ -189,13 +189,11 @@ def _machine_code(
     )
 
 
+@kept_for_robot(most=64)
 def _kernel(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
-    """Return the kernel of `_expression`, made once and kept."""
-    known = _kept.of(pepper)
-    if structures not in known:
-        key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
-        known[structures] = compile_function(lambda: _expression(pepper, structures), key=key)
-    return known[structures]
+    """Return the kernel of `_expression`."""
+    key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
+    return compile_function(lambda: _expression(pepper, structures), key=key)
 
 
 def _expression(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi.Function:

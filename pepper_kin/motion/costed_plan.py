@@ -178,14 +178,14 @@ class _CheapSearch:
         assert first is not None
         way = PathSearch(problem, self._seed, self._left).along(first)
         plain = None if way is None else way.points
-        before = None if plain is None else self._figures(plain)
+        before = None if plain is None else figures_of(problem, self._costs, plain)
         lowered = [self._descended(path, FIRST_STEPS) for path in self._paths(first)]
         candidates = sorted(lowered, key=self._price.along)
         candidates[0] = self._descended(candidates[0])
         for path in candidates:
             points = self._waypoints(path)
             if points is not None:
-                figures = self._figures(points)
+                figures = figures_of(problem, self._costs, points)
                 if before is None or figures.total < before.total:
                     return points, figures, before
                 break
@@ -216,13 +216,9 @@ class _CheapSearch:
 
     def _descended(self, path: planners.Path, iterations: int = 200) -> planners.Path:
         return planners.descend_cost(
-            self._problem.search_problem,
-            self._price,
-            path,
-            seed=self._seed,
-            iterations=iterations,
+            self._problem.search_problem, self._price, path, seed=self._seed, iterations=iterations,
             timeout=self._left,
-        )
+        )  # fmt: skip
 
     def _waypoints(self, path: planners.Path) -> Array | None:
         """Return the fewest way-points whose spline is clear and costs what the path does; None without."""
@@ -231,13 +227,9 @@ class _CheapSearch:
             points = self._problem.embed(path(np.linspace(0.0, path.length, segments + 1)))
             if way_through(self._problem, points, self._problem.relaxed_margins) is not None:
                 best = points
-                if self._figures(points).total <= allowed:
+                if figures_of(self._problem, self._costs, points).total <= allowed:
                     break
         return best
-
-    def _figures(self, points: Array) -> Figures:
-        """Return length and costs of the spline through way-points [rad or m], shape (m, n)."""
-        return figures_of(self._problem, self._costs, points)
 
 
 def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> Figures:

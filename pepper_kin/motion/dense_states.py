@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST, count_intervals
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
-from pepper_kin.motion.examination import cut, hull_of
+from pepper_kin.motion.examination import cut, reach_along
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
+from pepper_kin.trajectory.samples import refuse_other_joints
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"
 MOST_STATES = 4_000_000
@@ -54,9 +54,7 @@ def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajecto
         InfeasibleError: for a plan that failed, with its reason.
     """
     if isinstance(path, Trajectory):
-        if path.joint_names != pepper.joint_names:
-            names = ", ".join(path.joint_names), ", ".join(pepper.joint_names)
-            raise InvalidValueError("joints of the trajectory", *names)
+        refuse_other_joints(pepper, path.joint_names)
         return path
     if isinstance(path, PlannedPath):
         path = planned_curve(path)
@@ -76,15 +74,6 @@ def polyline(points: Array) -> CubicPath:
     coefficients = np.zeros((len(points) - 1, 4, points.shape[1]))
     coefficients[:, 0], coefficients[:, 1] = points[:-1], np.diff(points, axis=0)
     return CubicPath(np.arange(len(points)).astype(np.float64), coefficients)
-
-
-def reach_along(pepper: PepperModel, scene: Scene | None, curve: CubicPath) -> Array:
-    """Return how far a joint moves a point of the body along a curve, shape (n,), see `motion_bounds`."""
-    held = () if scene is None else tuple((item.frame, item.extent) for item in scene.attached.values())
-    reach = motion_bounds(pepper, held=held)
-    if np.isfinite(reach).all():
-        return reach
-    return motion_bounds(pepper, *hull_of(curve.breaks, curve.coefficients), held)
 
 
 def dense_states(

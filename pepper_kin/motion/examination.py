@@ -6,52 +6,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import (
     Intervals,
     count_intervals,
     is_clear,
     write_intervals,
 )
-from pepper_kin.motion.checks import Checks
+from pepper_kin.model import PepperModel
+from pepper_kin.motion.checks import Checks, held_by
+from pepper_kin.trajectory.path import PiecewiseCubic
 
 
-class Examiner:
-    """Examines curves of one motion.
+def is_clear_along(
+    checks: Checks,
+    curve: PiecewiseCubic,
+    margins: tuple[float, float] = (0.0, 0.0),
+    *,
+    motion: tuple[Array, NDArray[np.int64]] | None = None,
+    held: bool = True,
+    strictly: bool = False,
+) -> bool:
+    """Whether margins are kept and gravity is held along a curve; see `core.collision.curve_check`.
 
     Args:
         checks: The robot in its scene.
-        standing: A configuration in which the joints stand that do not move, shape (n,).
-        moving: Places of the joints that move, shape (k,).
+        curve: The curve, or a cubic motion [rad or m].
+        margins: To the scene and to the robot itself [m].
+        motion: A configuration in which the joints stand that do not move, shape (n,), and the places of
+            those that may move, shape (k,); None: those of the curve.
+        held: Whether to ask if the joints can hold still along the curve.
+        strictly: Whether the margin to the scene is proven to be kept at every point, between the states that
+            are looked at as well.
     """
+    breaks, coefficients = (np.require(a, float, ["C"]) for a in (curve.breaks, curve.coefficients))
+    if motion is None:
+        motion = coefficients[0, 0].copy(), np.flatnonzero((coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
+    reach = np.require(reach_along(checks.pepper, checks.exact.scene, curve), float, ["C"])
+    arguments = checks.of_motion(*motion), breaks, coefficients, reach, *margins, held, strictly
+    return bool(checks.run(is_clear, *arguments))
 
-    def __init__(self, checks: Checks, standing: Array, moving: NDArray[np.int64]) -> None:
-        self._checks, self._standing, self._moving = checks, standing, moving
 
-    def is_clear(
-        self,
-        breaks: Array,
-        coefficients: Array,
-        reach: Array,
-        margins: tuple[float, float],
-        *,
-        held: bool = True,
-        strictly: bool = False,
-    ) -> bool:
-        """Whether margins are kept and gravity is held along a curve; see `core.collision.curve_check`.
-
-        Args:
-            breaks: Ends of the pieces, shape (m + 1,).
-            coefficients: Constant term first, shape (m, 4, n) [rad or m].
-            reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
-            margins: To the scene and to the robot itself [m].
-            held: Whether to ask if the joints can hold still along the curve.
-            strictly: Whether the margin to the scene is proven to be kept at every point, between the states
-                that are looked at as well.
-        """
-        breaks, coefficients, reach = (np.require(a, float, ["C"]) for a in (breaks, coefficients, reach))
-        check = self._checks.of_motion(self._standing, self._moving)
-        arguments = check, breaks, coefficients, reach, *margins, held, strictly
-        return bool(self._checks.run(is_clear, *arguments))
+def reach_along(pepper: PepperModel, scene: Scene | None, curve: PiecewiseCubic) -> Array:
+    """Return how far a joint moves a point of the body along a curve, shape (n,), see `motion_bounds`."""
+    held = held_by(scene)
+    reach = motion_bounds(pepper, held=held)
+    if np.isfinite(reach).all():
+        return reach
+    return motion_bounds(pepper, *hull_of(curve.breaks, curve.coefficients), held)
 
 
 def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:

@@ -10,19 +10,17 @@ import numpy as np
 from pepper_kin import planners
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import Examiner, hull_of
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.problem import (
     RESOLUTION,
     Ends,
     PathProblem,
     checked_margin,
-    held_by,
     path_problem,
 )
 from pepper_kin.trajectory.path import CubicPath
@@ -147,15 +145,7 @@ def proven_margin(
     checks = Checks(pepper, scene)
     if curve is None:
         return _greatest(lambda margin: bool(checks.free(path[0], margin)), most)
-    breaks, coefficients = np.ascontiguousarray(curve.breaks), np.ascontiguousarray(curve.coefficients)
-    moving = np.flatnonzero((coefficients[:, 1:] != 0.0).any(axis=(0, 1)))
-    reach = motion_bounds(pepper, held=held_by(checks))
-    if not np.isfinite(reach).all():
-        reach = motion_bounds(pepper, *hull_of(breaks, coefficients), held_by(checks))
-    examiner = Examiner(checks, coefficients[0, 0].copy(), moving)
-    return _greatest(
-        lambda m: examiner.is_clear(breaks, coefficients, reach, (m, 0.0), held=False, strictly=True), most
-    )
+    return _greatest(lambda m: is_clear_along(checks, curve, (m, 0.0), held=False, strictly=True), most)
 
 
 def _greatest(holds: Callable[[float], bool], most: float) -> float:

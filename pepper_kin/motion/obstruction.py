@@ -19,7 +19,7 @@ _SHUT_IN = {
 
 def why_no_path(
     problem: PathProblem,
-    result: planners.Result | planners.CarResult,
+    result: planners.Result,
     seed: int,
     manifold: planners.ConstraintManifold | None = None,
 ) -> tuple[PlanStatus, str]:

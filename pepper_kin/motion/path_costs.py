@@ -18,7 +18,7 @@ from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
 from pepper_kin.ik.tasks.structure import Structure, target_of
 from pepper_kin.ik.tasks.task import checked_weight
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.motion.constraints import SOURCES, InPython, as_constraints, soft_structures
 from pepper_kin.trajectory.path import CubicPath
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 SAMPLES = 24
 """Of a piece of a curve, over which a cost is summed."""
-
-_kept: RobotMemory[tuple[tuple[str, ...], tuple[Structure, ...]], Kernel] = RobotMemory()
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -235,17 +233,9 @@ class PathCosts:
 
     @property
     def _kernel(self) -> Kernel:
-        """The kernel of `_expression`, made once and kept."""
-        known, pepper = _kept.of(self.pepper), self.pepper
+        """That of `_expression`."""
         sources = tuple(cost.source for cost in self.costs)
-        structures = soft_structures(self.tasks) or ()
-        if (sources, structures) not in known:
-            by = source_digest(*SOURCES)
-            key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
-            known[sources, structures] = compile_function(
-                lambda: _expression(pepper, sources, structures), key=key
-            )
-        return known[sources, structures]
+        return _kernel(self.pepper, sources, soft_structures(self.tasks) or ())
 
     def _in_python(self, frozen: Array, free: NDArray[np.int64]) -> Callable[[Array], tuple[Array, Array]]:
         """Return the function from states [rad or m], shape (m, k), to prices and their gradients.
@@ -274,6 +264,14 @@ class PathCosts:
             return price, slope
 
         return evaluate
+
+
+@kept_for_robot(most=64)
+def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[Structure, ...]) -> Kernel:
+    """Return the kernel of `_expression`."""
+    by = source_digest(*SOURCES, __name__)
+    key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
+    return compile_function(lambda: _expression(pepper, sources, structures), key=key)
 
 
 def _expression(

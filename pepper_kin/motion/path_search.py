@@ -31,11 +31,10 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rejoin import Route, shortest_end
 from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
 from pepper_kin.planners.sampling import stream_key
-from pepper_kin.planners.search_space import CALLS, STATES, SearchSpace, measure
+from pepper_kin.planners.search_space import ITERATIONS, SearchSpace, measure
 from pepper_kin.planners.shortcut import (
     FLAT,
     GAINED,
-    ITERATIONS,
     SIZE,
     STREAM,
     TIME_UP,
@@ -48,7 +47,6 @@ from pepper_kin.planners.shortcut import (
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
 from pepper_kin.planners.tree import FOUND, Trees, grown, take_trees, with_room
-from pepper_kin.planners.tree import ITERATIONS as SAMPLES
 from pepper_kin.planners.tree_growth import GOAL, ROUND, WAY_POINTS, PathEnds, first_round
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
@@ -423,23 +421,17 @@ class PathSearch:
 
     def _result(self, state: PlanningState) -> planners.Result:
         """Return the result of the search."""
-        counters, found = state.trees.counters, state.found
-        return planners.Result.trusted(
-            status=planners.Status.SOLVED,
-            path=planners.Path.trusted(found.points[: found.size[0]].copy(), self._problem.metric),
-            goal_index=int(found.goal[0]),
-            cost=float(found.cost[0]),
-            iterations=int(counters[SAMPLES]),
-            states_checked=int(counters[STATES]),
-            validity_calls=int(counters[CALLS]),
-            time=self._deadline.elapsed,
-            seed=self._seed,
-        )
+        found = state.found
+        path = planners.Path.trusted(found.points[: found.size[0]].copy(), self._problem.metric)
+        return planners.Result.of_run(
+            planners.Status.SOLVED, state.trees.counters, self._deadline, self._seed, path,
+            int(found.goal[0]), cost=float(found.cost[0]),
+        )  # fmt: skip
 
     def _elsewhere(self, trees: Trees) -> planners.Result:
         """Return the result of a search that goes on for longer, or of one that cannot begin."""
         problem, deadline = self._problem.search_problem, self._deadline
-        if not trees.counters[SAMPLES]:
+        if not trees.counters[ITERATIONS]:
             return planners.rrt_connect(problem, seed=self._seed, timeout=max(deadline.left, 1e-3))
         with machine_code_of(problem, deadline, counters=trees.counters) as code:
             search = Search(problem, code, trees, self._seed, None)

@@ -75,10 +75,8 @@ def simplify_path(
     checked_timeout(timeout)
     checked_margin(margin)
     check_seed(seed)
-    checks, followed = (
-        checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
-        checked_path(pepper, path),
-    )
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
+    followed = checked_path(pepper, path)
     load_code(run)
     ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
     found = validate(pepper, path, scene, balance=balance, payload=payload)

@@ -202,7 +202,7 @@ class Ending:
             PlanStatus.SOLVED, message, path=read_only(path), goal=read_only(path[-1]),
             length=length_of(path), curve=curve, loads=loads_of(checker.pepper, checker.scene), **more,
             evidence=partial(_clearance_along, checker.pepper, checker.scene, path, curve),
-            proof=partial(_proven_margin, checker.pepper, checker.scene, path, curve, self.margin),
+            proof=partial(proven_margin, checker.pepper, checker.scene, path, curve, self.margin),
         )  # fmt: skip
 
 
@@ -219,7 +219,7 @@ def along_trajectory(
     return replace(
         plan, trajectory=trajectory, path=read_only(path), curve=curve, length=length_of(path),
         evidence=partial(_clearance_along, pepper, world, path, curve),
-        proof=partial(_proven_margin, pepper, world, path, curve, margin),
+        proof=partial(proven_margin, pepper, world, path, curve, margin),
     )  # fmt: skip
 
 
@@ -227,21 +227,6 @@ def length_of(path: NDArray[np.float64]) -> float:
     """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
     steps = path[1:] - path[:-1]
     return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())
-
-
-def _proven_margin(
-    pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None, most: float
-) -> float:
-    """Return what `margins.proven_margin` does, which is loaded when it is asked for.
-
-    Args:
-        pepper: The robot.
-        scene: The world around it, with what it holds.
-        path: Way-points [rad or m], shape (k, n).
-        curve: The curve; None where the robot stays at the only way-point.
-        most: The most that is asked for [m].
-    """
-    return proven_margin(pepper, scene, path, curve, most)
 
 
 def _clearance_along(

@@ -31,6 +31,7 @@ from pepper_kin.motion.plan_request import (
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
+from pepper_kin.planners.aorrtc import checked_gap
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -185,12 +186,10 @@ def _check_gap(planner: str, gap: float | None) -> None:
     Raises:
         InvalidValueError: It is below 0, or the planner is another than "aorrtc".
     """
-    if gap is None:
-        return
-    if planner != "aorrtc":
+    if gap is not None and planner != "aorrtc":
         raise InvalidValueError("gap", gap, f"None with planner {planner!r}, or planner 'aorrtc'")
-    if not (isinstance(gap, int | float) and 0.0 <= gap < float("inf")):
-        raise InvalidValueError("gap", gap, "a finite number of 0 or more, or None")
+    if gap is not None:
+        checked_gap(gap)
 
 
 def check_planner(planner: str, constrained: bool) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from pepper_kin.model.joint_vectors import (
     shown,
 )
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import Examiner, hull_of
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.trajectory.path import CubicPath
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
@@ -70,7 +69,6 @@ class PathProblem:
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
             joint that is carried slides without limits.
         resolution: Greatest distance between states that are looked at [m], in the metric.
-        held: What hangs on the robot, see `motion_bounds`.
         least: What the curve must keep from the scene at every point [m].
         margins_relaxed: Whether the margins are smaller than start and goal allow, since no path was found
             with greater ones.
@@ -87,7 +85,6 @@ class PathProblem:
     metric: planners.Metric
     reach: Array
     resolution: float
-    held: tuple[tuple[str, float], ...] = ()
     least: float = 0.0
     margins_relaxed: bool = False
 
@@ -139,13 +136,9 @@ class PathProblem:
         )
 
     def is_clear(self, curve: CubicPath, margins: tuple[float, float]) -> bool:
-        """Whether margins are kept all along a curve of the joints that move; see `Examiner.is_clear`."""
-        reach = self.reach
-        if not np.isfinite(reach).all():
-            reach = motion_bounds(self.checks.pepper, *hull_of(curve.breaks, curve.coefficients), self.held)
-        examiner = Examiner(self.checks, self.start, self.free)
-        kept = max(margins[0], self.least), margins[1]
-        return examiner.is_clear(curve.breaks, curve.coefficients, reach, kept, strictly=self.strictly)
+        """Whether margins are kept all along a curve of the joints that move; see `is_clear_along`."""
+        kept, motion = (max(margins[0], self.least), margins[1]), (self.start, self.free)
+        return is_clear_along(self.checks, curve, kept, motion=motion, strictly=self.strictly)
 
     def embed(self, states: Array) -> Array:
         """Return whole configurations, shape (m, n), for states of the moving joints, shape (m, k)."""
@@ -177,7 +170,7 @@ def path_problem(
         least: What the curve must keep from the scene at every point, as the ends do [m].
         kept: What `Checks.margins` returns, where that is known.
     """
-    pepper, held = checks.pepper, held_by(checks)
+    pepper, held = checks.pepper, checks.held
     limits, bounded, reach = _limits(pepper, held)
     scene_margin, own_margin = checks.margins(start, goals, free, margin) if kept is None else kept
     if bounded:
@@ -202,7 +195,6 @@ def path_problem(
         metric=metric,
         reach=reach,
         resolution=resolution,
-        held=held,
         least=least,
     )
 
@@ -225,11 +217,6 @@ def _within_limits(
     box.setflags(write=False)
     metric = planners.Metric(reach[places])
     return box, float(metric.distance(*box)), metric
-
-
-def held_by(checks: Checks) -> tuple[tuple[str, float], ...]:
-    """Return what hangs on the robot, see `motion_bounds`."""
-    return tuple((item.frame, item.extent) for item in checks.exact.scene.attached.values())
 
 
 def check_robot(pepper: object) -> None:
@@ -297,11 +284,4 @@ def checked_timeout(timeout: float) -> float:
     Raises:
         InvalidValueError: for what is none.
     """
-    if not is_number(timeout):
-        raise InvalidValueError("timeout", repr(timeout), "a finite number above 0 [s]")
     return check_positive("timeout", timeout, "[s]")
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value is one real number: not a bool, a string or a list."""
-    return isinstance(value, Real) and not isinstance(value, bool | np.bool_)

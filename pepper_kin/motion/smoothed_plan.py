@@ -12,8 +12,8 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks, checks_for
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization import optimize
-from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.plan_request import moves_base as drives
@@ -96,4 +96,4 @@ def _keeps_what_plans_keep(checks: Checks, motion: Trajectory, margins: tuple[fl
     moved = np.flatnonzero(motion.start != motion.end)
     kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margins[0])
     kept, strictly = max(kept / 2, margins[1]), margins[1] > 0.0
-    return is_clear_along(checks, motion, (kept, kept_self / 2), held=True, strictly=strictly)
+    return is_clear_along(checks, motion, (kept, kept_self / 2), strictly=strictly)

@@ -27,7 +27,7 @@ from pepper_kin.dynamics import gravity_torque, total_mass
 from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
 from pepper_kin.ik import CenterOfMassOverWheels, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, kept_for_robot, robot_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import (
     balance_margin,
@@ -69,7 +69,6 @@ _SOURCES = (
     "pepper_kin.trajectory.balance",
     "pepper_kin.dynamics.load",
 )
-_kept: RobotMemory[tuple[tuple[str, ...], bool], Kernel] = RobotMemory()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +96,7 @@ class StaticLimits:
         frames, balanced = self._parameters.frames, self.balance is not None
         if not frames and not balanced:
             return kernel(self.pepper, "gravity_torque")
-        known = _kept.of(self.pepper)
-        found = known.get((frames, balanced))
-        if found is None:
-            sources = source_digest(*_SOURCES, __name__)
-            key = f"static load {frames} {balanced} of {robot_digest(self.pepper)} by {sources}"
-            found = known[frames, balanced] = compile_function(
-                lambda: _static_load(self.pepper, frames, balanced), key=key
-            )
-        return found
+        return _static_kernel(self.pepper, frames, balanced)
 
     @cached_property
     def effort_limits(self) -> Array:
@@ -280,6 +271,14 @@ def static_limits(
 def _kept_limits(pepper: PepperModel, balance: float | None, carrying: Loads) -> StaticLimits:
     """Return the limits, which are made once."""
     return StaticLimits(pepper, balance, carrying)
+
+
+@kept_for_robot(most=64)
+def _static_kernel(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> Kernel:
+    """Return the kernel of `_static_load`."""
+    sources = source_digest(*_SOURCES, __name__)
+    key = f"static load {frames} {balanced} of {robot_digest(pepper)} by {sources}"
+    return compile_function(lambda: _static_load(pepper, frames, balanced), key=key)
 
 
 def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:

@@ -10,13 +10,12 @@ import numpy as np
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.plan_result import PlanStatus
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
@@ -120,12 +119,9 @@ def validate(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    if not 0 <= as_real(margin) < np.inf:
-        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
-    checks, followed = (
-        checks_for(pepper, scene, static_limits(pepper, balance, payload, scene)),
-        checked_path(pepper, path),
-    )
+    margin = checked_margin(margin)
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
+    followed = checked_path(pepper, path)
     dense = dense_states(pepper, scene, followed)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")
@@ -168,10 +164,8 @@ class _Look:
             return None
         at = int(np.argmax(rows))
         joint = int(np.argmax(outside[at]))
-        name, unit = (
-            self.pepper.joint_names[joint],
-            turning if self.pepper.joint_units[joint] == "rad" else sliding,
-        )
+        name = self.pepper.joint_names[joint]
+        unit = turning if self.pepper.joint_units[joint] == "rad" else sliding
         what = (
             f"the {quantity} of {name} is {values[at, joint]:.6g} {unit}, "
             f"outside [{lower[joint]:.6g}, {upper[joint]:.6g}] {unit}."
@@ -223,12 +217,8 @@ class _Look:
         joint = statics.weakest(q[at])
         if joint is None and statics.tips(q[at], ROOM_ALONG):
             return at, ValidationStatus.TIPS_OVER, sentence, None
-        return (
-            at,
-            ValidationStatus.STATIC_TORQUE_LIMIT,
-            sentence,
-            self.pepper.joint_names[statics.most_loaded(q[at])],
-        )
+        joint_name = self.pepper.joint_names[statics.most_loaded(q[at])]
+        return at, ValidationStatus.STATIC_TORQUE_LIMIT, sentence, joint_name
 
     def touching(self, end: int) -> Finding | None:
         """Look for the first state that touches something, among the first ones."""

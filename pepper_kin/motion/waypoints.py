@@ -33,7 +33,7 @@ def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | No
     """Return the way along one of some polylines that keeps as near to it as it has to; None without any.
 
     `retime` draws a spline through way-points; so the spline itself is examined, and way-points are added
-    until it is valid everywhere, as `Examiner.is_clear` says, which looks far more closely than a search.
+    until it is valid everywhere, as `is_clear_along` says, which looks far more closely than a search.
 
     Args:
         problem: The planning problem, of the joints that move.

@@ -10,15 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.support_polygon import inner_radius
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
-from pepper_kin.trajectory.balance import balance_margin, checked_balance, moves_base, support_polygon
-from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.limits import LimitedQuantities, Limits, motion_limits, share_of
+from pepper_kin.trajectory.balance import balance_margin, moves_base, support_polygon
+from pepper_kin.trajectory.limits import (
+    JerkLike,
+    LimitedQuantities,
+    Limits,
+    jerk_limits,
+    motion_limits,
+    share_of,
+    wheel_speeds,
+)
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 
 if TYPE_CHECKING:
@@ -85,15 +90,15 @@ def active_limits(
         pepper: The robot.
         trajectory: The trajectory.
         t: Times [s], shape (T,); every millisecond if omitted.
-        torque: Whether effort limits count.
-        balance: Distance kept from the edges of the wheels' triangle [m]; None leaves balance out.
-        hand_speed: As in `retime`.
-        payload: As in `retime`.
+        torque: As in `retime`.
+        balance: As in `retime` [m].
+        hand_speed: As in `retime` [m/s].
+        payload: As in `retime` [kg].
         jerk: As in `retime`.
         scene: The scene whose attached objects count with their mass; None for none.
-        velocity_scale: Share of the velocity limits that may be used, in (0, 1], as in `retime`.
-        acceleration_scale: The same of acceleration limits.
-        torque_scale: The same of effort limits.
+        velocity_scale: As in `retime`.
+        acceleration_scale: As in `retime`.
+        torque_scale: As in `retime`.
 
     Returns:
         Time, names and shares.
@@ -102,28 +107,28 @@ def active_limits(
         InvalidValueError: for another robot's trajectory, times that are not finite numbers, or an option
             that is not allowed.
     """
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError("joints", trajectory.joint_names, f"{pepper.joint_names}, the robot's joints")
+    refuse_other_joints(pepper, trajectory.joint_names)
     step = examination_step(trajectory.duration)
     if t is None:
         time = sample_times(trajectory.duration, step)
     else:
         time = as_finite(np.atleast_1d(as_batch(t, "t", ())), "t", (None,))
     state = trajectory(time)
-    held, distance = loads_of(pepper, scene, payload), checked_balance(pepper, balance)
     allowed = motion_limits(
-        velocity_scale, acceleration_scale, torque_scale if torque else None, None, held,
-        hand_speeds(pepper, hand_speed) + wheel_speeds(pepper),
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
+        scene=scene,
     )  # fmt: skip
+    allowed = allowed._replace(speeds=allowed.speeds + wheel_speeds(pepper))
     limits = allowed.of(pepper, pepper.acceleration_limits, drives=moves_base(pepper))
     columns = _shares(pepper, limits, state)
     if jerk is not None:
         rate = share_of(np.abs(trajectory.jerk(time)), jerk_limits(pepper, jerk))
         columns += _named("jerk", pepper.joint_names, rate)
-    polygon = None if distance is None else support_polygon(pepper)
-    if distance is not None and polygon is not None:
-        margin = balance_margin(pepper, polygon, *state, held) - distance
-        columns.append(("balance", 1.0 - margin / (inner_radius(polygon) - distance)))
+    polygon = support_polygon(pepper)
+    if limits.balance is not None and polygon is not None:
+        margin = balance_margin(pepper, polygon, *state, limits.loads) - limits.balance
+        columns.append(("balance", 1.0 - margin / (inner_radius(polygon) - limits.balance)))
     table = np.stack([share for _, share in columns], axis=1)
     most = np.argmax(table, axis=1)
     names = np.array([name for name, _ in columns])[most]

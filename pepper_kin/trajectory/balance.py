@@ -15,11 +15,14 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.wheels import BASE_JOINTS
 
-BALANCE_ALLOWED = "a finite distance of 0 or more [m], or None"
 
-
-def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
+def checked_balance(pepper: PepperModel, balance: float | None, *, if_wheeled: bool = False) -> float | None:
     """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
+
+    Args:
+        pepper: The robot.
+        balance: The distance.
+        if_wheeled: Whether it is left out for a robot without a support polygon, which else is refused.
 
     Raises:
         InvalidValueError: for what is no finite distance of 0 or more, or a robot without a support polygon.
@@ -27,8 +30,10 @@ def checked_balance(pepper: PepperModel, balance: float | None) -> float | None:
     if balance is None:
         return None
     if not 0.0 <= as_real(balance) < np.inf:
-        raise InvalidValueError("balance", shown(balance), BALANCE_ALLOWED)
+        raise InvalidValueError("balance", shown(balance), "a finite distance of 0 or more [m], or None")
     if support_polygon(pepper) is None:
+        if if_wheeled:
+            return None
         raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
     return float(balance)
 

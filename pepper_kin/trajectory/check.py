@@ -12,19 +12,17 @@ from numpy.typing import NDArray
 from pepper_kin import collision, dynamics, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.collision.loads import AtFrames, load_wrench, loads_of
+from pepper_kin.collision.loads import AtFrames, load_wrench
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_real, shown
-from pepper_kin.trajectory.balance import BALANCE_ALLOWED, balance_margin, support_polygon
+from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.extremes import derivative, maxima
-from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State, examination_step, sample_times
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
@@ -66,12 +64,10 @@ def check(
         scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
             the robot from itself is measured in any case.  The mass of attached objects counts.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        jerk: Jerk limits as in `retime`; None leaves jerk out.
-        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m], as in
-            `retime`; None lets the base be held from below.
-        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s];
-            None leaves them out.
-        payload: Point masses held at "left", "right" or frames by name [kg], besides attached objects.
+        jerk: As in `retime`.
+        balance: As in `retime` [m]; not looked at for a robot without wheels.
+        hand_speed: As in `retime` [m/s].
+        payload: As in `retime` [kg].
 
     Returns:
         The certificate.
@@ -80,20 +76,15 @@ def check(
         InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
             out of range.
     """
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, trajectory.joint_names)
     world = checked_world(scene, collisions)
-    held = loads_of(pepper, scene, payload)
-    speeds = hand_speeds(pepper, hand_speed) + wheel_speeds(pepper)
-    examined = _examined(pepper, trajectory, held)
-    torque = dynamics.newton_euler(pepper, *examined.state, held)
-    if balance is not None and not 0.0 <= as_real(balance) < np.inf:
-        raise InvalidValueError("balance", shown(balance), BALANCE_ALLOWED)
-    polygon = None if balance is None else support_polygon(pepper)
+    kept = checked_balance(pepper, balance, if_wheeled=True)
+    limits = motion_limits(pepper, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene)
+    examined = _examined(pepper, trajectory, limits.loads)
+    torque = dynamics.newton_euler(pepper, *examined.state, limits.loads)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
-    wheels = wheel_limits(pepper)
+    polygon = None if kept is None else support_polygon(pepper)
+    wheels, speeds = wheel_limits(pepper), limits.speeds + wheel_speeds(pepper)
 
     def against(quantity: str, order: int, lower: Array, upper: Array) -> LimitCheck:
         """Compare a derivative of the positions with its limits, shape (n,) each."""
@@ -110,7 +101,7 @@ def check(
         torque=_torque(pepper, examined, torque),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
-        balance=None if polygon is None else _balance(pepper, polygon, examined, balance or 0.0, held),
+        balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
         clearance=None if world is None else _clearance(pepper, trajectory, examined, world),
         jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
@@ -262,17 +253,15 @@ def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
     return ScalarCheck(f"{quantity} continuity", JUMP_TOLERANCE - worst, worst, time, unit, detail)
 
 
-def _balance(
-    pepper: PepperModel, polygon: Array, examined: _Examined, wanted: float, loads: Loads
-) -> ScalarCheck:
+def _balance(pepper: PepperModel, polygon: Array, examined: _Examined, limits: MotionLimits) -> ScalarCheck:
     """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
-    margin = balance_margin(pepper, polygon, *examined.state, loads)
+    margin = balance_margin(pepper, polygon, *examined.state, limits.loads)
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
     return ScalarCheck(
-        "balance", worst - wanted + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m", detail,
-        _balance_between(pepper, polygon, examined, loads, margin),
+        "balance", worst - (limits.balance or 0.0) + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m",
+        detail, _balance_between(pepper, polygon, examined, limits.loads, margin),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.limits import refuse_motionless, share_of
-from pepper_kin.trajectory.samples import Samples
+from pepper_kin.trajectory.samples import Samples, refuse_other_joints
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits
@@ -70,10 +70,7 @@ def enforce_limits(
         InfeasibleError: where the robot could not even stand still in a position on the way, or where a joint
             moves whose limit of velocity or acceleration is zero.
     """
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, trajectory.joint_names)
     h, loads = check_positive("rounding", rounding, "s"), loads_of(pepper, scene, payload)
     if h > trajectory.duration:
         raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")

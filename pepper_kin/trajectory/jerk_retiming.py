@@ -63,7 +63,7 @@ class _Rate:
 
 
 def limit_jerk(
-    pepper: PepperModel, curve: CubicPath, fastest: Trajectory, s: Array, limits: Limits, jerk: Array
+    pepper: PepperModel, curve: CubicPath, fastest: Trajectory, s: Array, limits: Limits
 ) -> Trajectory:
     """Return a fast trajectory along a path that keeps jerk limits too, from rest to rest.
 
@@ -75,21 +75,20 @@ def limit_jerk(
         curve: The path.
         fastest: The time-optimal trajectory without jerk limits.
         s: Path parameter at its knots, shape (N + 1,).
-        limits: All other limits.
-        jerk: [rad/s^3 or m/s^3], inf for none, shape (n,).
+        limits: The limits, those of jerk among them, inf for none.
 
     Returns:
         The trajectory; see `_within` for where limits hold.
     """
-    inner = replace(
-        limits,
-        velocity=limits.velocity * _SHARE_OF_MARGIN,
-        acceleration=limits.acceleration * _SHARE_OF_MARGIN,
+    assert limits.jerk is not None
+    jerk, velocity, acceleration = (
+        _SHARE_OF_MARGIN * most for most in (limits.jerk, limits.velocity, limits.acceleration)
     )
+    inner = replace(limits, velocity=velocity, acceleration=acceleration)
     best: tuple[float, SmoothTime, Rows, Array] | None = None
-    for window in _windows(limits.acceleration, jerk, fastest.duration):
+    for window in _windows(limits.acceleration, limits.jerk, fastest.duration):
         base = smooth_time(curve, fastest.breaks, s, window)
-        rows = make_rows(pepper, curve, base, inner, jerk * _SHARE_OF_MARGIN)
+        rows = make_rows(pepper, curve, base, inner, jerk)
         if not rows.can_rest():
             raise _cannot_rest()
         y = np.full(base.knots.size + 1, rows.greatest_even_rate())
@@ -112,7 +111,7 @@ def limit_jerk(
         trajectory = _trajectory(pepper, curve, base, rate, parts)
         if _keeps_positions(pepper, trajectory):
             break
-    return _within(pepper, trajectory, limits, jerk)
+    return _within(pepper, trajectory, limits)
 
 
 def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
@@ -157,13 +156,13 @@ def _trajectory(
     return Samples(pepper.joint_names, time, q, velocity, acceleration, pepper.joint_units).to_trajectory()
 
 
-def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits, jerk: Array) -> Trajectory:
+def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
     """Slow down, where need be, until all limits hold.
 
     Those of velocity, acceleration and jerk at every instant, the others at the knots and at every multiple
-    of 1 ms.  Jerk limits [rad/s^3 or m/s^3] have shape (n,).
+    of 1 ms.
     """
-    trajectory = trajectory.scaled(stretch_at_extremes(trajectory, limits, jerk))
+    trajectory = trajectory.scaled(stretch_at_extremes(trajectory, limits))
     for _ in range(50):
         refuse_long(trajectory.duration)
         state = trajectory(np.concatenate([sample_times(trajectory.duration, 0.001), trajectory.breaks]))

@@ -67,7 +67,7 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
     return LimitUse(share, float(np.sqrt(square)))
 
 
-def stretch_at_extremes(trajectory: Trajectory, limits: Limits, jerk: Array | None = None) -> float:
+def stretch_at_extremes(trajectory: Trajectory, limits: Limits) -> float:
     """Return the least k >= 1 such that a motion k times as slow keeps velocity, acceleration and jerk.
 
     They are compared where they are greatest, wherever that is; made k times as slow, jerk is j / k^3.
@@ -75,13 +75,11 @@ def stretch_at_extremes(trajectory: Trajectory, limits: Limits, jerk: Array | No
     Args:
         trajectory: The motion.
         limits: The limits, of which those of the joints' motion count.
-        jerk: Jerk limits [rad/s^3 or m/s^3], shape (n,); None for none.
     """
-    bounds = (limits.velocity, limits.acceleration) if jerk is None else (
-        limits.velocity, limits.acceleration, jerk,
-    )  # fmt: skip
     stretch = 1.0
-    for order, bound in enumerate(bounds, start=1):
+    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+        if bound is None:
+            continue
         segments = derivative(trajectory.coefficients, order)
         greatest = np.maximum(*(maxima(trajectory.breaks, sign * segments).value for sign in (1.0, -1.0)))
         stretch = max(stretch, float(np.max(share_of(greatest, bound))) ** (1 / order))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.quantities import unit_of
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import EXAMINED_EVERY, State, examination_step, sample_times
 from pepper_kin.trajectory.trajectory import Trajectory
 
@@ -67,10 +67,7 @@ def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[
     Raises:
         InvalidValueError: where the joints are not the robot's, in its order.
     """
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, trajectory.joint_names)
     time, state = _states(trajectory, _between(trajectory))
     v, a = pepper.velocity_limits, pepper.acceleration_limits
     found = [

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import AtFrames, load_torque, load_wrench
+from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_positive
-from pepper_kin.trajectory.balance import edge_moments, moment_matrix, moves_base, support_polygon
+from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
+from pepper_kin.model.wheels import WHEEL_FRAMES
+from pepper_kin.trajectory.balance import (
+    checked_balance,
+    edge_moments,
+    moment_matrix,
+    moves_base,
+    support_polygon,
+)
+from pepper_kin.trajectory.path import is_plan
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+
+JerkLike: TypeAlias = str | float | ArrayLike
+
+NAMED = {"gentle": 5.0, "moderate": 10.0, "brisk": 30.0}
+"""Factors on the acceleration limits [1/s]: full acceleration is reached in 0.2, 0.1 and 0.033 s."""
 
 
 def checked_share(quantity: str, value: float) -> float:
@@ -84,6 +101,7 @@ class Limits:
         loads: What is carried; it acts on torque and balance.
         speed: Greatest speeds of frames' origins [m/s].
         wheels: Limits of the wheels of a planar base; None for other robots.
+        jerk: [rad/s^3 or m/s^3], shape (n,); None to leave jerk out.
     """
 
     velocity: Array
@@ -93,6 +111,7 @@ class Limits:
     loads: Loads = ()
     speed: AtFrames = ()
     wheels: WheelLimits | None = None
+    jerk: Array | None = None
 
 
 class MotionLimits(NamedTuple):
@@ -135,26 +154,75 @@ class MotionLimits(NamedTuple):
 
 
 def motion_limits(
-    velocity_scale: float,
-    acceleration_scale: float,
-    torque_scale: float | None,
+    pepper: PepperModel,
+    *,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
+    torque: bool = True,
     balance: float | None = None,
-    loads: Loads = (),
-    speeds: AtFrames = (),
+    hand_speed: float | Mapping[str, float] | None = None,
+    payload: Mapping[str, float] | None = None,
+    scene: Scene | None = None,
+    along: object = None,
 ) -> MotionLimits:
-    """Return what a motion may use, with its shares checked; torque_scale None leaves torque out.
+    """Return what a motion may use, with the options checked that `retime` describes.
+
+    The loads are the payload and the attached objects of the scene; without a scene, those of a plan that the
+    motion is `along`.
 
     Raises:
-        InvalidValueError: for a share that is not in (0, 1].
+        InvalidValueError: for a share that is not in (0, 1]; a balance that is no distance, or of a robot
+            without wheels; a speed or mass that is not a finite number above 0; or a scene that is none.
+        UnknownNameError: for a frame that the robot lacks.
     """
+    loads = loads_of(pepper, scene, payload)
+    if scene is None and is_plan(along):
+        loads += tuple(getattr(along, "loads", ()))
+    if hand_speed is not None and not isinstance(hand_speed, Mapping):
+        hand_speed = dict.fromkeys(HANDS, hand_speed)
     return MotionLimits(
         checked_share("velocity_scale", velocity_scale),
         checked_share("acceleration_scale", acceleration_scale),
-        None if torque_scale is None else checked_share("torque_scale", torque_scale),
-        balance,
+        checked_share("torque_scale", torque_scale) if torque else None,
+        checked_balance(pepper, balance),
         loads,
-        speeds,
+        at_frames(pepper, "hand_speed", hand_speed, "m/s"),
     )
+
+
+def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None = None) -> Array:
+    """Return the limit of each joint [rad/s^3 or m/s^3], shape (n,).
+
+    Args:
+        pepper: The robot.
+        jerk: A name of `NAMED`; a factor on the acceleration limits [1/s]; or limits, shape (n,), of which
+            infinite ones do not act.
+        acceleration: The acceleration limits, shape (n,); None for the robot's.
+
+    Raises:
+        UnknownNameError: listing the names.
+        InvalidValueError: for what is not above zero, or has another shape.
+    """
+    if isinstance(jerk, str):
+        if jerk not in NAMED:
+            raise UnknownNameError("jerk limit", jerk, NAMED)
+        jerk = NAMED[jerk]
+    try:
+        value = as_numbers(jerk, "jerk")
+    except InvalidValueError:
+        value = np.array(np.nan)
+    if value.shape not in ((), (pepper.n,)) or not np.all(value > 0):
+        allowed = f"a name, a factor above 0 [1/s], or {pepper.n} limits above 0"
+        raise InvalidValueError("jerk", shown(jerk), allowed)
+    limits = pepper.acceleration_limits if acceleration is None else acceleration
+    return np.array(value if value.ndim else value * limits)
+
+
+def wheel_speeds(pepper: PepperModel) -> AtFrames:
+    """Return the greatest speeds of a differential base's wheels; nothing for other robots [m/s]."""
+    wheels = pepper.wheels
+    return () if wheels is None or not wheels.differential else tuple((f, wheels.speed) for f in WHEEL_FRAMES)
 
 
 @kept_for_robot(most=32)

@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
+from pepper_kin.trajectory.limits import JerkLike, checked_share, jerk_limits
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits
@@ -72,10 +72,10 @@ class OnlineMotion:
         self._limits = tuple(
             _finite_limits(pepper, name, limit)
             for name, limit in (
-                ("velocity", pepper.velocity_limits * _share("velocity_scale", velocity_scale)),
+                ("velocity", pepper.velocity_limits * checked_share("velocity_scale", velocity_scale)),
                 (
                     "acceleration",
-                    pepper.acceleration_limits * _share("acceleration_scale", acceleration_scale),
+                    pepper.acceleration_limits * checked_share("acceleration_scale", acceleration_scale),
                 ),
                 ("jerk", jerk_limits(pepper, jerk)),
             )
@@ -136,10 +136,8 @@ class OnlineMotion:
             LimitError: for a target outside the limits of position or velocity.
             InfeasibleError: where joints cannot stay within their position limits on the way.
         """
-        position, velocity = (
-            _vector(self.pepper, q_target, "q_target"),
-            _vector(self.pepper, v_target, "v_target"),
-        )
+        position = _vector(self.pepper, q_target, "q_target")
+        velocity = _vector(self.pepper, v_target, "v_target")
         check_within_limits(self.pepper, position, "q_target", _TINY)
         _check_symmetric(self.pepper, "v_target", velocity, self._limits[0])
         now = State(*_at(self._plan, self.time - self._begun))
@@ -318,13 +316,6 @@ def _load() -> Any:
     except ImportError as error:
         raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "online motion") from error
     return ruckig
-
-
-def _share(quantity: str, value: float) -> float:
-    share = check_positive(quantity, value)
-    if share > 1.0:
-        raise InvalidValueError(quantity, value, "a number in (0, 1]")
-    return share
 
 
 def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:

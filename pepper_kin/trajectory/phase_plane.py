@@ -15,6 +15,7 @@ from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_whole
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State
 
 if TYPE_CHECKING:
@@ -81,10 +82,7 @@ def phase_plane(
         UnknownNameError: for a frame that the robot lacks.
     """
     torque = partial(inverse_dynamics_with, pepper, loads_of(pepper, scene, payload))
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, trajectory.joint_names)
     time = np.linspace(0.0, trajectory.duration, check_whole("points", points, 2, MOST_POINTS))
     state = trajectory(time)
     speed = np.linalg.norm(state.velocity, axis=1)

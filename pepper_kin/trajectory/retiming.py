@@ -34,18 +34,17 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_positive
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.trajectory.balance import checked_balance
-from pepper_kin.trajectory.carried import carried_along
 from pepper_kin.trajectory.editing import joined
-from pepper_kin.trajectory.frame_speeds import hand_speeds, wheel_speeds
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import (
+    JerkLike,
     Limits,
     MotionLimits,
+    jerk_limits,
     motion_limits,
     moving_joints,
     refuse_motionless,
+    wheel_speeds,
 )
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
 from pepper_kin.trajectory.sampling import sample_times
@@ -129,14 +128,18 @@ def retime(
     rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, greatest))
     if rate is not None and np.isinf(rate).all():
         rate = None
-    carried, kept_balance = carried_along(pepper, path, scene, payload), checked_balance(pepper, balance)
     allowed = motion_limits(
-        velocity_scale, acceleration_scale, torque_scale if torque else None, kept_balance, carried,
-        hand_speeds(pepper, hand_speed),
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
+        scene=scene, along=path,
     )  # fmt: skip
     curve = as_cubic_path(pepper, path)
     refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
-    limits = _limits(pepper, greatest, allowed, _drives(pepper, curve.coefficients))
+    drives = _drives(pepper, curve.coefficients)
+    if acceleration_limits is None:
+        limits = _kept_limits(pepper, allowed, drives)
+    else:
+        limits = _limits(pepper, greatest, allowed, drives)
     _refuse_missing(pepper, curve.coefficients, acceleration_limits)
     _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
@@ -157,13 +160,6 @@ def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives:
         allowed: What a user says.
         drives: Whether the base moves, so that its wheels count.
     """
-    if greatest is pepper.acceleration_limits:
-        return _kept_limits(pepper, allowed, drives)
-    return _made_limits(pepper, greatest, allowed, drives)
-
-
-def _made_limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:
-    """Return new limits of a motion from those of acceleration, shape (n,); see `_limits`."""
     made = allowed.of(pepper, greatest, drives=drives)
     return replace(
         made,
@@ -176,7 +172,7 @@ def _made_limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, dr
 @kept_for_robot(most=32)
 def _kept_limits(pepper: PepperModel, allowed: MotionLimits, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
-    return _made_limits(pepper, pepper.acceleration_limits, allowed, drives)
+    return _limits(pepper, pepper.acceleration_limits, allowed, drives)
 
 
 def _where_joints_move(limits: Array) -> Array:
@@ -244,7 +240,7 @@ def _timed(
     s = problem.grid.s.copy()
     from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-    return limit_jerk(pepper, curve, trajectory, s, limits, jerk)
+    return limit_jerk(pepper, curve, trajectory, s, replace(limits, jerk=jerk))
 
 
 def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:

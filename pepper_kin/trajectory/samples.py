@@ -14,6 +14,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 
 if TYPE_CHECKING:
+    from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.trajectory import Trajectory
 
 
@@ -78,3 +79,15 @@ def names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[s
     if len(units) != len(names) or not set(units) <= {"rad", "m"}:
         raise InvalidValueError("joint_units", units, f"'rad' or 'm' for each of {len(names)} joints")
     return names, units
+
+
+def refuse_other_joints(pepper: PepperModel, joint_names: tuple[str, ...]) -> None:
+    """Refuse a trajectory of other joints than the robot's, or in another order.
+
+    Raises:
+        InvalidValueError: naming both.
+    """
+    if joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the trajectory", ", ".join(joint_names), ", ".join(pepper.joint_names)
+        )

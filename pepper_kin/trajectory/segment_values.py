@@ -27,11 +27,8 @@ def checked_derivatives(coefficients: Array, segment: ArrayLike, local_time: Arr
         InvalidValueError: for a segment that does not exist, a time that is not finite, or shapes that
             do not go together.
     """
-    place, time, most = (
-        as_numbers(segment, "segment"),
-        as_numbers(local_time, "local_time"),
-        len(coefficients),
-    )
+    place, time = as_numbers(segment, "segment"), as_numbers(local_time, "local_time")
+    most = len(coefficients)
     wrong = (place != np.floor(place)) | (place < -most) | (place >= most)
     if wrong.any():
         raise InvalidValueError("segment", place[wrong].flat[0], f"whole numbers from 0 to {most - 1}")

@@ -10,6 +10,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
 
 MOST_STEPS = 10_000_000
@@ -43,10 +44,7 @@ def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, times
         InvalidValueError: for other joints, a hold time that is not a finite number of at least 0, or more
             than ten million steps.
     """
-    if checked_trajectory(trajectory).joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, checked_trajectory(trajectory).joint_names)
     if not 0 <= as_real(hold_time) < np.inf:
         raise InvalidValueError("hold_time", shown(hold_time), "a finite time of at least 0 s")
     count = np.ceil((trajectory.duration + hold_time) / timestep - 1e-9)

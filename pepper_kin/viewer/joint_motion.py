@@ -16,6 +16,7 @@ from pepper_kin.identification.replay import Replay, whole_body
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.viewer.motion_frames import Series, limited_series
 
 _TRAJECTORY_STEP = 0.005  # [s]
@@ -185,10 +186,7 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
 
 
 def _of_trajectory(pepper: PepperModel, trajectory: Trajectory) -> JointMotion:
-    if trajectory.joint_names != pepper.joint_names:
-        raise InvalidValueError(
-            "joints of the trajectory", ", ".join(trajectory.joint_names), ", ".join(pepper.joint_names)
-        )
+    refuse_other_joints(pepper, trajectory.joint_names)
     samples = trajectory.sample(_TRAJECTORY_STEP)
     curves = _curves(pepper, "velocity", ("rad/s", "m/s"), samples.velocity)
     return JointMotion(samples.time, samples.position, curves, _limits(curves, pepper.velocity_limits))

@@ -13,19 +13,15 @@ from pepper_kin.kernels.tile_products import TILE_COLUMNS
 from ..vectors import FloatArray
 from .banded import PADDING
 from .compiled_term import CalledBack, CompiledTerm
-from .newton import fill_equations, measure_cost, measure_motion, solve_equations
+from .newton import measure_cost, measure_motion
 from .rows import BarrierBound, Term, Weights
 from .spline import RestSpline, basis_at, differences
 from .tables import (
     ABOVE_ZERO,
     CONSTRAINT,
-    CORNER,
     COST,
-    FALL,
     NUMBERS,
     ORDERS,
-    SLOPE,
-    STEP,
     WALLS,
     WITHIN_ONE,
     Tables,
@@ -114,25 +110,6 @@ def _rate_rows(intervals: int, degree: int) -> FloatArray:
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonSystem:
-    """Newton's equations [[A, b], [b^T, c]] (x, t) = -(g, s) of the inner control points and the duration.
-
-    Attributes:
-        band: Upper band of A, see `banded`, shape (size n, (p + 1) n + PADDING).
-        gradient: g, shape (size n,).
-        border: b, shape (size n,).
-        corner: c.
-        slope: s.
-    """
-
-    band: FloatArray
-    gradient: FloatArray
-    border: FloatArray
-    corner: float
-    slope: float
-
-
 class Objective:
     """Cost plus barrier of a motion.
 
@@ -213,34 +190,6 @@ class Objective:
         slacks = self.workspace.slacks
         place = np.unravel_index(np.argmin(slacks), slacks.shape)
         return share, int(place[0]) // 2, int(place[2])
-
-    def system(self, control: FloatArray, duration: float, mu: float) -> NewtonSystem:
-        """Return Newton's equations of cost + mu * barrier."""
-        work = self.workspace
-        self.check(fill_equations(self.tables, work, np.ascontiguousarray(control), duration, mu))
-        corner, slope = float(work.numbers[CORNER]), float(work.numbers[SLOPE])
-        return NewtonSystem(
-            work.band[: work.right.size].copy(), work.right.copy(), work.border.copy(), corner, slope
-        )
-
-    def solve(self, damping: float, free_duration: bool) -> tuple[FloatArray, float, float]:
-        """Return the steps of inner control points and duration by the equations that `system` wrote last.
-
-        Args:
-            damping: Share by which the diagonal is raised.
-            free_duration: Whether the duration may change.
-
-        Returns:
-            Steps, shape (size, n), that of the duration, and gradient . step.
-
-        Raises:
-            numpy.linalg.LinAlgError: where the matrix is not positive definite.
-        """
-        work = self.workspace
-        if not solve_equations(work, damping, free_duration):
-            raise np.linalg.LinAlgError("Newton's matrix is not positive definite.")
-        numbers = work.numbers
-        return work.step.reshape(-1, self.spline.n).copy(), float(numbers[STEP]), float(numbers[FALL])
 
     def check(self, answered: bool) -> None:
         """Raise what a term in Python raised."""

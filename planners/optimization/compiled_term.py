@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.intrinsics import call_four, floats_at
 from pepper_kin.kernels.signatures import Floats1, Floats3
 
 from ..vectors import FloatArray
@@ -136,17 +136,17 @@ class CalledBack:
             return FAILED
         try:
             what, count = asked % KINDS, asked // KINDS
-            q, v, a = _array(states, 3 * count * self._n).reshape(3, count, self._n)
+            q, v, a = floats_at(states, 3 * count * self._n).reshape(3, count, self._n)
             if what in (START, TIGHTEN):
                 term: Any = self._term
                 (term.start_from if what == START else term.tighten)(q)
                 return 0
             size = count * self._count
             if what == VALUES:
-                _array(result, size)[:] = self._term.values(q, v, a).ravel()
+                floats_at(result, size)[:] = self._term.values(q, v, a).ravel()
                 return 0
             rows = self._term.rows(q, v, a)
-            numbers = _array(result, size * (1 + self._parts * self._n))
+            numbers = floats_at(result, size * (1 + self._parts * self._n))
             numbers[:size] = rows.value.ravel()
             slopes = (rows.by_position, rows.by_velocity, rows.by_acceleration)
             for part, slope in zip(numbers[size:].reshape(self._parts, -1), slopes, strict=False):
@@ -155,7 +155,3 @@ class CalledBack:
         except BaseException as error:  # also an interrupt from the keyboard
             self._error = error
             return FAILED
-
-
-def _array(address: int, size: int) -> FloatArray:
-    return np.frombuffer(memoryview((ctypes.c_double * size).from_address(address)), np.float64)

@@ -120,14 +120,8 @@ def descend(
     work.trial[:] = work.control
     first_cost = objective.cost(work.control, t)
     share = max(FIRST_MU, tolerance)
-    work.numbers[[SHARE, MU, DAMPING, DURATION, QUIET, BEND]] = (
-        share,
-        share * first_cost,
-        _FIRST_DAMPING,
-        t,
-        0.0,
-        0.0,
-    )
+    work.numbers[[SHARE, MU, DAMPING, DURATION]] = share, share * first_cost, _FIRST_DAMPING, t
+    work.numbers[[QUIET, BEND]] = 0.0
     status, iterations = OptimizationStatus.START_INFEASIBLE, 0
     if objective.measure(work.control, t)[1] < np.inf:
         status = OptimizationStatus.OUT_OF_ITERATIONS

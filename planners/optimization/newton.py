@@ -55,7 +55,11 @@ def measure_cost(tables: Tables, work: Workspace, control: Floats2, duration: fl
 
 @compiled("boolean(Tables, Workspace, float64[:, ::1], float64, float64)", lean=True)
 def fill_equations(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
-    """Write Newton's equations of a motion; see `fill_system`."""
+    """Write Newton's equations [[A, b], [b^T, c]] (x, t) = -(g, s) of a motion; see `fill_system`.
+
+    x are the inner control points, of which `work` receives A as `band`, g as `right` and b as `border`, and
+    t the duration, of which it receives c and s as numbers.
+    """
     return fill_system(tables, work, control, duration, (mu, mu))
 
 

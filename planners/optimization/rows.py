@@ -45,14 +45,6 @@ class BarrierBound(Enum):
             return float("inf")
         return -float(np.log(workspace).sum())
 
-    def slopes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return first and second derivatives of the barrier by each value."""
-        if self is BarrierBound.WITHIN_ONE:
-            up, down = 1.0 / (1.0 - values), 1.0 / (1.0 + values)
-            return up - down, up**2 + down**2
-        slope = np.where(values < 1.0, -1.0 / values, 0.0)
-        return slope, slope**2
-
 
 class Term(Protocol):
     """A function of the states of a motion, evaluated for all samples at once.

@@ -22,7 +22,7 @@ import pepper_kin as pk
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.files import load, naoqi_arguments, ros_points, save
-from pepper_kin.trajectory.jerk_limits import jerk_limits
+from pepper_kin.trajectory.limits import jerk_limits
 
 SAMPLED = ("torque", "balance", "hand_speed")
 KINDS = ("csv", "npz", "json", "yaml", "py", "mcap", "naoqi_arguments", "ros_points")

@@ -16,7 +16,7 @@ from pepper_kin.collision.loads import HANDS
 from pepper_kin.exceptions import InfeasibleError, PepperKinError
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.jerk_limits import NAMED, jerk_limits
+from pepper_kin.trajectory.limits import NAMED, jerk_limits
 
 EXTREME = ("velocity_scale", "acceleration_scale", "torque_scale", "payload", "jerk", "path")
 RADIUS, FASTEST = 0.07, 6.28319  # Pepper's wheels, by its URDF

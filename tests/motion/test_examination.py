@@ -9,7 +9,7 @@ from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import Examiner, cut
+from pepper_kin.motion.examination import cut, is_clear_along
 from pepper_kin.motion.goal_search import APART, clear_goals
 from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path
@@ -24,10 +24,6 @@ MIDDLE = PEPPER.joint_vector({"LShoulderPitch": 0.3, "LShoulderRoll": 0.4, "LElb
 @pytest.fixture(scope="module")
 def checks():
     return Checks(PEPPER, TABLE)
-
-
-def of_left_arm(checks):
-    return Examiner(checks, MIDDLE, ARM)
 
 
 def splines(count, seed=0):
@@ -54,9 +50,9 @@ def dense(spline, step):
 def test_what_is_clear_is_clear_by_coal_at_half_a_millimeter(checks, margins):
     coal = pk.collision.CollisionChecker(PEPPER, TABLE)
     wide = pk.collision.CollisionChecker(PEPPER, TABLE, margins[0] + 0.002, margins[1] + 0.002)
-    verdicts, examiner = [], of_left_arm(checks)
+    verdicts = []
     for spline in splines(14):
-        clear = examiner.is_clear(spline.breaks, spline.coefficients, REACH, margins)
+        clear = is_clear_along(checks, spline, margins, motion=(MIDDLE, ARM))
         states = dense(spline, SHORTEST * 4)
         if clear:
             assert not coal.in_collision(dense(spline, SHORTEST)).any()
@@ -73,10 +69,9 @@ def test_a_thin_pin_between_coarse_steps_is_found(checks):
     middle = spline.at(np.array([1]), np.diff(spline.breaks)[1:2] / 2)[0]
     tip = frame_pose(PEPPER, middle, "LArm_effector")[:3, 3]
     free = Checks(PEPPER, pk.Scene())
-    segments = np.array(spline.breaks), np.array(spline.coefficients)
-    assert of_left_arm(free).is_clear(*segments, REACH, (0.0, 0.0))
+    assert is_clear_along(free, spline, motion=(MIDDLE, ARM))
     pinned = Checks(PEPPER, pk.Scene().add_sphere("pin", 5e-4, tip))
-    assert not of_left_arm(pinned).is_clear(*segments, REACH, (0.0, 0.0))
+    assert not is_clear_along(pinned, spline, motion=(MIDDLE, ARM))
 
 
 SLIDER = """<robot name="slider">
@@ -97,16 +92,14 @@ def test_an_edge_that_passes_an_edge_within_a_tenth_of_a_millimeter_is_found(tmp
     (tmp_path / "slider.urdf").write_text(SLIDER)
     robot = pk.load_robot(tmp_path / "slider.urdf")
     spline = as_cubic_path(robot, np.linspace(-0.2, 0.2, 5)[:, None])
-    segments, diagonal = (np.array(spline.breaks), np.array(spline.coefficients)), np.sqrt(0.02)
-    reach, free = np.array(motion_bounds(robot)), np.arange(1)
+    diagonal = np.sqrt(0.02)
     for place in np.arange(12) * 43e-6:
         for apart, clear in ((-4e-5, False), (4e-5, True)):
             position = (place, diagonal + apart, 0.0)
             scene = pk.Scene().add_box("other", (0.1, 0.1, 0.1), position, (0.0, 0.0, np.pi / 4))
             coal = pk.collision.CollisionChecker(robot, scene)
             assert coal.in_collision(np.array([[place]]))[0] != clear
-            examiner = Examiner(Checks(robot, scene), np.zeros(1), free)
-            assert examiner.is_clear(*segments, reach, (0.0, 0.0)) == clear
+            assert is_clear_along(Checks(robot, scene), spline) == clear
 
 
 def test_no_point_of_the_hand_moves_farther_than_a_step_between_stations():

@@ -6,11 +6,10 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker
-from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion import path_search
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
-from pepper_kin.motion.examination import Examiner
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.problem import COARSE, path_problem
 from pepper_kin.planners import tree
@@ -21,7 +20,6 @@ TABLE = pk.Scene().add_box("table", (0.6, 1.2, 0.04), (0.53, 0.0, 0.72))
 ARM = np.array([PEPPER.joint_index(name) for name in PEPPER.joint_group("left_arm")])
 LOW = PEPPER.joint_vector({"LShoulderPitch": 1.3, "LShoulderRoll": 0.2, "LElbowRoll": -0.3})
 HIGH = PEPPER.joint_vector({"LShoulderPitch": 0.2, "LShoulderRoll": 0.2, "LElbowRoll": -0.5})
-REACH = np.array(motion_bounds(PEPPER))
 
 
 def path_problem_of_table():
@@ -75,8 +73,7 @@ def test_what_is_asked_of_coal_is_answered_as_machine_code_does():
     coal.compiled = coal.quick = False
     verdicts = []
     for curve in splines(6):
-        arguments = curve.breaks, curve.coefficients, REACH, (0.005, 0.001)
-        clear = [Examiner(each, HIGH, ARM).is_clear(*arguments) for each in (checks, coal)]
+        clear = [is_clear_along(each, curve, (0.005, 0.001), motion=(HIGH, ARM)) for each in (checks, coal)]
         assert clear[0] == clear[1]
         verdicts.append(clear[0])
     assert 0 < sum(verdicts) < 6
@@ -92,7 +89,7 @@ def test_what_coal_raises_is_raised(monkeypatch):
     monkeypatch.setattr(checks, "answer", interrupted)
     curve = next(splines(1))
     with pytest.raises(KeyboardInterrupt):
-        Examiner(checks, HIGH, ARM).is_clear(curve.breaks, curve.coefficients, REACH, (0.0, 0.0))
+        is_clear_along(checks, curve, motion=(HIGH, ARM))
     assert Checks(PEPPER, TABLE).margins(LOW, HIGH[None], ARM, 0.01)[0] > 0.0
 
 

@@ -14,6 +14,8 @@ from pepper_kin.planners.optimization import (
     Weights,
     descend,
 )
+from pepper_kin.planners.optimization.newton import fill_equations, solve_equations
+from pepper_kin.planners.optimization.tables import CORNER, FALL, SLOPE, STEP
 
 FREE = np.full(2, np.inf)
 ONE = np.ones(2)
@@ -150,6 +152,14 @@ def test_goes_round_a_disc_on_the_shortest_way():
     assert found.duration < 1.25 * best  # speeding up and braking included
 
 
+def system_of(objective, control, duration, mu):
+    """Band, right-hand side, border, corner and slope of Newton's equations."""
+    work = objective.workspace
+    assert fill_equations(objective.tables, work, np.ascontiguousarray(control), duration, mu)
+    numbers = work.numbers[CORNER], work.numbers[SLOPE]
+    return work.band[: work.right.size].copy(), work.right.copy(), work.border.copy(), *numbers
+
+
 @pytest.mark.parametrize("barrier_bound", list(BarrierBound))
 def test_gradient_agrees_with_finite_differences(barrier_bound):
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 7)
@@ -165,34 +175,36 @@ def test_gradient_agrees_with_finite_differences(barrier_bound):
         assert cost == pytest.approx(objective.cost(control, t), rel=1e-12)
         return cost + mu * walls
 
-    system = objective.system(control, t, mu)
-    assert system.slope == pytest.approx((value(control, t + step) - value(control, t - step)) / 2 / step)
+    _, gradient, _, _, of_duration = system_of(objective, control, t, mu)
+    assert of_duration == pytest.approx((value(control, t + step) - value(control, t - step)) / 2 / step)
     for i in range(3, len(control) - 3):
         for j in range(2):
             move = np.zeros_like(control)
             move[i, j] = step
             slope = (value(control + move, t) - value(control - move, t)) / 2 / step
-            assert system.gradient[2 * (i - 3) + j] == pytest.approx(slope, rel=1e-5, abs=1e-6)
+            assert gradient[2 * (i - 3) + j] == pytest.approx(slope, rel=1e-5, abs=1e-6)
 
 
 def test_banded_solution_agrees_with_a_dense_one():
     spline = RestSpline([0.0, 0.3], [1.0, -0.2], 9)
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE)
     objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Pull(BarrierBound.WITHIN_ONE)])
-    system = objective.system(spline.control_points(straight(spline)), 1.7, 0.1)
-    size, width = len(system.band), 8
+    control = spline.control_points(straight(spline))
+    band, gradient, border, corner, slope = system_of(objective, control, 1.7, 0.1)
+    size, width = len(band), 8
     assert size == 2 * spline.size
     dense = np.zeros((size + 1, size + 1))
     for row in range(size):
         for column in range(row, min(row + width, size)):
-            dense[row, column] = dense[column, row] = system.band[row, column - row]
-    dense[:-1, -1] = dense[-1, :-1] = system.border
-    dense[-1, -1] = system.corner
-    right = np.append(system.gradient, system.slope)
+            dense[row, column] = dense[column, row] = band[row, column - row]
+    dense[:-1, -1] = dense[-1, :-1] = border
+    dense[-1, -1] = corner
+    right = np.append(gradient, slope)
     expected = -np.linalg.solve(dense, right)
-    step, border, slope = objective.solve(0.0, True)
-    np.testing.assert_allclose(np.append(step.ravel(), border), expected, rtol=1e-6, atol=1e-9)
-    assert slope == pytest.approx(right @ expected)
+    work = objective.workspace
+    assert solve_equations(work, 0.0, True)
+    np.testing.assert_allclose(np.append(work.step, work.numbers[STEP]), expected, rtol=1e-6, atol=1e-9)
+    assert work.numbers[FALL] == pytest.approx(right @ expected)
 
 
 def test_matrix_agrees_with_finite_differences_of_the_gradient():
@@ -213,15 +225,15 @@ def test_matrix_agrees_with_finite_differences_of_the_gradient():
     bounds = Bounds(-3 * ONE, 3 * ONE, 9 * ONE, 90 * ONE, 900 * ONE)
     objective = Objective(spline, bounds, Weights(1.0, 1e-4, ONE), [Linear()], [(0.3, Linear())])
     control, t, step = spline.control_points(straight(spline)), 1.7, 1e-6
-    system = objective.system(control, t, 0.1)
-    size, width = len(system.band), 8
+    band, *_ = system_of(objective, control, t, 0.1)
+    size, width = len(band), 8
     for column in range(size):
         move = np.zeros_like(control)
         move[3 + column // 2, column % 2] = step
-        ends = [objective.system(control + sign * move, t, 0.1).gradient for sign in (1, -1)]
+        ends = [system_of(objective, control + sign * move, t, 0.1)[1] for sign in (1, -1)]
         numeric = (ends[0] - ends[1]) / (2 * step)
         for row in range(column, min(column + width, size)):
-            entry = system.band[column, row - column]
+            entry = band[column, row - column]
             assert entry == pytest.approx(numeric[row], rel=1e-5, abs=1e-5)
         assert np.all(np.abs(numeric[column + width :]) < 1e-6)
 

@@ -205,9 +205,9 @@ def test_clock_is_the_one_of_deadlines() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda c: CompiledMotionValidator(0, 2), "address: got 0, expected an integer of 1 or more"),
+        (lambda c: CompiledMotionValidator(0, 2), "address: got 0, expected an integer >= 1"),
         (lambda c: CompiledMotionValidator("f", 2), "address: got f"),
-        (lambda c: CompiledMotionValidator(c.address, 0), "n: got 0, expected an integer of 1 or more"),
+        (lambda c: CompiledMotionValidator(c.address, 0), "n: got 0, expected an integer >= 1"),
         (lambda c: CompiledMotionValidator(c.address, 2, 3), "new_memory: got 3, expected a callable"),
         (
             lambda c: CompiledMotionValidator(c.address, 2, lambda: [0.0])(np.zeros((1, 2))),

@@ -10,7 +10,7 @@ from pepper_kin.dynamics.load import Load
 from pepper_kin.trajectory import Trajectory, find_limit_violations
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.trajectory.extremes import derivative, maxima
-from pepper_kin.trajectory.jerk_limits import jerk_limits
+from pepper_kin.trajectory.limits import jerk_limits
 
 
 def random_points(pepper, seed, count=5):

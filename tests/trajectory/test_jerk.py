@@ -6,7 +6,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 import pepper_kin as pk
 from pepper_kin.trajectory import retime
-from pepper_kin.trajectory.jerk_limits import NAMED, jerk_limits
+from pepper_kin.trajectory.limits import NAMED, jerk_limits
 from pepper_kin.trajectory.path import as_cubic_path
 from pepper_kin.trajectory.smooth_time import smooth_time
 

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING
 
 from pepper_kin import symbolic
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics import total_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
 from pepper_kin.motion.optimization.moving import Moving
@@ -27,8 +26,6 @@ INFLUENCE = 0.03
 _GRAVITY = 9.81  # [m/s^2]
 SOURCES = ("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.motion.optimization.balance_term")
 """Modules on which the kernel depends."""
-
-_kept: RobotMemory[str, Kernel] = RobotMemory()
 
 
 class BalanceTerm(KernelTerm):
@@ -57,23 +54,16 @@ class BalanceTerm(KernelTerm):
         shares = moment_matrix(polygon, margin).T / (_GRAVITY * total_mass(pepper) * INFLUENCE)
         constants = None
         if loads:
-            carried = load_parameters(pepper, loads)
-            kernels = carrying_kernels(pepper, "base_wrench", carried.frames)
-            constants = carried.values.ravel()
+            kernels, constants = carrying_kernels(pepper, "base_wrench", loads)
         else:
             kernels = kernel(pepper, "base_wrench"), _wrench_derivatives(pepper)
         super().__init__(moving, kernels, shares, per_interval, BarrierBound.ABOVE_ZERO, constants)
 
 
+@kept_for_robot(most=1)
 def _wrench_derivatives(pepper: PepperModel) -> Kernel:
     """Return the kernel (q, v, a) -> derivatives of the floor's wrench by each, (6, n) three times."""
-    known = _kept.of(pepper)
-    if "" not in known:
-        known[""] = _compile_derivatives(pepper)
-    return known[""]
 
-
-def _compile_derivatives(pepper: PepperModel) -> Kernel:
     def build() -> casadi.Function:
         import casadi
 

@@ -6,40 +6,38 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pepper_kin import symbolic
+from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import PARAMETERS, Loads
 from pepper_kin.kernels import Kernel, compile_function, source_digest
-from pepper_kin.model import PepperModel, RobotMemory, robot_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 
 if TYPE_CHECKING:
     import casadi
 
-_kept: RobotMemory[tuple[str, tuple[str, ...], bool], Kernel] = RobotMemory()
 
-
-def carrying_kernels(pepper: PepperModel, quantity: str, frames: tuple[str, ...]) -> tuple[Kernel, Kernel]:
+def carrying_kernels(pepper: PepperModel, quantity: str, loads: Loads) -> tuple[tuple[Kernel, Kernel], Array]:
     """Return a quantity (q, v, a) -> (outputs,), and its derivatives, shape (outputs, n + p) three times.
 
-    With k frames, behind q there are p = 10 k inertial parameters of what they carry, as
-    `pepper_kin.collision.loads.load_parameters` gives them: none is compiled in.  v and a have as many
-    numbers more, which do not count; derivatives by all these are zero.
+    With k frames, behind q there are p = 10 k inertial parameters of what they carry, shape (p,), which are
+    returned, too: none is compiled in.  v and a have as many numbers more, which do not count; derivatives by
+    all these are zero.
 
     Args:
         pepper: The robot.
         quantity: "inverse_dynamics" or "base_wrench".
-        frames: Which frames carry something.
+        loads: What is carried.
     """
-    known, found = _kept.of(pepper), []
-    for derivatives in (False, True):
-        name = quantity, frames, derivatives
-        if name not in known:
-            sources = source_digest(
-                "pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.dynamics.load", __name__
-            )
-            key = f"carrying {name} of {robot_digest(pepper)} by {sources}"
-            known[name] = compile_function(partial(_function, pepper, *name), key=key)
-        found.append(known[name])
-    return found[0], found[1]
+    frames, values = load_parameters(pepper, loads)
+    return (_kernel(pepper, quantity, frames, False), _kernel(pepper, quantity, frames, True)), values.ravel()
+
+
+@kept_for_robot(most=64)
+def _kernel(pepper: PepperModel, *name: Any) -> Kernel:
+    """Return the kernel of `_function`; `name` are its other arguments."""
+    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.dynamics.load", __name__)
+    key = f"carrying {name} of {robot_digest(pepper)} by {sources}"
+    return compile_function(partial(_function, pepper, *name), key=key)
 
 
 def carrying_inverse_dynamics(pepper: PepperModel, loads: Loads) -> casadi.Function:

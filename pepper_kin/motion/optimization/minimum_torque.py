@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.motion.optimization.cost import Cost, Figures, figures_of
-from pepper_kin.motion.optimization.free_joints import free_joints
+from pepper_kin.motion.optimization.moving import free_joints
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory
@@ -130,19 +130,16 @@ def minimum_torque_trajectory(
     if np.abs(last - first).max() < 1e-9:
         raise InvalidValueError("goal", "the start", "start and goal that differ")
     limits = _limits(pepper, loads_of(pepper, scene, payload))
-    method = _by_newton if solver == "newton" else _by_casadi
-    steps = intervals, max_iterations
+    request = _Request(pepper, first, last, duration, intervals, max_iterations, solver, limits)
     stuck = _motionless(pepper, np.abs(last - first) > 1e-9, limits)
-    status, trajectory, iterations = (
-        (MinimumTorqueStatus.INFEASIBLE, None, 0)
-        if stuck
-        else method(pepper, first, last, duration, steps, solver, limits)
-    )
+    found = MinimumTorqueStatus.INFEASIBLE, None, 0
+    if not stuck:
+        found = _by_newton(request) if solver == "newton" else _by_casadi(request)
+    status, trajectory, iterations = found
     if trajectory is None:
-        found = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
-        message = stuck or found
+        message = f"No motion of {duration:.3g} s within the limits was found in {iterations} steps."
         return MinimumTorqueTrajectory(
-            status, message, None, None, iterations, time.perf_counter() - begin, solver
+            status, stuck or message, None, None, iterations, time.perf_counter() - begin, solver
         )
     share, limit = max((share, name) for name, share in _shares(pepper, trajectory, limits).items())
     if status is MinimumTorqueStatus.SOLVED and share > 1.0 + _EXCESS:
@@ -208,34 +205,41 @@ def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
     return q
 
 
-def _by_newton(
-    pepper: PepperModel,
-    first: Array,
-    last: Array,
-    duration: float,
-    steps: tuple[int, int],
-    solver: str,
-    limits: Limits,
-) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
-    """Search by the Newton method on a spline; return status, motion and number of iterations.
+class _Request(NamedTuple):
+    """A motion that is sought.
 
-    Args:
+    Attributes:
         pepper: The robot.
         first: Joint positions at the start [rad or m], shape (n,).
         last: Joint positions at the end, of the same shape.
         duration: Duration [s].
-        steps: Intervals of the spline, and Newton steps at most.
-        solver: "newton"; not used.
-        limits: Limits of torque and balance, with what the robot carries.
+        intervals: Of the spline, or of the transcription.
+        max_iterations: Of the solver.
+        solver: One of `SOLVERS`, of which CasADi knows "ipopt" and "fatrop" by the same names.
+        limits: Limits, with what the robot carries.
     """
+
+    pepper: PepperModel
+    first: Array
+    last: Array
+    duration: float
+    intervals: int
+    max_iterations: int
+    solver: str
+    limits: Limits
+
+
+def _by_newton(request: _Request) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    """Search by the Newton method on a spline; return status, motion and number of iterations."""
     from pepper_kin.motion.optimization.spline_problem import SplineProblem  # loads Numba: only here
 
+    pepper, first, last, duration, intervals, max_iterations, _, limits = request
     still = np.zeros((2, pepper.n))
     straight = Samples(
         pepper.joint_names, np.array([0.0, duration]), np.stack([first, last]), still, still,
         pepper.joint_units,
     ).to_trajectory()  # fmt: skip
-    (intervals, max_iterations), weights = steps, Cost(time=0.0, jerk=0.0, effort=1.0)
+    weights = Cost(time=0.0, jerk=0.0, effort=1.0)
     problem = SplineProblem(pepper, straight, None, weights, limits, 0.0, intervals, all_joints=True)
     found = problem.descend(duration, max_iterations, float("inf"))
     if found.status is OptimizationStatus.START_INFEASIBLE:
@@ -245,28 +249,11 @@ def _by_newton(
     return status, problem.trajectory(found), found.iterations
 
 
-def _by_casadi(
-    pepper: PepperModel,
-    first: Array,
-    last: Array,
-    duration: float,
-    steps: tuple[int, int],
-    solver: str,
-    limits: Limits,
-) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
-    """Search by a general solver on a transcription of CasADi; return status, motion and iterations.
-
-    Args:
-        pepper: The robot.
-        first: Joint positions at the start [rad or m], shape (n,).
-        last: Joint positions at the end, of the same shape.
-        duration: Duration [s].
-        steps: Intervals of the transcription, and iterations at most.
-        solver: A name of `SOLVERS` that CasADi knows as well: "ipopt" or "fatrop".
-        limits: Limits of torque and balance, with what the robot carries.
-    """
+def _by_casadi(request: _Request) -> tuple[MinimumTorqueStatus, Trajectory | None, int]:
+    """Search by a general solver on a transcription of CasADi; return status, motion and iterations."""
     from pepper_kin.motion.optimization.carried import carrying_inverse_dynamics
 
+    pepper, first, last, duration, intervals, max_iterations, solver, limits = request
     torque, still = carrying_inverse_dynamics(pepper, limits.loads), np.zeros(pepper.n)
     bounds = Bounds(
         pepper.lower_limits, pepper.upper_limits, pepper.velocity_limits, pepper.acceleration_limits
@@ -274,7 +261,7 @@ def _by_casadi(
     scale = np.where(np.isfinite(pepper.effort_limits), pepper.effort_limits, 1.0)
     found = minimum_effort(
         torque, (first, still), (last, still), duration, bounds,
-        pepper.effort_limits, scale=scale, intervals=steps[0], solver=solver, max_iterations=steps[1],
+        pepper.effort_limits, scale=scale, intervals=intervals, solver=solver, max_iterations=max_iterations,
     )  # fmt: skip
     status = {
         EffortStatus.SOLVED: MinimumTorqueStatus.SOLVED,

@@ -1,4 +1,4 @@
-"""Some joints of a robot that move, the others standing still."""
+"""Joints of a robot that move, the others standing still, and those that may move at all."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.limits import Limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,12 @@ class Moving:
     pepper: PepperModel
     joints: NDArray[np.int64]
     rest: Array
+
+
+def free_joints(pepper: PepperModel, limits: Limits) -> NDArray[np.bool_]:
+    """Return which joints may move, shape (n,): those of which no limit is zero, nor the range."""
+    has_range = pepper.upper_limits > pepper.lower_limits
+    return np.asarray(has_range & (limits.velocity > 0) & (limits.acceleration > 0))
 
 
 @compiled(lean=True)

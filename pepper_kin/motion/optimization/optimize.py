@@ -17,26 +17,24 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
-    as_real,
     check_choice,
     check_positive,
     check_seed,
     check_whole,
-    shown,
 )
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
+from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization.cost import Cost, figures_of
-from pepper_kin.motion.optimization.examined import is_clear_along
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.problem import checked_margin
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.trajectory.carried import carried_along
-from pepper_kin.trajectory.jerk_limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
-from pepper_kin.trajectory.limits import Limits, MotionLimits, motion_limits
+from pepper_kin.trajectory.limits import JerkLike, Limits, MotionLimits, jerk_limits, motion_limits
 from pepper_kin.trajectory.path import PathLike
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import examination_step, sample_times
 
 if TYPE_CHECKING:
@@ -103,11 +101,11 @@ def optimize(
         margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
             never less than half of that in between samples.
         intervals: Pieces of the spline, 4 to 1,000; three times as many if these come too near.
-        velocity_scale: Share of the velocity limits to use, in (0, 1].
-        acceleration_scale: The same of acceleration limits.
-        torque_scale: The same of effort limits.
-        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m].
-        payload: Point masses besides attached objects at "left", "right" or a frame [kg], as in `retime`.
+        velocity_scale: As in `retime`.
+        acceleration_scale: As in `retime`.
+        torque_scale: As in `retime`.
+        balance: As in `retime` [m].
+        payload: As in `retime` [kg].
         jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
         max_iterations: Newton steps at most; ten times as many of a general solver.
@@ -127,22 +125,25 @@ def optimize(
     """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
-    load_search(pepper, held := carried_along(pepper, path, scene, payload), balance is not None)
+    allowed = motion_limits(
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, balance=balance, payload=payload, scene=scene, along=path,
+    )  # fmt: skip
+    load_search(pepper, allowed.loads, allowed.balance is not None)
     begin = time.perf_counter()
-    allowed = motion_limits(velocity_scale, acceleration_scale, torque_scale, balance, held)
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
-    limits = allowed.of(pepper, pepper.acceleration_limits, drives=True)
-    weights, world = cost or Cost(), scene if scene is not None else Scene()
-    tasks = as_constraints(pepper, constraints, held) if constraints else ()
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
+    limits = replace(allowed.of(pepper, pepper.acceleration_limits, drives=True), jerk=rate)
+    weights, world = cost or Cost(), scene if scene is not None else Scene()
+    tasks = as_constraints(pepper, constraints, allowed.loads) if constraints else ()
     before = _timed(pepper, path, allowed, payload, scene)
-    before = _within_limits(pepper, path, before, limits, rate)
+    before = _within_limits(pepper, path, before, limits)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
-        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks, jerk=rate)
+        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks)
 
     problems = [posed(before)]
-    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks, rate)
+    judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks)
     problems += map(posed, _detours(pepper, before, starts, seed, allowed, begin + seconds))
     search = _Descents(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
     best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
@@ -201,24 +202,21 @@ def _cost_of(descent: LocalResult) -> float:
     return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
 
 
-def _within_limits(
-    pepper: PepperModel, path: object, motion: Trajectory, limits: Limits, jerk: Array | None
-) -> Trajectory:
+def _within_limits(pepper: PepperModel, path: object, motion: Trajectory, limits: Limits) -> Trajectory:
     """Return the motion to start from, made slower if it is a user's and breaks limits.
 
     Args:
         pepper: The robot.
         path: What the user gave.
         motion: The motion made of it; the same object where the user gave a motion.
-        limits: Limits of velocity, acceleration, torque and balance.
-        jerk: Limits of jerk [rad/s^3 or m/s^3], shape (n,); None for none.
+        limits: The limits.
 
     Raises:
         InfeasibleError: where no slower motion is within the limits.
     """
     if motion is not path:
         return motion
-    motion = motion.scaled(stretch_at_extremes(motion, limits, jerk))
+    motion = motion.scaled(stretch_at_extremes(motion, limits))
     for _ in range(_SLOWER):
         state = motion(sample_times(motion.duration, examination_step(motion.duration)))
         stretch = measure_use(pepper, state, limits).stretch
@@ -253,8 +251,7 @@ def _checked(
 ) -> tuple[float | None, float]:
     """Return the duration wanted, if any, and the time that the search may take [s]."""
     check_choice("solver", solver, SOLVERS)
-    if not 0 <= as_real(margin) < np.inf:
-        raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
+    checked_margin(margin)
     check_whole("starts", starts, 1, MOST_STARTS)
     check_seed(seed)
     if duration is not None and check_positive("duration", duration, "s") > LONGEST:
@@ -279,10 +276,7 @@ def _timed(
 ) -> Trajectory:
     """Return the motion to start from: the one that was given, or along a path in the shortest time."""
     if isinstance(path, Trajectory):
-        if path.joint_names != pepper.joint_names:
-            raise InvalidValueError(
-                "joints of the trajectory", ", ".join(path.joint_names), ", ".join(pepper.joint_names)
-            )
+        refuse_other_joints(pepper, path.joint_names)
         return path
     if isinstance(path, Plan) and path.path is None:
         raise InvalidValueError("path", f"a plan that is {path.status.value}", "a plan with a path")
@@ -330,7 +324,6 @@ class _Judge:
     margin: float
     wanted: float | None
     tasks: tuple[Task, ...]
-    jerk: Array | None
 
     def __call__(self, problem: SplineProblem, descent: LocalResult) -> Optimized:
         """Return the outcome of a descent on a problem, that of the motion before or another."""
@@ -352,7 +345,7 @@ class _Judge:
         states = found(sample_times(found.duration, examination_step(found.duration)))
         limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
         stretch = measure_use(self.pepper, states, limits).stretch
-        stretch = max(stretch, stretch_at_extremes(found, limits, self.jerk))
+        stretch = max(stretch, stretch_at_extremes(found, limits))
         if not np.isfinite(stretch):
             return refused(OptimizedStatus.NO_ROOM, "Between knots the joints cannot hold the motion.")
         if stretch > 1.0:
@@ -372,7 +365,7 @@ class _Judge:
             f"{self.before.duration:.3f} s to {found.duration:.3f} s, "
             f"jerk from {old.jerk:.3g} to {new.jerk:.3g} /s"
         )
-        free = self.wanted is None and self.cost.clearance == 0 and self.jerk is None
+        free = self.wanted is None and self.cost.clearance == 0 and self.limits.jerk is None
         dearer = free and not new.cost(self.cost) < old.cost(self.cost)
         if dearer and self._before_is_clear():
             return refused(OptimizedStatus.NOT_CHEAPER, f"The best found would go from {gain}.")
@@ -387,7 +380,7 @@ class _Judge:
         if any(error > task.tolerance * _MORE for task, error in kept):
             return False
         return self.problem_data.clearance_before > 0 and is_clear_along(
-            Checks(self.pepper, self.scene), self.before
+            Checks(self.pepper, self.scene), self.before, held=False
         )
 
     def _errors(self, motion: Trajectory) -> tuple[float, ...]:
@@ -408,7 +401,7 @@ class _Judge:
 
         That nothing touches is proven along all of the motion; distances are measured every 4 ms.
         """
-        if not is_clear_along(Checks(self.pepper, self.scene), motion):
+        if not is_clear_along(Checks(self.pepper, self.scene), motion, held=False):
             return -float("inf")
         step = max(_DISTANCE_STEP, examination_step(motion.duration))
         times = sample_times(motion.duration, step)

@@ -9,7 +9,6 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
-from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task
@@ -19,10 +18,9 @@ from pepper_kin.motion.optimization.balance_term import BalanceTerm
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.clearance_term import ClearanceTerm, clearance_rows, least_distance
 from pepper_kin.motion.optimization.cost import Cost, jerk_scale
-from pepper_kin.motion.optimization.free_joints import free_joints
 from pepper_kin.motion.optimization.held_term import HeldTerm
 from pepper_kin.motion.optimization.kernel_term import kernel_rows
-from pepper_kin.motion.optimization.moving import Moving
+from pepper_kin.motion.optimization.moving import Moving, free_joints
 from pepper_kin.motion.optimization.range_term import RangeTerm, range_rows
 from pepper_kin.motion.optimization.torque_term import TorqueTerm
 from pepper_kin.motion.optimization.wheel_term import WheelTerm
@@ -72,7 +70,7 @@ def load_search(pepper: PepperModel, loads: Loads, balanced: bool) -> None:
     """Load, or compile, the search and its terms, before any clock starts."""
     _load_search()
     for quantity in ("inverse_dynamics", "base_wrench")[: 1 + balanced] if loads else ():
-        carrying_kernels(pepper, quantity, load_parameters(pepper, loads).frames)
+        carrying_kernels(pepper, quantity, loads)
 
 
 @cache
@@ -90,12 +88,11 @@ class SplineProblem:
         before: The motion to start from.
         scene: The world around the robot; None to look neither at it nor at the robot itself.
         cost: Weights.
-        limits: Limits of velocity, acceleration, torque and balance, and what is carried.
+        limits: The limits, and what is carried.
         margin: Distance to keep [m].
         intervals: Pieces of the spline.
         tasks: IK tasks that stay met along the motion.
         all_joints: Whether joints that stand still in the motion to start from may move, too.
-        jerk: Limits of jerk of all joints, shape (n,); None for none.
 
     Attributes:
         clearance_before: Least distance of the motion to start from, at samples [m]; see
@@ -114,7 +111,6 @@ class SplineProblem:
         *,
         tasks: Sequence[Task] = (),
         all_joints: bool = False,
-        jerk: Array | None = None,
     ) -> None:
         intervals = check_whole("intervals", intervals, 4, MOST_INTERVALS)
         path = before(np.linspace(0.0, before.duration, _FIT_SAMPLES * intervals + 1)).position
@@ -154,9 +150,10 @@ class SplineProblem:
         )
         rolling = [] if limits.wheels is None else [WheelTerm(self._moving, limits.wheels, _TORQUE_SHARE, 4)]
         velocity, acceleration = limits.velocity[joints], limits.acceleration[joints]
+        jerk = None if limits.jerk is None else limits.jerk[joints]
         self._objective = Objective(
             self._spline,
-            Bounds(lower, upper, velocity, acceleration, None if jerk is None else jerk[joints]),
+            Bounds(lower, upper, velocity, acceleration, jerk),
             Weights(cost.time, max(cost.jerk, _SMALL), jerk_scale(pepper)[joints]),
             [torque, *standing, *rolling, *self._floors],
             costs,

@@ -6,7 +6,6 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import load_parameters
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.motion.optimization.carried import carrying_kernels
 from pepper_kin.motion.optimization.kernel_term import KernelTerm
@@ -25,15 +24,12 @@ class TorqueTerm(KernelTerm):
     """
 
     def __init__(self, moving: Moving, limits: Array, per_interval: int, loads: Loads = ()) -> None:
-        constants = None
+        pepper, constants = moving.pepper, None
         if loads:
-            carried = load_parameters(moving.pepper, loads)
-            kernels = carrying_kernels(moving.pepper, "inverse_dynamics", carried.frames)
-            constants = carried.values.ravel()
+            kernels, constants = carrying_kernels(pepper, "inverse_dynamics", loads)
         else:
-            names = ("inverse_dynamics", "inverse_dynamics_derivatives")
-            kernels = kernel(moving.pepper, names[0]), kernel(moving.pepper, names[1])
+            kernels = kernel(pepper, "inverse_dynamics"), kernel(pepper, "inverse_dynamics_derivatives")
         shares = np.diag(1.0 / limits)[np.isfinite(limits)]
         finite = np.flatnonzero(np.isfinite(limits))
-        self.joint_names = tuple(moving.pepper.joint_names[j] for j in finite)
+        self.joint_names = tuple(pepper.joint_names[j] for j in finite)
         super().__init__(moving, kernels, shares, per_interval, BarrierBound.WITHIN_ONE, constants)
