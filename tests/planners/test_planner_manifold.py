@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import cfunc, types
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import compiled
+from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.planners import (
     CompiledManifold,
     CompiledMotionValidator,
@@ -254,25 +255,19 @@ def test_a_closed_belt_ends_by_iterations_or_by_time():
     assert time.thread_time() - spent < 2.0
 
 
-@cfunc(types.void(*[types.CPointer(types.float64)] * 3), error_model="numpy")
+@compiled("void(int64, int64, int64)", by_address=True)
 def ellipsoid(given, out, work):  # type: ignore[no-untyped-def]
     """x^2 / a + y^2 / b + z^2 / c - 1 of the input (a, b, c, x, y, z); the Jacobian is by (z, y, x)."""
-    total = -1.0
+    x, result, total = floats_at(given, 6), floats_at(out, 4), -1.0
     for i in range(3):
-        total += given[3 + i] ** 2 / given[i]
-        out[1 + 2 - i] = 2.0 * given[3 + i] / given[i]
-    out[0] = total
+        total += x[3 + i] ** 2 / x[i]
+        result[1 + 2 - i] = 2.0 * x[3 + i] / x[i]
+    result[0] = total
 
 
-@cfunc(
-    types.int64(
-        types.CPointer(types.float64),
-        types.CPointer(types.float64),
-        types.int64,
-        types.CPointer(types.float64),
-    )
-)
-def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def valid_steps(start, end, steps, memory):  # type: ignore[no-untyped-def]
+    a, b = floats_at(start, 3), floats_at(end, 3)
     for j in range(1, steps + 1):
         z = b[2] if j == steps else a[2] + (b[2] - a[2]) * j / steps
         x = b[0] if j == steps else a[0] + (b[0] - a[0]) * j / steps
@@ -395,6 +390,6 @@ print([path.points.tolist(), short.points.tolist()])
         ).stdout
         for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
     ]
-    for compiled, interpreted in zip(*map(eval, said), strict=True):
-        assert len(compiled) > 10
-        np.testing.assert_allclose(compiled, interpreted, atol=1e-9)
+    for machine, interpreted in zip(*map(eval, said), strict=True):
+        assert len(machine) > 10
+        np.testing.assert_allclose(machine, interpreted, atol=1e-9)
