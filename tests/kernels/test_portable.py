@@ -2,10 +2,7 @@
 
 import importlib
 import logging
-import os
 import re
-import subprocess
-import sys
 
 import llvmlite.binding as llvm
 import pytest
@@ -134,17 +131,11 @@ print("numba" in sys.modules, *path.points.ravel(), *curve(np.linspace(0, 1, 5))
 """
 
 
-def test_another_processor_needs_no_numba_and_gets_the_same_answers(tmp_path):
+def test_another_processor_needs_no_numba_and_gets_the_same_answers(child, tmp_path):
     """As one process does it alone; that of many is the same function of the same file."""
     answers = []
     for variables in ({}, {"PEPPER_KIN_CPU": "x86-64-v2", "PEPPER_KIN_WARM_UP": "1"}):
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM],
-            env={**os.environ, "PEPPER_KIN_CACHE": str(tmp_path / "cache"), **variables},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        done = child(PROGRAM, PEPPER_KIN_CACHE=tmp_path / "cache", **variables)
         numba, *numbers = done.stdout.split()
         assert numba == "False"
         answers.append([float(x) for x in numbers])

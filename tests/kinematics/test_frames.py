@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -146,14 +144,3 @@ def test_joints_that_carry_a_frame_are_those_that_move_it(options):
         assert pepper.joints_above(frame) == np.flatnonzero(moving).tolist(), frame
     with pytest.raises(UnknownNameError, match="frame"):
         pepper.joints_above("tail")
-
-
-def test_a_first_answer_of_ik_does_not_load_pinocchio():
-    code = (
-        "import sys, pepper_kin as pk; pepper = pk.load_pepper(); "
-        "task = pk.ik.HandPosition('left', (0.38, 0.22, 0.82)); "
-        "assert pk.ik.solve(pepper, task, collisions=False).success; "
-        "print(sorted({'pinocchio', 'coal', 'casadi', 'scipy', 'numpy.ma'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

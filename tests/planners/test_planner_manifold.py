@@ -1,8 +1,5 @@
 """Constraints of closed form: circle, sphere and torus."""
 
-import os
-import subprocess
-import sys
 import time
 from itertools import pairwise
 
@@ -361,35 +358,3 @@ def test_a_problem_that_does_not_fit_is_refused():
 
 def test_an_end_that_was_not_looked_at_in_time_is_not_called_invalid(through_the_hole):
     assert cbirrt(*through_the_hole, timeout=1e-9).status is Status.NO_PATH_IN_TIME
-
-
-def test_the_same_source_runs_interpreted():
-    """Without machine code: the same path and short-cut of it to the last bits."""
-    program = """
-import numpy as np
-from pepper_kin.planners import ConstraintManifold, Problem, cbirrt, constrained_shortcut
-
-def circle(x):
-    return (x**2).sum(axis=1, keepdims=True) - 1.0, 2.0 * x[:, None]
-
-free = lambda x: ~((abs(x[:, 0]) < 0.2) & (x[:, 1] > 0.0))
-ends = [np.cos(2.5), np.sin(2.5)], [np.cos(0.6), np.sin(0.6)]
-problem = Problem([-2, -2], [2, 2], *ends, free, resolution=0.2)
-manifold = ConstraintManifold(circle, 2, 1, 1e-3)
-path = cbirrt(problem, manifold, seed=1, timeout=60.0).path
-short = constrained_shortcut(problem, manifold, path, iterations=5, timeout=60.0)
-print([path.points.tolist(), short.points.tolist()])
-"""
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, **more},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
-    ]
-    for machine, interpreted in zip(*map(eval, said), strict=True):
-        assert len(machine) > 10
-        np.testing.assert_allclose(machine, interpreted, atol=1e-9)

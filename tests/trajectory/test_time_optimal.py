@@ -1,7 +1,5 @@
 """The own solver: certificates on random paths, toppra as oracle, payloads, hand speeds, refusals."""
 
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -317,17 +315,6 @@ def test_limits_hold_on_coarse_grids_too(pepper, gridpoints, seed):
     trajectory = retime(pepper, points, gridpoints=gridpoints, **limits)
     found = trajectory.check(pepper, collisions=False, **limits)
     assert found.success, found.report()
-
-
-def test_timing_needs_no_compiler_and_no_toppra(pepper):
-    """Once its machine code is there."""
-    retime(pepper, random_path(pepper, 5))
-    code = (
-        "import sys, pepper_kin as pk; p = pk.load_pepper(); q = p.posture('Stand'); "
-        "pk.retime(p, [q, q * 0.9]); print(sorted({'toppra', 'numba', 'scipy'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_hands_keep_their_speed_between_few_grid_points():
