@@ -1,7 +1,5 @@
 """Fixtures that several packages share: Chromium, a kernel cache, commands and examples in process."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

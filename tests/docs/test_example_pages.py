@@ -1,7 +1,5 @@
 """Every example has its place and its picture in the documentation, and the page says nothing of others."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """States beyond every robot are refused by joint and limit; within the limit all results are finite."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import Any

@@ -4,8 +4,6 @@ The code is made anew with a test before every access, by Numba, under other key
 wrong index raises a RuntimeError, or ends the process where machine code called the function.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

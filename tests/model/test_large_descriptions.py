@@ -1,7 +1,5 @@
 """Descriptions that are long, deep or odd: read in little time, or refused by name."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

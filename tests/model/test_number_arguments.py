@@ -1,7 +1,5 @@
 """Arguments that are one number take numbers alone: no truth values, texts, lists or endless integers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Robots of one joint, of sliding, endless and following joints, without mass or shapes, with odd names."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import Any

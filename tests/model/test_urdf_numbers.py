@@ -1,7 +1,5 @@
 """Numbers of a description that no computation could use are refused by name; odd ones are warned of."""
 
-from __future__ import annotations
-
 import time
 import warnings
 

@@ -1,7 +1,5 @@
 """Toy worlds whose exact validity is known in closed form, for states and for whole edges."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise

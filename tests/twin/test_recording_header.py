@@ -1,7 +1,5 @@
 """The header of a recording: each entry is checked, and any change is seen."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

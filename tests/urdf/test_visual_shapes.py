@@ -1,7 +1,5 @@
 """The generators of the visual meshes, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The generated meshes: sound, in place, small, reproducible, and accepted by other programs."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A little machine to draw: a plate, a cube that slides along y and an arm that turns about z."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

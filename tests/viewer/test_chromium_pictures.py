@@ -1,7 +1,5 @@
 """Pictures by the browser's command line, and what is said when there is no browser."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drawables: copied, read-only, refused when they cannot be drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Dragging and planning in a real browser: the body follows by the servo, and goes around by the planner."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import time

@@ -1,7 +1,5 @@
 """Numbers typed on the live page: messages of the server that arrive late do not replace them."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The live page in a real browser: sliders, layers, obstacles, playing, reloading, two people."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess

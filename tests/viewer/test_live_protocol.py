@@ -1,7 +1,5 @@
 """Commands of pages: read whole, or refused by name."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

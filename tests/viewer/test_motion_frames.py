@@ -1,7 +1,5 @@
 """Frames of a motion: which samples are kept, and that nothing of them is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

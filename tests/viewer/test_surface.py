@@ -1,7 +1,5 @@
 """Surfaces: closed forms of capsules, shading of cubes and balls, refusal of broken files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
