@@ -194,16 +194,6 @@ def test_only_the_command_line_imports_the_viewer():
             assert package_of(path) in ("viewer", "cli", "__init__"), path
 
 
-def test_planners_name_no_robot():
-    """A planner works on vectors; a joint, a link or Pepper in its code means a dependency on a robot."""
-    for path in (ROOT / "planners").glob("*.py"):
-        for node in ast.walk(tree_of(path)):
-            name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
-            if isinstance(name, str):
-                words = set(name.lower().split("_"))
-                assert not words & {"joint", "joints", "link", "links", "pepper", "robot"}, (path, name)
-
-
 def test_functions_take_eight_positional_parameters_at_most():
     for path in ALL_FILES:
         for node in ast.walk(tree_of(path)):

@@ -106,30 +106,6 @@ def test_help_begins_with_a_list_of_all_names_that_fits_on_a_screen():
         assert not [name for name in module.__all__ if name not in module.__doc__], module
 
 
-INSTEAD = {
-    "q0": "start",
-    "initial": "start",
-    "time_limit": "timeout",
-    "max_time": "timeout",
-    "distance": "margin or within",
-    "safety": "margin",
-    "clearance": "margin",
-    "on_progress": "progress",
-}
-
-
-def test_parameters_have_one_word_each():
-    """`clearance` is what is measured, `margin` what is kept."""
-    weights = {"motion.Cost.__init__", "base_placement.PlacementWeights.__init__"}
-    results = {"ClosestPair", "Contact", "LeastClearance", "Certificate", "Terms", "State", "Path"}
-    results |= {"Optimized", "Sight", "RayHits"}
-    for path, parameters in callables():
-        if path in weights or (path.endswith("__init__") and any(word in path for word in results)):
-            continue
-        for parameter in parameters:
-            assert parameter.name not in INSTEAD, f"{path}: {parameter.name} -> {INSTEAD[parameter.name]}"
-
-
 def test_a_scene_of_none_means_the_robot_alone_everywhere():
     """A scene is left out or a Scene; what may leave collisions out says so by `collisions`."""
     for path, parameters in callables():
@@ -139,13 +115,6 @@ def test_a_scene_of_none_means_the_robot_alone_everywhere():
         if "collisions" in by_name:
             assert by_name["collisions"].default is True, path
             assert "scene" in by_name, path
-
-
-def test_success_has_one_word():
-    for place, name, value in public():
-        if inspect.isclass(value):
-            others = {"ok", "solved", "found", "valid", "succeeded"} & set(vars(value))
-            assert not others, f"{place}.{name}: {others}"
 
 
 def test_statuses_have_one_base_and_give_advice():
@@ -158,15 +127,6 @@ def test_statuses_have_one_base_and_give_advice():
                 assert isinstance(status.value, str)
                 assert value(status.value) is status
                 assert status.advice.endswith("."), status
-
-
-def test_results_hold_statuses():
-    for place, name, value in public():
-        if dataclasses.is_dataclass(value):
-            for entry in dataclasses.fields(value):
-                if entry.name == "status":
-                    kind = entry.type if isinstance(entry.type, str) else entry.type.__name__
-                    assert kind.endswith("Status"), f"{place}.{name}.status: {kind}"
 
 
 def test_what_saves_takes_the_path_last():
