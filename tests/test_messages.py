@@ -33,9 +33,8 @@ def test_a_long_value_is_cut_at_80_characters():
     assert len(str(raised.value).partition(", expected")[0]) < 130
 
 
-@pytest.mark.parametrize(
-    ("look_up", "message"),
-    [
+def test_the_name_most_like_a_wrong_one_is_suggested():
+    for look_up, message in [
         (
             lambda p: p.joint_index("HeadYow"),
             "unknown joint 'HeadYow' (did you mean 'HeadYaw'?); available: ",
@@ -51,12 +50,10 @@ def test_a_long_value_is_cut_at_80_characters():
             lambda p: pk.plan(p, p.posture("Stand"), p.posture("Crouch"), planner="rrt_conect"),
             "'rrt_connect'",
         ),
-    ],
-)
-def test_the_name_most_like_a_wrong_one_is_suggested(look_up, message):
-    with pytest.raises((UnknownNameError, InvalidValueError)) as raised:
-        look_up(pk.load_pepper())
-    assert message in str(raised.value)
+    ]:
+        with pytest.raises((UnknownNameError, InvalidValueError)) as raised:
+            look_up(pk.load_pepper())
+        assert message in str(raised.value)
 
 
 def test_nothing_is_suggested_for_a_name_unlike_all():

@@ -121,9 +121,8 @@ def test_results_of_all_kinds_come_back():
     assert x.tolist() == [255.0, 255.0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_what_does_not_fit_is_refused_by_name():
+    for arguments, message in [
         ((np.arange(3.0),), "takes 3 arguments"),
         ((np.arange(6.0)[::2], make_nested(), True), "x must be a C-contiguous float64 array with 1 axes"),
         ((np.arange(3), make_nested(), True), "x must be a C-contiguous float64 array"),
@@ -139,11 +138,9 @@ def test_results_of_all_kinds_come_back():
             (np.zeros(3), Nested(np.zeros(2, int), make_nested().inner._replace(factor="a")), True),
             "real number",
         ),
-    ],
-)
-def test_what_does_not_fit_is_refused_by_name(arguments, message):
-    with pytest.raises(TypeError, match=message):
-        weigh(*arguments)
+    ]:
+        with pytest.raises(TypeError, match=message):
+            weigh(*arguments)
 
 
 def test_an_exception_inside_is_an_error_and_not_a_wrong_answer():
@@ -190,18 +187,15 @@ def unit_ingredients(function):
     return [(name, _described(value)) for name, value in _named_values(function)]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_signature_that_is_none_is_refused():
+    for text, message in [
         ("int64(complex128)", "complex128"),
         ("int64[::1](int64)", r"result 'int64\[::1\]'"),
         ("void(float64[:])", "C-contiguous"),
         ("void(Unknown)", "Unknown"),
-    ],
-)
-def test_a_signature_that_is_none_is_refused(text, message):
-    with pytest.raises(TypeError, match=message):
-        parse_signature(text, globals())
+    ]:
+        with pytest.raises(TypeError, match=message):
+            parse_signature(text, globals())
 
 
 MODULE = """
