@@ -1,7 +1,5 @@
 """Fixtures that several packages share: Chromium, a kernel cache, commands and examples in process."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc
@@ -11,6 +9,7 @@ import os
 import platform
 import resource
 import runpy
+import subprocess
 import sys
 import threading
 import time
@@ -236,6 +235,21 @@ def run() -> Callable[..., CompletedProcess[str]]:
         return said(["pepper-kin", *arguments], main, cwd, environment)
 
     return run_command
+
+
+@pytest.fixture(scope="session")
+def child() -> Callable[..., CompletedProcess[str]]:
+    """Run code by Python in a process of its own, which has to end well."""
+
+    def run_code(code: str, *arguments: Any, text: str = "", **environment: Any) -> CompletedProcess[str]:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, arguments)], input=text, capture_output=True, text=True,
+            env={**os.environ, **{name: str(value) for name, value in environment.items()}}, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr[-3000:]
+        return done
+
+    return run_code
 
 
 @pytest.fixture(scope="session")

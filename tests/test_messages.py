@@ -33,9 +33,8 @@ def test_a_long_value_is_cut_at_80_characters():
     assert len(str(raised.value).partition(", expected")[0]) < 130
 
 
-@pytest.mark.parametrize(
-    ("look_up", "message"),
-    [
+def test_the_name_most_like_a_wrong_one_is_suggested():
+    for look_up, message in [
         (
             lambda p: p.joint_index("HeadYow"),
             "unknown joint 'HeadYow' (did you mean 'HeadYaw'?); available: ",
@@ -51,12 +50,10 @@ def test_a_long_value_is_cut_at_80_characters():
             lambda p: pk.plan(p, p.posture("Stand"), p.posture("Crouch"), planner="rrt_conect"),
             "'rrt_connect'",
         ),
-    ],
-)
-def test_the_name_most_like_a_wrong_one_is_suggested(look_up, message):
-    with pytest.raises((UnknownNameError, InvalidValueError)) as raised:
-        look_up(pk.load_pepper())
-    assert message in str(raised.value)
+    ]:
+        with pytest.raises((UnknownNameError, InvalidValueError)) as raised:
+            look_up(pk.load_pepper())
+        assert message in str(raised.value)
 
 
 def test_nothing_is_suggested_for_a_name_unlike_all():
@@ -95,17 +92,17 @@ FUNCTIONS = {
 """The function whose results carry a status, by the module of the status."""
 
 
-@pytest.mark.parametrize("kind", enums_with_advice(), ids=lambda kind: kind.__name__)
-def test_advice_names_options_that_the_function_has(kind):
-    function = FUNCTIONS[kind.__module__]
-    known = set(inspect.signature(function).parameters)
-    if function is planners.rrt_connect:
-        known.add("margin")  # of the problem's checker, which the caller has written
-    for status in kind:
-        text = re.sub(r"[\w.]+\([^)]*\)", "", status.advice)  # other functions, as in "retime()"
-        words = set(re.findall(r"[a-z_]+", text))
-        named = {word for word in words if "_" in word or word in OPTIONS}
-        assert named <= known, f"{status}: {function.__name__} has no {sorted(named - known)}"
+def test_advice_names_options_that_the_function_has():
+    for kind in enums_with_advice():
+        function = FUNCTIONS[kind.__module__]
+        known = set(inspect.signature(function).parameters)
+        if function is planners.rrt_connect:
+            known.add("margin")  # of the problem's checker, which the caller has written
+        for status in kind:
+            text = re.sub(r"[\w.]+\([^)]*\)", "", status.advice)  # other functions, as in "retime()"
+            words = set(re.findall(r"[a-z_]+", text))
+            named = {word for word in words if "_" in word or word in OPTIONS}
+            assert named <= known, f"{status}: {function.__name__} has no {sorted(named - known)}"
 
 
 CALL = re.compile(r"\b(load_robot|load_pepper|retime|plan|check|optimize|solve)\((\w+)=")

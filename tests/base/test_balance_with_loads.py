@@ -135,13 +135,13 @@ def test_verdicts_on_recordings_and_files_count_what_was_carried(tmp_path):
     assert (MONITOR.assess_run(load_run(path, PEPPER)).margin > margin + 0.03).all()
 
 
-@pytest.mark.parametrize("wrong", [3.0, "cup", [1.0], {"left": 1.0}, np.ones(3)])
-def test_what_are_no_loads_is_refused(tmp_path, wrong):
-    time, q, v, a = motion(PEPPER, 3)
-    with pytest.raises(InvalidValueError, match=r"loads: got .*collision\.loads_of"):
-        MONITOR.assess(time, q, v, a, loads=wrong)
-    path = Twin(PEPPER).follow(q).save(tmp_path / "run.csv")
-    with pytest.raises(InvalidValueError, match="loads: got"):
-        load_run(path, PEPPER, wrong)
-    with pytest.raises(UnknownNameError, match="tail"):
-        MONITOR.assess(time, q, v, a, loads=(Load("tail", 1.0),))
+def test_what_are_no_loads_is_refused(tmp_path):
+    for wrong in [3.0, "cup", [1.0], {"left": 1.0}, np.ones(3)]:
+        time, q, v, a = motion(PEPPER, 3)
+        with pytest.raises(InvalidValueError, match=r"loads: got .*collision\.loads_of"):
+            MONITOR.assess(time, q, v, a, loads=wrong)
+        path = Twin(PEPPER).follow(q).save(tmp_path / "run.csv")
+        with pytest.raises(InvalidValueError, match="loads: got"):
+            load_run(path, PEPPER, wrong)
+        with pytest.raises(UnknownNameError, match="tail"):
+            MONITOR.assess(time, q, v, a, loads=(Load("tail", 1.0),))

@@ -12,9 +12,8 @@ POINT = np.array([2.0, 0.4, 0.9])
 LEFT = pk.ik.HandPosition("left", POINT)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
+def test_misuse_is_named():
+    for arguments, error, message in [
         ({"tasks": []}, InvalidValueError, "tasks: got none, expected at least one task"),
         ({"tasks": [[]]}, InvalidValueError, "tasks: got none"),
         ({"tasks": [LEFT, [LEFT]]}, InvalidValueError, "tasks and lists mixed"),
@@ -44,11 +43,9 @@ LEFT = pk.ik.HandPosition("left", POINT)
         ({"scene": "table"}, InvalidValueError, "scene: got 'table'"),
         ({"start": np.full(15, 9.0)}, LimitError, "start: "),
         ({"start": np.zeros((2, 15))}, InvalidValueError, "start: got shape"),
-    ],
-)
-def test_misuse_is_named(arguments, error, message):
-    with pytest.raises(error, match=message):
-        pk.base_placement.place_base(PEPPER, **{"tasks": LEFT, "candidates": 4, **arguments})
+    ]:
+        with pytest.raises(error, match=message):
+            pk.base_placement.place_base(PEPPER, **{"tasks": LEFT, "candidates": 4, **arguments})
 
 
 def test_a_task_class_of_ones_own_is_served():

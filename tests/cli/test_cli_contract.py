@@ -48,14 +48,14 @@ def test_the_commands_of_the_design_are_there():
     assert {"naoqi serve", "naoqi mirror", "ros"} <= names  # which are registered
 
 
-@pytest.mark.parametrize(("name", "command"), COMMANDS, ids=[name for name, _ in COMMANDS])
-def test_every_command_has_an_example_json_and_a_place_in_the_docs(name, command):
-    assert re.search(rf"Example: pepper-kin {name}\b", command.help)
-    options = {word for parameter in command.params for word in parameter.opts}
-    assert "--json" in options
-    page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
-    assert re.search(rf"^#+ `pepper-kin {name}`$", page, re.MULTILINE), "no heading"
-    assert re.search(rf"^pepper-kin {name}\b.*", page, re.MULTILINE), "no example"
+def test_every_command_has_an_example_json_and_a_place_in_the_docs():
+    for name, command in COMMANDS:
+        assert re.search(rf"Example: pepper-kin {name}\b", command.help)
+        options = {word for parameter in command.params for word in parameter.opts}
+        assert "--json" in options
+        page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+        assert re.search(rf"^#+ `pepper-kin {name}`$", page, re.MULTILINE), "no heading"
+        assert re.search(rf"^pepper-kin {name}\b.*", page, re.MULTILINE), "no example"
 
 
 def test_alone_it_tells_a_newcomer_what_to_do(tmp_path):

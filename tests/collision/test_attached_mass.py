@@ -37,7 +37,7 @@ def some_pose(seed: int = 1) -> np.ndarray:
 def sampled(inside, size, count=400_000):
     """Return center and inertia per kilogram of a shape from points drawn in its bounding box."""
     points = np.random.default_rng(3).uniform(-0.5, 0.5, (count, 3)) * size
-    points = points[inside(points)]
+    points = np.concatenate([part[inside(part)] for part in np.array_split(points, 20)])
     center = points.mean(axis=0)
     spread = (points - center).T @ (points - center) / len(points)
     return center, np.trace(spread) * np.eye(3) - spread
@@ -134,16 +134,16 @@ def test_a_center_of_mass_that_is_given_moves_the_inertia_there():
     np.testing.assert_allclose(load.tensor, attached(Box((0.1, 0.2, 0.3)), pose=pose).load.tensor)
 
 
-@pytest.mark.parametrize("mass", [-1.0, float("nan"), float("inf"), True, "1", None, [1.0]])
-def test_what_is_no_mass_is_refused_by_name(mass):
-    with pytest.raises(InvalidValueError, match="mass of 'thing'"):
-        attached(Sphere(0.1), mass)
+def test_what_is_no_mass_is_refused_by_name():
+    for mass in [-1.0, float("nan"), float("inf"), True, "1", None, [1.0]]:
+        with pytest.raises(InvalidValueError, match="mass of 'thing'"):
+            attached(Sphere(0.1), mass)
 
 
-@pytest.mark.parametrize("center", [(0.0, 0.0), (0.0, np.nan, 0.0), (1e9, 0.0, 0.0)])
-def test_what_is_no_center_of_mass_is_refused_by_name(center):
-    with pytest.raises(InvalidValueError, match="center_of_mass of 'thing'"):
-        attached(Sphere(0.1), 1.0, center_of_mass=center)
+def test_what_is_no_center_of_mass_is_refused_by_name():
+    for center in [(0.0, 0.0), (0.0, np.nan, 0.0), (1e9, 0.0, 0.0)]:
+        with pytest.raises(InvalidValueError, match="center_of_mass of 'thing'"):
+            attached(Sphere(0.1), 1.0, center_of_mass=center)
 
 
 @pytest.mark.parametrize(
@@ -216,22 +216,19 @@ def test_files_copies_and_words_keep_the_mass(tmp_path):
     assert loads_of(PEPPER, scene.remove("thing")) == ()
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
+def test_a_file_with_another_mass_is_refused(tmp_path):
+    for field, value in [
         ("mass", -1),
         ("mass", "heavy"),
         ("mass", None),
         ("mass", True),
         ("center_of_mass", [0, 1]),
         ("weight", 1),
-    ],
-)
-def test_a_file_with_another_mass_is_refused(tmp_path, field, value):
-    path = tmp_path / "scene.json"
-    scene_of(Box((0.1, 0.2, 0.3))).attach("thing", "l_gripper", np.eye(4), mass=0.3).save(path)
-    content = json.loads(path.read_text())
-    content["attached"][0][field] = value
-    path.write_text(json.dumps(content))
-    with pytest.raises(FileFormatError, match=f"scene.json.*thing.*{field}"):
-        pk.Scene.load(path)
+    ]:
+        path = tmp_path / "scene.json"
+        scene_of(Box((0.1, 0.2, 0.3))).attach("thing", "l_gripper", np.eye(4), mass=0.3).save(path)
+        content = json.loads(path.read_text())
+        content["attached"][0][field] = value
+        path.write_text(json.dumps(content))
+        with pytest.raises(FileFormatError, match=f"scene.json.*thing.*{field}"):
+            pk.Scene.load(path)

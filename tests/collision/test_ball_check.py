@@ -1,7 +1,5 @@
 """Balls in lanes of single precision, against Pinocchio's double."""
 
-from __future__ import annotations
-
 from importlib import metadata
 from pathlib import Path
 

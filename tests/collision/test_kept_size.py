@@ -47,29 +47,23 @@ def test_sizes_of_arrays_in_tuples_and_objects():
     assert bytes_of(cloud, (np.zeros(2), [b"abc"]), "text", 1.0) == 5 * 3 * 8 + 16 + 3
 
 
-def test_balls_around_solids_are_kept_within_bounds():
-    """96 MB of points in solids, one after the other, of which 64 MB may be kept."""
-    rng, last = np.random.default_rng(0), None
-    for _ in range(20):
-        points = rng.random((200_000, 3))
+def test_balls_around_solids_and_trees_of_rays_are_forgotten_with_their_shapes(monkeypatch):
+    """Of 30 solids and 30 meshes of 1 MB each 5 MB may be kept, where usually 64 and 256 MB may."""
+    few = 5e6
+    balls = kept_within(few, bytes_of)(structure.bounding_ball.__wrapped__)
+    trees = kept_within(few, bytes_of)(raycast._kept_tree.__wrapped__)
+    monkeypatch.setattr(raycast, "_kept_tree", trees)
+    rng, first = np.random.default_rng(0), []
+    for _ in range(30):
+        points = rng.random((40_000, 3))
         solid = Solid("held", 1, np.eye(3), np.zeros(3), HULL, np.ones(3), 0.0, points)
-        structure.bounding_ball((solid,))
-        last = last or weakref.ref(solid)
-    assert points.nbytes < structure.bounding_ball.kept_bytes() <= MOST_BYTES / 4
-    assert last() is None
-
-
-def test_trees_of_rays_are_forgotten_with_their_meshes(monkeypatch):
-    """430 MB of meshes of 2 MB each, of which 256 MB may be kept."""
-    rng = np.random.default_rng(0)
-    before, first = raycast._kept_tree.kept_bytes(), None
-    for _ in range(200):
-        vertices = rng.random((30_000, 3))
-        mesh = TriangleMesh(vertices, np.arange(30_000).reshape(-1, 3))
+        balls((solid,))
+        mesh = TriangleMesh(points[:15_000], np.arange(15_000).reshape(-1, 3))
         assert len(RayCaster([mesh], np.eye(4)[None])) == 1
-        first = first or weakref.ref(mesh)
-    kept = raycast._kept_tree.kept_bytes()
-    assert before < kept <= raycast.MOST_BYTES
-    del mesh
+        first = first or [weakref.ref(solid), weakref.ref(mesh)]
+        assert points.nbytes < balls.kept_bytes() <= few
+        assert points.nbytes / 3 < trees.kept_bytes() <= few
+    del mesh, solid
     gc.collect()
-    assert first() is None
+    assert [shape() for shape in first] == [None, None]
+    assert MOST_BYTES == 256e6

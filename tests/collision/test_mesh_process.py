@@ -1,7 +1,5 @@
 """Meshes of formats that need a process of their own: read right, and never at the caller's cost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Robots without an SRDF: neighbors may overlap, all else is as Pinocchio and coal say."""
 
-from __future__ import annotations
-
 import importlib.metadata
 from pathlib import Path
 

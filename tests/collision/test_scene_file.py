@@ -78,9 +78,8 @@ def without(key, part):
     return {k: v for k, v in part.items() if k != key}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_damaged_files_are_refused_with_place_and_reason(tmp_path):
+    for text, message in [
         ("", r"scene\.json:1: is not complete JSON: Expecting value"),
         ('{"format":\n "pepper_kin scene",\n', r"scene\.json:3: is not complete JSON"),
         (json.dumps(content())[:-9], r"scene\.json:1: is not complete JSON"),
@@ -108,14 +107,29 @@ def without(key, part):
         (json.dumps(content(allowed=[["x", "y"]])), "one must be an object of the scene"),
         (json.dumps(content(attached=[box(name="c")])), r"attached\[0\] \('c'\): lacks 'frame'"),
         (
-            json.dumps(content(objects=[{"name": "m", "kind": "triangle mesh", "vertices": [[0, 0, 0]],
-                                         "faces": [[0, 1, 2]]}])),
+            json.dumps(
+                content(
+                    objects=[
+                        {"name": "m", "kind": "triangle mesh", "vertices": [[0, 0, 0]], "faces": [[0, 1, 2]]}
+                    ]
+                )
+            ),
             r"objects\[0\] \('m'\): faces of a mesh: got vertex 1 in face 0",
         ),
         *(
             (
-                json.dumps(content(objects=[{"name": "m", "kind": "triangle mesh", "vertices": [[0] * 3] * 3,
-                                             "faces": [[0, 1, wrong]]}])),
+                json.dumps(
+                    content(
+                        objects=[
+                            {
+                                "name": "m",
+                                "kind": "triangle mesh",
+                                "vertices": [[0] * 3] * 3,
+                                "faces": [[0, 1, wrong]],
+                            }
+                        ]
+                    )
+                ),
                 r"\('m'\): faces are not rows of three whole numbers",
             )
             for wrong in (2.5, 2.0, True, "2", None, 10**30)
@@ -128,22 +142,32 @@ def without(key, part):
         (json.dumps(content()).replace("[1, 1, 1]", "[1, 1, 1" + "0" * 5000 + "]"), "expected finite"),
         (json.dumps(content(objects=[box(name="\ud800")])), "half of a surrogate pair"),
         (
-            json.dumps(content(objects=[{"name":"m", "kind": "triangle mesh", "vertices": [], "faces": []}])),
+            json.dumps(
+                content(objects=[{"name": "m", "kind": "triangle mesh", "vertices": [], "faces": []}])
+            ),
             r"\('m'\): faces of a mesh: got",
         ),
         (
-            json.dumps(content(objects=[{"name": "m", "kind": "triangle mesh", "vertices": [[0, 0, 0]],
-                                         "faces": [[0, 1], [2]]}])),
+            json.dumps(
+                content(
+                    objects=[
+                        {
+                            "name": "m",
+                            "kind": "triangle mesh",
+                            "vertices": [[0, 0, 0]],
+                            "faces": [[0, 1], [2]],
+                        }
+                    ]
+                )
+            ),
             r"\('m'\): faces are not rows of three whole numbers",
         ),
-    ],
-)  # fmt: skip
-def test_damaged_files_are_refused_with_place_and_reason(tmp_path, text, message):
-    path = tmp_path / "scene.json"
-    path.write_text(text)
-    with pytest.raises(FileFormatError, match=message) as caught:
-        pk.Scene.load(path)
-    assert str(path) in str(caught.value)
+    ]:
+        path = tmp_path / "scene.json"
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=message) as caught:
+            pk.Scene.load(path)
+        assert str(path) in str(caught.value)
 
 
 def test_files_that_are_not_there_or_not_text_are_named(tmp_path):
@@ -198,9 +222,8 @@ def test_mesh_files_are_read(tmp_path):
     np.testing.assert_allclose(hull.vertices.min(axis=0), loaded.aabb_local.min_ * [1, 2, 1], atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "message"),
-    [
+def test_damaged_mesh_files_are_named(tmp_path):
+    for name, text, message in [
         ("a.stl", "solid x\nvertex 1 2\n", r"a\.stl:2: a vertex is '1 2', not three finite numbers"),
         ("a.stl", "solid x\nvertex 1 2 3\n", "1 vertices do not make whole triangles"),
         ("a.stl", "solid x\nendsolid\n", "the mesh holds no triangle"),
@@ -216,22 +239,20 @@ def test_mesh_files_are_read(tmp_path):
         ("a.obj", "v 0 0 0\nf a b c\n", r"a\.obj:2: face corner 'a' is not a whole number"),
         ("a.obj", "", "the mesh holds no triangle"),
         ("a.dae", "<nothing/>", r"a\.dae: cannot be read as a mesh"),
-    ],
-)
-def test_damaged_mesh_files_are_named(tmp_path, name, text, message):
-    path = tmp_path / name
-    path.write_text(text)
-    with pytest.raises(FileFormatError, match=message):
-        pk.Scene().add_mesh("m", path)
+    ]:
+        path = tmp_path / name
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=message):
+            pk.Scene().add_mesh("m", path)
 
 
-@pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.dae"])
-def test_missing_mesh_files_are_named(tmp_path, name):
-    with pytest.raises(
-        FileFormatError, match=rf"{name}: cannot be read as a mesh: (No|there is no) such file"
-    ):
-        pk.Scene().add_mesh("m", tmp_path / name)
-    pepper = pk.load_pepper()
-    scene = pk.Scene().add("m", pk.model.Mesh(tmp_path / name))
-    with pytest.raises(FileFormatError, match="there is no such file"):
-        pk.collision.in_collision(pepper, pepper.neutral(), scene)
+def test_missing_mesh_files_are_named(tmp_path):
+    for name in ["a.stl", "a.obj", "a.dae"]:
+        with pytest.raises(
+            FileFormatError, match=rf"{name}: cannot be read as a mesh: (No|there is no) such file"
+        ):
+            pk.Scene().add_mesh("m", tmp_path / name)
+        pepper = pk.load_pepper()
+        scene = pk.Scene().add("m", pk.model.Mesh(tmp_path / name))
+        with pytest.raises(FileFormatError, match="there is no such file"):
+            pk.collision.in_collision(pepper, pepper.neutral(), scene)

@@ -1,7 +1,5 @@
 """Recipes of CONTRIBUTING.md that edit files, followed to the letter in a copy of the repository."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

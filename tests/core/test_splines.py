@@ -72,19 +72,3 @@ def test_points_that_make_no_spline_are_reported():
     bounds, scratch = (np.full(2, -1.0), np.full(2, 1.0)), (np.empty(3), np.empty((2, 4, 2)))
     for points in ([[0, 0], [0, 0], [1, 1]], [[0, 0], [np.nan, 0], [1, 1]], [[0, 0], [np.inf, 0], [1, 1]]):
         assert splines.bounded_cubic_spline(np.array(points, float), *bounds, 1e-9, *scratch) == np.inf
-
-
-def test_interpreted_is_compiled():
-    rng = np.random.default_rng(0)
-    points, coefficients = rng.normal(size=(5, 3)), rng.normal(size=(4, 7, 3))
-    results = []
-    for spline, evaluate in (
-        (splines.cubic_spline, splines.evaluate_on_segments),
-        (splines.cubic_spline.python, splines.evaluate_on_segments.python),
-    ):
-        breaks, cubic, state = np.empty(5), np.empty((4, 4, 3)), np.empty((3, 4, 3))
-        spline(points, breaks, cubic)
-        evaluate(coefficients, np.arange(4), rng.random(4) * 0 + 0.3, state)
-        results.append((breaks, cubic, state))
-    for compiled, interpreted in zip(*results, strict=True):
-        np.testing.assert_allclose(compiled, interpreted, rtol=1e-12, atol=1e-12)

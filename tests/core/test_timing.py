@@ -1,9 +1,5 @@
 """Time-optimal parameterization on tables alone: closed forms, repeated passes, interpreted runs."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -124,24 +120,6 @@ def test_a_straight_line_takes_the_time_of_a_trapezoid():
     timing.motion_polynomials(grid, best, 2.0, breaks, coefficients)
     assert breaks[-1] == pytest.approx(2 * timing.profile_duration(grid, best))
     np.testing.assert_allclose(coefficients[:, 0, 0], 1.0 + 4.0 * grid.s[:-1], atol=1e-12)
-
-
-def test_interpreted_is_compiled():
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import test_timing as t; "
-        "tables = t.straight_line(20); "
-        "print(t.timing.optimal_profile(*tables)); print(tables[-1].best.tolist())"
-    )
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", code, os.path.dirname(__file__)],
-            capture_output=True, text=True, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": off},
-        ).stdout.split("\n")
-        for off in ("0", "1")
-    ]  # fmt: skip
-    (status, best), (interpreted, as_well) = (lines[:2] for lines in outputs)
-    assert eval(status) == pytest.approx(eval(interpreted.replace("np.float64", "")), rel=1e-12)
-    np.testing.assert_allclose(eval(best), eval(as_well), rtol=1e-10, atol=1e-14)
 
 
 def test_kernels_by_address_give_what_they_give():

@@ -1,7 +1,5 @@
 """The recipes of CONTRIBUTING.md, followed step by step as they are written there."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import inspect

@@ -1,7 +1,5 @@
 """Every Python block of the documentation runs, page by page, in the order in which it stands."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,12 +1,9 @@
 """Every example has its place and its picture in the documentation, and the page says nothing of others."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path
 
-import pytest
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
@@ -19,56 +16,34 @@ LINK = re.compile(r"!\[([^\]]+)\]\((pictures/[^)]+)\)")
 MOST_BYTES = 150_000
 
 
-def test_examples_are_numbered_without_a_gap():
-    assert [path.name[:3] for path in EXAMPLES] == [f"{k:02d}_" for k in range(1, len(EXAMPLES) + 1)]
-    assert len(EXAMPLES) >= 15
-
-
-def test_the_page_has_the_examples_in_their_order():
+def test_examples_have_numbers_words_pictures_and_a_check_of_their_own():
     listed = [re.findall(r"^`examples/(.+)`$", section, re.MULTILINE) for section in SECTIONS]
     assert listed == [[path.name] for path in EXAMPLES]
+    for number, (script, section) in enumerate(zip(EXAMPLES, SECTIONS, strict=True), 1):
+        assert script.name.startswith(f"{number:02d}_")
+        assert section.startswith(f"{number:02d} ")
+        text = script.read_text(encoding="utf-8")
+        tree = ast.parse(text)
+        assert (ast.get_docstring(tree) or "").splitlines()[0] in section
+        assert any(isinstance(node, ast.Assert) for node in ast.walk(tree.body[-1])), script
+        ((words, picture),) = LINK.findall(section)
+        assert len(words.split()) > 3  # for those who cannot see it
+        path = ROOT / "docs" / picture
+        assert path.name == f"example_{number:02d}.png"
+        assert path.stat().st_size <= MOST_BYTES
+        with Image.open(path) as image:
+            image.verify()
+            assert 600 <= image.size[0] <= 1000
 
 
-@pytest.mark.parametrize("number", range(len(EXAMPLES)), ids=lambda k: EXAMPLES[k].stem)
-def test_an_example_has_its_words_and_its_picture(number):
-    script, section = EXAMPLES[number], SECTIONS[number]
-    tree = ast.parse(script.read_text(encoding="utf-8"))
-    assert (ast.get_docstring(tree) or "").splitlines()[0] in section
-    assert section.startswith(f"{script.stem[:2]} ")
-    ((words, picture),) = LINK.findall(section)
-    assert len(words.split()) > 3  # for those who cannot see it
-    path = ROOT / "docs" / picture
-    assert path.name == f"example_{script.stem[:2]}.png"
-    assert path.stat().st_size <= MOST_BYTES
-    with Image.open(path) as image:
-        image.verify()
-        assert 600 <= image.size[0] <= 1000
-
-
-@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
-def test_an_example_ends_with_a_check_of_its_own(script):
-    text = script.read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 100
-    last = ast.parse(text).body[-1]
-    assert any(isinstance(node, ast.Assert) for node in ast.walk(last))
-
-
-def test_every_picture_that_a_page_shows_is_there():
-    shown = {
-        (page.name, target)
-        for page in PAGES
-        for target in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
-        if not (page.parent / target).is_file()
-    }
-    assert shown == set()
-
-
-def test_no_picture_lies_about_unused():
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    unused = [
-        path.name for path in (ROOT / "docs" / "pictures").iterdir() if f"pictures/{path.name}" not in text
+def test_pictures_that_pages_show_are_those_that_are_there():
+    texts = [(page, page.read_text(encoding="utf-8")) for page in PAGES]
+    shown = [
+        page.parent / name for page, text in texts for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)
     ]
-    assert unused == []
+    assert [path for path in shown if not path.is_file()] == []
+    pictures = (ROOT / "docs" / "pictures").iterdir()
+    assert [p.name for p in pictures if not any(f"pictures/{p.name}" in text for _, text in texts)] == []
 
 
 def test_the_script_draws_every_example(monkeypatch):

@@ -1,7 +1,5 @@
 """Every recipe of the documentation runs by itself, prints what its comments say, and stands in the index."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import io

@@ -66,9 +66,8 @@ def test_one_force_for_all_states():
     np.testing.assert_array_equal(same, each)
 
 
-@pytest.mark.parametrize(
-    ("forces", "error", "message"),
-    [
+def test_bad_forces_are_named():
+    for forces, error, message in [
         ({"Tail": np.zeros(6)}, UnknownNameError, "unknown frame 'Tail'"),
         (
             {"Head": np.zeros(3)},
@@ -77,13 +76,11 @@ def test_one_force_for_all_states():
         ),
         ({"Head": [0, 0, np.nan, 0, 0, 0]}, InvalidValueError, "force at Head"),
         ({"Head": np.zeros((7, 6))}, InvalidValueError, r"force at Head: got shape \(7, 6\)"),
-    ],
-)
-def test_bad_forces_are_named(forces, error, message):
-    pepper = pk.load_pepper()
-    q, v, a, _ = states(pepper, 2)
-    with pytest.raises(error, match=message):
-        pk.dynamics.inverse_dynamics(pepper, q, v, a, forces)
+    ]:
+        pepper = pk.load_pepper()
+        q, v, a, _ = states(pepper, 2)
+        with pytest.raises(error, match=message):
+            pk.dynamics.inverse_dynamics(pepper, q, v, a, forces)
 
 
 def test_friction_is_read_from_the_description():

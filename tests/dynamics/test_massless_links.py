@@ -1,7 +1,5 @@
 """Links without mass: joints that move none are named, and inertia counts where it comes alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -307,22 +307,19 @@ def test_projects(tmp_path):
         read_choregraphe(path)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
+def test_wrong_projects(tmp_path):
+    for old, new, line, message in [
         ('src="hello"', 'src="../secret"', 5, "outside its own folder"),
         ('src="hello"', 'src="/etc"', 5, "outside its own folder"),
         ('src="hello" ', "", 5, "BehaviorDescription has no attribute 'src'"),
         ("BehaviorDescriptions", "Others", 2, "names no behavior"),
         ("Package", "Parcel", 2, "is not a project: its root is 'Parcel'"),
-    ],
-)
-def test_wrong_projects(tmp_path, old, new, line, message):
-    path = tmp_path / "show.pml"
-    path.write_text(PROJECT.replace(old, new))
-    with pytest.raises(FileFormatError, match=message) as caught:
-        read_choregraphe(path)
-    assert caught.value.line == line
+    ]:
+        path = tmp_path / "show.pml"
+        path.write_text(PROJECT.replace(old, new))
+        with pytest.raises(FileFormatError, match=message) as caught:
+            read_choregraphe(path)
+        assert caught.value.line == line
 
 
 def test_import_says_what_was_unsafe_and_mends_it(pepper, behavior):

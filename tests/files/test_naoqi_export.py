@@ -38,9 +38,8 @@ def test_export_in_python_2_is_read(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
+def test_wrong_exports(tmp_path):
+    for old, new, line, message in [
         ("[0.5, 1.5]", "[0.5, 1.5", 7, "times.append(...) has no plain values"),
         ('"HeadYaw"', "open('x')", 6, "names.append(...) has no plain values"),
         ("[0.5, 1.5]", "[1.5, 0.5]", None, "times of HeadYaw"),
@@ -52,15 +51,13 @@ def test_export_in_python_2_is_read(tmp_path):
         ('"HeadPitch"', '"HeadYaw"', None, "curves of nod: got HeadYaw"),
         ("names.append", "words.append", None, "lists of nod"),
         ("names = list()", "names.append(3", 2, "names.append(...) has no plain values"),
-    ],
-)
-def test_wrong_exports(tmp_path, old, new, line, message):
-    path = tmp_path / "nod.py"
-    path.write_text(EXPORT.replace(old, new, 1))
-    with pytest.raises(FileFormatError) as caught:
-        read_naoqi_export(path)
-    assert message in str(caught.value)
-    assert caught.value.line == line
+    ]:
+        path = tmp_path / "nod.py"
+        path.write_text(EXPORT.replace(old, new, 1))
+        with pytest.raises(FileFormatError) as caught:
+            read_naoqi_export(path)
+        assert message in str(caught.value)
+        assert caught.value.line == line
 
 
 def test_other_scripts_are_no_exports(tmp_path):

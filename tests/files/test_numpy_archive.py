@@ -1,7 +1,5 @@
 """Archives within a limit of memory."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from pathlib import Path

@@ -6,8 +6,6 @@ checked.  What touches in `may` may touch: convex hulls of meshes, and all pairs
 Between the two, as where a small thing is inside a closed mesh, nothing is asked.
 """
 
-from __future__ import annotations
-
 import csv
 import xml.etree.ElementTree as ET
 from functools import cache

@@ -4,8 +4,6 @@ A test that fails writes its seed and the values of its variables to a file in `
 that repeats it.  `python tests/fuzz/long_run.py` runs the long size in parts that can be interrupted.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -5,8 +5,6 @@ and whatever was in it; and how often each compiled function was called from Pyt
 lies beside a page that may not be touched (`guarded_memory`).
 """
 
-from __future__ import annotations
-
 import faulthandler
 import hashlib
 import json

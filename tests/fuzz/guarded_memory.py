@@ -6,8 +6,6 @@ New memory that is not asked to be zero is full of 0xFF, NaN as numbers and -1 a
 in the 64 kB at both ends.
 """
 
-from __future__ import annotations
-
 import ctypes
 from typing import Any
 

@@ -9,8 +9,6 @@ is written to `--folder` when it ends; a part that is there is not run again.  A
 has the sums, in the form of `--fuzz-report`; `python docs/make_verification.py FILE...` makes the page.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

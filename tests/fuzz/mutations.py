@@ -1,7 +1,5 @@
 """Damage of files: bytes, tokens, elements and nesting, each case from a seeded generator alone."""
 
-from __future__ import annotations
-
 import copy
 import json
 import re

@@ -1,7 +1,5 @@
 """What the results of readers must be: finite, ordered, of one length."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Whole files for the readers: texts, and files that the library or NumPy writes."""
 
-from __future__ import annotations
-
 import io
 import tempfile
 from functools import cache

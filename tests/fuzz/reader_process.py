@@ -3,8 +3,6 @@
 A line of standard input is JSON: {"reader", "seed", "first", "count"}; the answer is a line with the faults.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

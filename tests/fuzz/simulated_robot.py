@@ -5,8 +5,6 @@ code.  What is simulated is time, the turns of threads (each is a greenlet), and
 doubled or damaged.
 """
 
-from __future__ import annotations
-
 import heapq
 import itertools
 from collections.abc import Callable

@@ -5,8 +5,6 @@ complex steps, exact to rounding.  Pepper and robots of example-robot-data, one 
 of all sizes, which are SIMD machine code.  MuJoCo is the second witness, on the exported MJCF.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import xml.etree.ElementTree as ET
 from functools import cache

@@ -5,8 +5,6 @@ touched, then right behind one (`guarded_memory.py`): the processor itself is th
 those of a child with ordinary memory, to the last bit.
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -5,8 +5,6 @@ of that text; errors of tasks are written anew from their definitions.  What the
 forbid is not asked here: that is not contact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

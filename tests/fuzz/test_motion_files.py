@@ -6,8 +6,6 @@ torques by Newton and Euler, the zero-moment point in the triangle of the wheels
 differences, and distances by coal.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import runpy

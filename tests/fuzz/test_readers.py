@@ -5,8 +5,6 @@ that may take 10 s and 1 GB (`reader_process.py`).  The readers, and what their 
 `reader_cases.py`.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

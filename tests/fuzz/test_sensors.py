@@ -1,7 +1,5 @@
 """Ray casting against sphere tracing in signed distance fields, and against all triangles of a mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

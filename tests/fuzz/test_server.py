@@ -1,7 +1,5 @@
 """The live page's server under malformed, hostile and slow clients: it goes on serving the next one."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json

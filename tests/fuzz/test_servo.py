@@ -1,7 +1,5 @@
 """Servos after random targets in random scenes: every tick within all limits and clear by coal."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import pepper_kin as pk

@@ -4,8 +4,6 @@ Extremes by the roots of polynomials (NumPy), torques by Pinocchio between milli
 differences of where the model has them, durations beside toppra.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio
 import pytest

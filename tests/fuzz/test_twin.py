@@ -1,7 +1,5 @@
 """Steps of the twin against the equation of motion by Pinocchio, and contacts against laws of mechanics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio
 

@@ -5,8 +5,6 @@ without margins, holding something or not.  What touches by `must` has to be a c
 `may` has to be free (see `coal_world`).
 """
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 

@@ -332,61 +332,61 @@ def spoilt(value):
     yield None, "None|nan|numbers?|shape"
 
 
-@pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
-def test_the_help_of_a_task_describes_what_all_tasks_take(item):
-    for name in {"weight", "tolerance", "hard"} & set(inspect.signature(item).parameters):
-        assert re.search(rf"^ +{name}: ", inspect.getdoc(item), re.MULTILINE), name
+def test_the_help_of_a_task_describes_what_all_tasks_take():
+    for item in CLASSES:
+        for name in {"weight", "tolerance", "hard"} & set(inspect.signature(item).parameters):
+            assert re.search(rf"^ +{name}: ", inspect.getdoc(item), re.MULTILINE), name
 
 
-@pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
-def test_targets_that_are_none_are_refused_by_name(item):
-    arguments, robot = good_arguments(item)
-    defaults = {
-        name: p.default
-        for name, p in inspect.signature(item).parameters.items()
-        if isinstance(p.default, tuple) and is_numbers(p.default)
-    }
-    checked = 0
-    for name, value in {**arguments, **defaults}.items():
-        if not is_numbers(value):
-            continue
-        for wrong, words in spoilt(value):
-            if wrong is None and inspect.signature(item).parameters[name].default is None:
+def test_targets_that_are_none_are_refused_by_name():
+    for item in CLASSES:
+        arguments, robot = good_arguments(item)
+        defaults = {
+            name: p.default
+            for name, p in inspect.signature(item).parameters.items()
+            if isinstance(p.default, tuple) and is_numbers(p.default)
+        }
+        checked = 0
+        for name, value in {**arguments, **defaults}.items():
+            if not is_numbers(value):
                 continue
-            with pytest.raises(InvalidValueError, match=words) as caught:
-                build_and_check(item, {**arguments, name: wrong}, robot)
-            assert caught.value.quantity
-            assert caught.value.allowed
-            assert str(caught.value).startswith(f"{caught.value.quantity}: got ")
-            checked += 1
-    assert checked or not any(is_numbers(value) for value in arguments.values())
+            for wrong, words in spoilt(value):
+                if wrong is None and inspect.signature(item).parameters[name].default is None:
+                    continue
+                with pytest.raises(InvalidValueError, match=words) as caught:
+                    build_and_check(item, {**arguments, name: wrong}, robot)
+                assert caught.value.quantity
+                assert caught.value.allowed
+                assert str(caught.value).startswith(f"{caught.value.quantity}: got ")
+                checked += 1
+        assert checked or not any(is_numbers(value) for value in arguments.values())
 
 
-@pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
-def test_unknown_frames_hands_and_joints_are_refused_by_name(item):
-    arguments, robot = good_arguments(item)
-    for name, value in arguments.items():
-        if isinstance(value, str):
-            with pytest.raises(UnknownNameError, match="nose") as caught:
-                pk.ik.solve(robot, item(**{**arguments, name: "nose"}), collisions=False)
-            assert caught.value.name == "nose"
-            assert {"LArm_effector", "LElbowRoll", "left"} & set(caught.value.available)
-    if "joints" in inspect.signature(item).parameters:
-        numbers = {name: (0.1,) for name, value in arguments.items() if isinstance(value, np.ndarray)}
-        with pytest.raises(UnknownNameError, match="nose"):
-            pk.ik.solve(robot, item(**{**arguments, **numbers, "joints": ("nose",)}), collisions=False)
+def test_unknown_frames_hands_and_joints_are_refused_by_name():
+    for item in CLASSES:
+        arguments, robot = good_arguments(item)
+        for name, value in arguments.items():
+            if isinstance(value, str):
+                with pytest.raises(UnknownNameError, match="nose") as caught:
+                    pk.ik.solve(robot, item(**{**arguments, name: "nose"}), collisions=False)
+                assert caught.value.name == "nose"
+                assert {"LArm_effector", "LElbowRoll", "left"} & set(caught.value.available)
+        if "joints" in inspect.signature(item).parameters:
+            numbers = {name: (0.1,) for name, value in arguments.items() if isinstance(value, np.ndarray)}
+            with pytest.raises(UnknownNameError, match="nose"):
+                pk.ik.solve(robot, item(**{**arguments, **numbers, "joints": ("nose",)}), collisions=False)
 
 
-@pytest.mark.parametrize("item", CLASSES, ids=lambda item: item.__name__)
-def test_weights_and_tolerances_that_are_none_are_refused_by_name(item):
-    arguments, _ = good_arguments(item)
-    names = [n for n in inspect.signature(item).parameters if n.endswith(("weight", "tolerance"))]
-    assert names
-    for name in names:
-        for wrong in (np.nan, 0.0, -1.0, "abc", None):
-            with pytest.raises(InvalidValueError, match=name.rpartition("_")[2]) as caught:
-                item(**{**arguments, name: wrong})
-            assert str(wrong) in str(caught.value)
+def test_weights_and_tolerances_that_are_none_are_refused_by_name():
+    for item in CLASSES:
+        arguments, _ = good_arguments(item)
+        names = [n for n in inspect.signature(item).parameters if n.endswith(("weight", "tolerance"))]
+        assert names
+        for name in names:
+            for wrong in (np.nan, 0.0, -1.0, "abc", None):
+                with pytest.raises(InvalidValueError, match=name.rpartition("_")[2]) as caught:
+                    item(**{**arguments, name: wrong})
+                assert str(wrong) in str(caught.value)
 
 
 def test_the_classes_are_those_that_are_public():

@@ -2,8 +2,6 @@
 
 import json
 import pickle
-import subprocess
-import sys
 import uuid
 
 import numpy as np
@@ -54,14 +52,12 @@ def center(q, heavy):
 
 
 @pytest.mark.parametrize("order", [("plain", "changed", "plain"), ("changed", "plain", "changed")])
-def test_in_processes_of_their_own(order):
+def test_in_processes_of_their_own(child, order):
     """A robot that no cache knows: one kind first, then the other; then both from disk."""
     name = str(uuid.uuid4())
     for _ in range(2):
-        command = [sys.executable, "-c", PROGRAM, name, *order]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        for change, (success, q) in zip(order, json.loads(done.stdout), strict=True):
+        found = json.loads(child(PROGRAM, name, *order).stdout)
+        for change, (success, q) in zip(order, found, strict=True):
             assert success
             np.testing.assert_allclose(center(q, change == "changed"), POINT, atol=2e-4)
 

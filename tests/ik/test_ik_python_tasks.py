@@ -3,10 +3,7 @@
 import ctypes
 import inspect
 import math
-import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -222,32 +219,3 @@ def test_a_signal_as_a_call_back_begins_is_heard(calls_before, capfd):
     with pytest.raises(TimeoutError, match="alarm"):
         tasks.check()
     assert capfd.readouterr().err == ""
-
-
-def test_the_same_source_runs_interpreted():
-    code = (
-        "import pepper_kin as pk, numpy as np\n"
-        "p = pk.load_pepper()\n"
-        "r = pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)), restarts=1, collisions=False)\n"
-        "print(r.success, *r.q)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-    )  # fmt: skip
-    success, *q = done.stdout.split()
-    assert success == "True"
-    compiled = pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), restarts=1, collisions=False)
-    np.testing.assert_allclose(np.array(q, dtype=float), compiled.q, atol=1e-9)
-
-
-def test_a_first_answer_loads_no_compiler():
-    code = (
-        "import sys, pepper_kin as pk\n"
-        "p = pk.load_pepper()\n"
-        "pk.ik.solve(p, pk.ik.HandPosition('left', (0.4, 0.25, 0.9)))\n"
-        "print(sorted({'casadi', 'numba', 'scipy', 'placo'} & set(sys.modules)))"
-    )
-    pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), collisions=False)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -139,9 +139,9 @@ def test_bad_numbers_are_refused_by_name(make, words):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize("frames", [("nose", RIGHT), (LEFT, "nose")])
-def test_unknown_frames_are_refused(frames):
-    with pytest.raises(UnknownNameError, match="unknown frame 'nose'; available: "):
-        pk.ik.solve(PEPPER, pk.ik.RelativePose(*frames, APART), collisions=False)
-    with pytest.raises(UnknownNameError, match="unknown frame 'nose'"):
-        pk.ik.RelativePose.as_at(PEPPER, PEPPER.neutral(), *frames)
+def test_unknown_frames_are_refused():
+    for frames in [("nose", RIGHT), (LEFT, "nose")]:
+        with pytest.raises(UnknownNameError, match="unknown frame 'nose'; available: "):
+            pk.ik.solve(PEPPER, pk.ik.RelativePose(*frames, APART), collisions=False)
+        with pytest.raises(UnknownNameError, match="unknown frame 'nose'"):
+            pk.ik.RelativePose.as_at(PEPPER, PEPPER.neutral(), *frames)

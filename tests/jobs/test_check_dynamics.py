@@ -158,10 +158,10 @@ def test_a_number_that_is_none_fails():
     assert summary["failures"] == ["x (single)"]
 
 
-@pytest.mark.parametrize("states", [0, -1, 2.5, True, "many"])
-def test_numbers_of_states_that_are_none_are_refused(states):
-    with pytest.raises(InvalidValueError, match=r"states: got .* expected an integer of at least 1"):
-        check_dynamics(arm(), states=states)
+def test_numbers_of_states_that_are_none_are_refused():
+    for states in [0, -1, 2.5, True, "many"]:
+        with pytest.raises(InvalidValueError, match=r"states: got .* expected an integer of at least 1"):
+            check_dynamics(arm(), states=states)
 
 
 def test_the_command_checks_a_file(run, tmp_path):

@@ -142,19 +142,16 @@ def test_start_may_be_given_and_is_checked():
         reach(pepper, "left", TARGET, start=pepper.joint_vector({"HeadYaw": 3.0}))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
+def test_bad_input_is_named():
+    for arguments, error, message in [
         ({"hand": "middle"}, UnknownNameError, "unknown hand 'middle'; available: left, right"),
         ({"at": (0.1, float("nan"), 0)}, InvalidValueError, "at: got nan"),
         ({"at": (0.1, 0.2)}, InvalidValueError, r"at: got shape \(2,\), expected shape \(3,\)"),
         ({"look_at": (0.1, float("inf"), 1)}, InvalidValueError, "look_at: got inf"),
         ({"timestep": -0.001}, InvalidValueError, "timestep: got -0.001"),
-    ],
-)
-def test_bad_input_is_named(arguments, error, message):
-    with pytest.raises(error, match=message):
-        reach(pk.load_pepper(), **{"hand": "left", "at": TARGET, **arguments})
+    ]:
+        with pytest.raises(error, match=message):
+            reach(pk.load_pepper(), **{"hand": "left", "at": TARGET, **arguments})
 
 
 def test_nothing_is_left_where_writing_fails(demo, tmp_path):

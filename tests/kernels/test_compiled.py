@@ -121,9 +121,8 @@ def test_results_of_all_kinds_come_back():
     assert x.tolist() == [255.0, 255.0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_what_does_not_fit_is_refused_by_name():
+    for arguments, message in [
         ((np.arange(3.0),), "takes 3 arguments"),
         ((np.arange(6.0)[::2], make_nested(), True), "x must be a C-contiguous float64 array with 1 axes"),
         ((np.arange(3), make_nested(), True), "x must be a C-contiguous float64 array"),
@@ -139,11 +138,9 @@ def test_results_of_all_kinds_come_back():
             (np.zeros(3), Nested(np.zeros(2, int), make_nested().inner._replace(factor="a")), True),
             "real number",
         ),
-    ],
-)
-def test_what_does_not_fit_is_refused_by_name(arguments, message):
-    with pytest.raises(TypeError, match=message):
-        weigh(*arguments)
+    ]:
+        with pytest.raises(TypeError, match=message):
+            weigh(*arguments)
 
 
 def test_an_exception_inside_is_an_error_and_not_a_wrong_answer():
@@ -190,18 +187,15 @@ def unit_ingredients(function):
     return [(name, _described(value)) for name, value in _named_values(function)]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_signature_that_is_none_is_refused():
+    for text, message in [
         ("int64(complex128)", "complex128"),
         ("int64[::1](int64)", r"result 'int64\[::1\]'"),
         ("void(float64[:])", "C-contiguous"),
         ("void(Unknown)", "Unknown"),
-    ],
-)
-def test_a_signature_that_is_none_is_refused(text, message):
-    with pytest.raises(TypeError, match=message):
-        parse_signature(text, globals())
+    ]:
+        with pytest.raises(TypeError, match=message):
+            parse_signature(text, globals())
 
 
 MODULE = """
@@ -219,25 +213,22 @@ def total(x):
 """
 
 
-def run_module(tmp_path, **environment):
+@pytest.fixture(scope="module")
+def run_module(child):
     """Run a program that uses a module of a compiled function in a process of its own."""
-    (tmp_path / "own.py").write_text(MODULE)
-    use = "import sys, numpy as np, own; assert own.total(np.arange(4.0)) == 12.0"
-    code = use + "; print('numba' in sys.modules)"
-    variables = {**os.environ, "PYTHONPATH": str(tmp_path), "PEPPER_KIN_CACHE": str(tmp_path / "cache")}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**variables, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip(), done.stderr
+
+    def run(folder, **environment):
+        (folder / "own.py").write_text(MODULE)
+        use = "import sys, numpy as np, own; assert own.total(np.arange(4.0)) == 12.0"
+        variables = {"PYTHONPATH": folder, "PEPPER_KIN_CACHE": folder / "cache", **environment}
+        done = child(use + "; print('numba' in sys.modules)", **variables)
+        return done.stdout.strip(), done.stderr
+
+    return run
 
 
 @pytest.fixture(scope="module")
-def first_run(tmp_path_factory):
+def first_run(run_module, tmp_path_factory):
     """The folder of a first run, and what it printed."""
     folder = tmp_path_factory.mktemp("first")
     return folder, run_module(folder)[0]
@@ -250,19 +241,19 @@ def after_first_run(first_run, tmp_path):
     return tmp_path
 
 
-def test_numba_is_imported_to_compile_and_never_again(first_run):
+def test_numba_is_imported_to_compile_and_never_again(first_run, run_module):
     folder, said = first_run
     assert said == "True"
     assert run_module(folder)[0] == "False"
 
 
-def test_the_same_source_runs_interpreted(tmp_path):
+def test_the_same_source_runs_interpreted(tmp_path, run_module):
     assert run_module(tmp_path, NUMBA_DISABLE_JIT="1")[0] == "False"
     assert not (tmp_path / "cache").exists()
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x00" * 100, None], ids=["empty", "zeros", "flipped bit"])
-def test_damaged_code_is_made_again_and_said_so(after_first_run, damage):
+def test_damaged_code_is_made_again_and_said_so(after_first_run, run_module, damage):
     tmp_path = after_first_run
     (path,) = [p for p in (tmp_path / "cache").glob("*.code") if b"\x7fELF" in p.read_bytes()]
     whole = path.read_bytes()
@@ -273,14 +264,14 @@ def test_damaged_code_is_made_again_and_said_so(after_first_run, damage):
     assert run_module(tmp_path)[0] == "False"
 
 
-def test_folders_that_cannot_be_written_leave_code_in_memory(tmp_path):
+def test_folders_that_cannot_be_written_leave_code_in_memory(tmp_path, run_module):
     (tmp_path / "file").write_text("not a folder")
     for _ in range(2):
         out, _ = run_module(tmp_path, PEPPER_KIN_CACHE=str(tmp_path / "file" / "cache"), HOME="/nonexistent")
         assert out == "True"
 
 
-def test_code_for_a_processor_of_another_name_is_another_part(after_first_run):
+def test_code_for_a_processor_of_another_name_is_another_part(after_first_run, run_module):
     tmp_path = after_first_run
     count = len(list((tmp_path / "cache").glob("*.code")))
     out, error = run_module(tmp_path, PEPPER_KIN_CPU="x86-64")
@@ -290,7 +281,7 @@ def test_code_for_a_processor_of_another_name_is_another_part(after_first_run):
         assert len(list((tmp_path / "cache").glob("*.code"))) > count
 
 
-def test_of_two_processes_one_is_killed_and_the_other_ends_well(tmp_path):
+def test_of_two_processes_one_is_killed_and_the_other_ends_well(tmp_path, run_module):
     (tmp_path / "own.py").write_text(MODULE)
     variables = {**os.environ, "PYTHONPATH": str(tmp_path), "PEPPER_KIN_CACHE": str(tmp_path / "cache")}
     first = subprocess.Popen([sys.executable, "-c", "import own; own.total.load()"], env=variables)

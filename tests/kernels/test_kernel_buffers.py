@@ -32,19 +32,16 @@ def test_buffers_that_fit_get_the_address(kernel, function):
     assert kernel.address_of(function, inputs=5, outputs=9, work=kernel.work_size + 8) == address
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
+def test_a_buffer_that_does_not_fit_is_named(kernel):
+    for change, named in [
         ({"inputs": 4}, "input buffer of two_parts: got 4 numbers a state, expected 5"),
         ({"inputs": 6}, "input buffer of two_parts: got 6 numbers a state, expected 5"),
         ({"outputs": 3}, "output buffer of two_parts: got 3 numbers a state, expected 4 or more"),
         ({"work": 1}, "work buffer of two_parts: got 1 numbers, expected"),
-    ],
-)
-def test_a_buffer_that_does_not_fit_is_named(kernel, change, named):
-    sizes = {"inputs": 5, "outputs": 4, "work": kernel.work_size} | change
-    with pytest.raises(InvalidValueError, match=named):
-        kernel.address_of("block", **sizes)
+    ]:
+        sizes = {"inputs": 5, "outputs": 4, "work": kernel.work_size} | change
+        with pytest.raises(InvalidValueError, match=named):
+            kernel.address_of("block", **sizes)
 
 
 def test_a_kernel_without_the_loop_has_no_such_address():

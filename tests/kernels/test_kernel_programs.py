@@ -4,7 +4,6 @@ import ctypes
 import dataclasses
 
 import casadi as ca
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -197,6 +196,8 @@ def test_block_of_states_by_address(small):
 
 
 def test_address_can_be_called_from_numba():
+    import numba  # 100 MB, which few workers need
+
     x = ca.SX.sym("x", 2)
     kernel = compile_function(ca.Function("step", [x], [x + 0.1 * ca.vertcat(x[1], -ca.sin(x[0]))]))
     step = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(kernel.single_address)

@@ -5,9 +5,6 @@ that run meanwhile.  An edit of any of them has to change the key.
 """
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
@@ -96,16 +93,8 @@ IRRELEVANT = {
 
 
 @pytest.mark.slow
-def test_the_key_of_a_kernel_names_every_source_that_runs_while_it_is_made(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        env={**os.environ, "PEPPER_KIN_CACHE": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    missing, count = done.stdout.splitlines()
+def test_the_key_of_a_kernel_names_every_source_that_runs_while_it_is_made(child, tmp_path):
+    missing, count = child(PROGRAM, PEPPER_KIN_CACHE=tmp_path).stdout.splitlines()
     assert int(count) >= 5
     left = {name: sorted(set(files) - IRRELEVANT) for name, files in json.loads(missing).items()}
     assert not {name: files for name, files in left.items() if files}

@@ -1,7 +1,5 @@
 """Eight floats side by side: each operation against NumPy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

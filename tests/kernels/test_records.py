@@ -1,7 +1,5 @@
 """Records in memory: each field against NumPy's structured arrays, and the keys of code that uses them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -232,14 +231,8 @@ print(max(edits), *changed)
     ],
     ids=["a comment", "docstrings", "one function"],
 )
-def test_an_edit_makes_the_units_anew_that_hold_the_function(tmp_path, old, new, expected):
-    done = subprocess.run(
-        [sys.executable, "-c", EDITED, old, new, "core/linear_algebra.py"],
-        env={**os.environ, "PEPPER_KIN_CACHE": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+def test_an_edit_makes_the_units_anew_that_hold_the_function(child, tmp_path, old, new, expected):
+    done = child(EDITED, old, new, "core/linear_algebra.py", PEPPER_KIN_CACHE=tmp_path)
     count, *changed = done.stdout.split()
     assert int(count) >= 1
     assert set(changed) == expected
@@ -259,14 +252,10 @@ print(json.dumps({"numba": "numba" in sys.modules, "ok": trajectory.check(pepper
 """
 
 
-def test_a_first_run_compiles_nothing_and_writes_nothing(tmp_path):
+def test_a_first_run_compiles_nothing_and_writes_nothing(child, tmp_path):
     """Also where neither home nor cache folder can be written."""
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
-    variables = {**os.environ, "PEPPER_KIN_CACHE": str(blocked / "cache"), "HOME": str(blocked / "home")}
-    done = subprocess.run(
-        [sys.executable, "-c", README_LIKE], env=variables, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    done = child(README_LIKE, PEPPER_KIN_CACHE=blocked / "cache", HOME=blocked / "home")
     assert json.loads(done.stdout) == {"numba": False, "ok": True}
     assert done.stderr == ""

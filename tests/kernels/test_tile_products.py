@@ -1,7 +1,5 @@
 """Tiles of products against NumPy's, and the banded factorization that is made of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

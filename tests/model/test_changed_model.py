@@ -127,9 +127,8 @@ def test_a_turning_joint_may_lose_and_get_its_bounds():
     assert (again.lower_limits[9], again.upper_limits[9]) == (-1.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "words"),
-    [
+def test_wrong_limits_are_named():
+    for arguments, error, words in [
         ({"upper": {"Tail": 1.0}}, UnknownNameError, "unknown joint or group 'Tail'"),
         ({"upper": {"HeadYaw": -3.0}}, InvalidValueError, "limits of HeadYaw: got -2.08.* to -3 rad"),
         ({"upper": {"HeadYaw": np.inf}}, InvalidValueError, "limits of HeadYaw"),
@@ -137,11 +136,9 @@ def test_a_turning_joint_may_lose_and_get_its_bounds():
         ({"velocity": {"HeadYaw": 0.0}}, InvalidValueError, "velocity limit of HeadYaw: got 0.0"),
         ({"effort": -1.0}, InvalidValueError, "effort limit of KneePitch: got -1.0"),
         ({"velocity": [1.0, 2.0]}, InvalidValueError, r"velocity limits: got shape \(2,\)"),
-    ],
-)
-def test_wrong_limits_are_named(arguments, error, words):
-    with pytest.raises(error, match=words):
-        PEPPER.with_limits(**arguments)
+    ]:
+        with pytest.raises(error, match=words):
+            PEPPER.with_limits(**arguments)
 
 
 def test_wrong_masses_are_named():

@@ -1,8 +1,6 @@
 """The URDF texts that come with the package, and the order that our own reader gives joints and frames."""
 
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pinocchio
@@ -101,14 +99,3 @@ def test_siblings_are_ordered_by_the_bytes_of_their_names():
     assert robot.joint_names == tuple(list(robot.pinocchio_model.names)[1:])
     for name in robot.frame_names:
         assert robot.pinocchio_model.frames[robot.frame_id(name)].name == name
-
-
-def test_nothing_heavy_is_imported_to_load_pepper():
-    code = (
-        "import sys, pickle, pepper_kin as pk; pepper = pickle.loads(pickle.dumps(pk.load_pepper()));"
-        "pepper.posture('Stand'); pepper.frame_id('Head'); pepper.joint_group('left_arm');"
-        "heavy = {'pinocchio', 'coal', 'hppfcl', 'casadi', 'scipy', 'numba', 'xacro', 'yaml', 'placo'};"
-        "print(sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

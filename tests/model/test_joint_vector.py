@@ -50,9 +50,8 @@ def test_limits_are_checked_where_asked_for():
     np.testing.assert_array_equal(PEPPER.joint_vector(STAND, check_limits=True), STAND)
 
 
-@pytest.mark.parametrize(
-    ("values", "error", "words"),
-    [
+def test_misuse_is_named():
+    for values, error, words in [
         ({"Tail": 0.1}, UnknownNameError, "unknown joint or group 'Tail'"),
         ({"HeadYaw": "left"}, InvalidValueError, "position of HeadYaw: got 'left'"),
         ({"HeadYaw": np.nan}, InvalidValueError, "position of HeadYaw: got nan"),
@@ -60,11 +59,9 @@ def test_limits_are_checked_where_asked_for():
         ({"head": 0.1}, InvalidValueError, r"position of head: got shape \(\), expected shape \(2,\)"),
         ({"head": (0.1, 0.2), "HeadYaw": 0.3}, InvalidValueError, "position of HeadYaw: got two values"),
         ([0.1, 0.2], InvalidValueError, r"joint vector: got shape \(2,\), expected shape \(15,\)"),
-    ],
-)
-def test_misuse_is_named(values, error, words):
-    with pytest.raises(error, match=words):
-        PEPPER.joint_vector(values)
+    ]:
+        with pytest.raises(error, match=words):
+            PEPPER.joint_vector(values)
 
 
 def test_an_unknown_rest_is_named():

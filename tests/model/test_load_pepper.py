@@ -102,22 +102,19 @@ def test_joint_vector_takes_the_rest_from_stand():
     assert np.array_equal(np.delete(q, 3), np.delete(stand, 3))
 
 
-@pytest.mark.parametrize(
-    ("call", "kind", "listed"),
-    [
+def test_unknown_names_list_what_there_is():
+    for call, kind, listed in [
         (lambda p: p.posture("Sit"), "posture", "StandZero"),
         (lambda p: p.joint_group("tail"), "joint group", "both_arms"),
         (lambda p: p.joint_index("Tail"), "joint", "KneePitch"),
         (lambda p: p.frame_id("Tail"), "frame", "LArm_effector"),
         (lambda p: p.joint_vector({"Tail": 0.1}), "joint or group", "HeadYaw"),
-    ],
-)
-def test_unknown_names_list_what_there_is(call, kind, listed):
-    with pytest.raises(UnknownNameError) as caught:
-        call(pk.load_pepper())
-    assert caught.value.kind == kind
-    assert listed in caught.value.available
-    assert listed in str(caught.value)
+    ]:
+        with pytest.raises(UnknownNameError) as caught:
+            call(pk.load_pepper())
+        assert caught.value.kind == kind
+        assert listed in caught.value.available
+        assert listed in str(caught.value)
 
 
 def test_bad_choice_and_bad_value_are_named():

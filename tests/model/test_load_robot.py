@@ -27,9 +27,8 @@ def test_continuous_joint_has_one_coordinate_without_bounds():
     np.testing.assert_allclose(pose[:3, 3], [0, 0.3, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
+def test_faults_are_named():
+    for old, new, message in [
         ('<link name="lower">', '<link name="upper">', "two links are named 'upper'"),
         ('<child link="lower"/>', '<child link="wrist"/>', "unknown link 'wrist'"),
         ('<child link="lower"/>', '<child link="upper"/>', "link 'upper' has two parent joints"),
@@ -52,13 +51,11 @@ def test_continuous_joint_has_one_coordinate_without_bounds():
         ),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', "axis of joint turn: '0 1' is not 3 finite numbers"),
         ('<axis xyz="0 0 1"/>', '<origin xyz="a"/>', "origin of joint turn: 'a' is not 3 finite numbers"),
-    ],
-)
-def test_faults_are_named(old, new, message):
-    assert old in ARM
-    with pytest.raises(ModelError) as caught:
-        pk.load_robot(ARM.replace(old, new, 1))
-    assert message in str(caught.value)
+    ]:
+        assert old in ARM
+        with pytest.raises(ModelError) as caught:
+            pk.load_robot(ARM.replace(old, new, 1))
+        assert message in str(caught.value)
 
 
 def test_unreadable_file_is_named(tmp_path):

@@ -1,7 +1,5 @@
 """SRDFs as the makers of robots write them, against Pinocchio's reader of reference configurations."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Where the mesh files of a description are found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -61,29 +61,15 @@ def test_a_pitch_of_the_head_that_no_robot_reached_is_a_note():
     assert {note.kind for note in pk.model.audit(documented).notes} == {"inertia"}
     nao = pepper_text().replace('"KneePitch"', '"LKneePitch"')
     assert {note.kind for note in audit(nao).notes} == {"inertia"}, "NAO has joints of the same names"
-    without = drop_limit("HeadPitch")
-    assert {note.kind for note in audit(without).notes} == {"inertia"}
+    nothing = without("limit", "HeadPitch")
+    assert {note.kind for note in audit(nothing).notes} == {"inertia"}
 
 
-def drop_limit(joint):
+def without(tag, joint):
     text = pepper_text()
     start = text.index(f'<joint name="{joint}"')
     end = text.index("</joint>", start)
-    return text[:start] + re.sub(r"<limit[^>]*/>", "", text[start:end]) + text[end:]
-
-
-def drop_mimic(joint):
-    text = pepper_text()
-    start = text.index(f'<joint name="{joint}"')
-    end = text.index("</joint>", start)
-    return text[:start] + re.sub(r"<mimic[^>]*/>", "", text[start:end]) + text[end:]
-
-
-def inside_out_sphere():
-    text = pepper_text()
-    start = text.index('<collision name="Head_capsule_0_start"')
-    end = text.index("</collision>", start)
-    return text[:start] + text[start:end].replace('radius="0.11314"', 'radius="-1"') + text[end:]
+    return text[:start] + re.sub(rf"<{tag}[^>]*/>", "", text[start:end]) + text[end:]
 
 
 def heavy_finger():
@@ -95,139 +81,57 @@ def heavy_finger():
     return f'{text[:start]}<link name="LFinger12_link"><inertial><mass value="0.005"/>{inertia}{text[end:]}'
 
 
+def head(old, new):
+    return in_element("link", "Head", old, new)
+
+
+def yaw(old, new):
+    return in_element("joint", "HeadYaw", old, new)
+
+
+def finger(new):
+    return in_element("joint", "LFinger12", 'mimic joint="LHand"', f'mimic joint="{new}"')
+
+
+LINK, JOINT, FINGER, TENSOR = "link Head", "joint HeadYaw", "joint LFinger12", 'ixx="0.00597209"'
+NO_WRIST = edited('<child link="l_wrist"/>', '<child link="no_wrist"/>')
+DOCTYPE = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot name="&a;"/>'
 PLANTED = [
-    (
-        "mass",
-        "link Head",
-        "its mass is negative: -1 kg",
-        in_element("link", "Head", 'mass value="1.51893"', 'mass value="-1"'),
-    ),
-    (
-        "mass",
-        "link Head",
-        "its <inertial> states no mass",
-        in_element("link", "Head", '<mass value="1.51893"/>', ""),
-    ),
-    (
-        "inertia",
-        "link Head",
-        "not positive definite",
-        in_element("link", "Head", 'ixx="0.00597209"', 'ixx="-0.00597209"'),
-    ),
-    (
-        "inertia",
-        "link Head",
-        "break the triangle inequality",
-        in_element("link", "Head", 'ixx="0.00597209"', 'ixx="0.0597209"'),
-    ),
+    ("mass", LINK, "its mass is negative: -1 kg", head('mass value="1.51893"', 'mass value="-1"')),
+    ("mass", LINK, "its <inertial> states no mass", head('<mass value="1.51893"/>', "")),
+    ("inertia", LINK, "not positive definite", head(TENSOR, 'ixx="-0.00597209"')),
+    ("inertia", LINK, "break the triangle inequality", head(TENSOR, 'ixx="0.0597209"')),
     ("inertia", "link LFinger12_link", "radius of gyration 0.1732 m, but no point", heavy_finger()),
-    ("limits", "joint HeadYaw", "missing: lower, upper, velocity, effort", drop_limit("HeadYaw")),
-    (
-        "limits",
-        "joint HeadYaw",
-        "its lower limit 3 is above its upper limit 2.08567",
-        in_element("joint", "HeadYaw", 'lower="-2.08567"', 'lower="3"'),
-    ),
-    (
-        "limits",
-        "joint HeadYaw",
-        "its effort limit is 0",
-        in_element("joint", "HeadYaw", 'effort="5.428"', 'effort="0"'),
-    ),
-    (
-        "limits",
-        "joint HeadYaw",
-        "its velocity limit is 0",
-        in_element("joint", "HeadYaw", 'velocity="7.33998"', 'velocity="0"'),
-    ),
-    ("mimic", "the fingers", "they follow their hand, but not these: LFinger12", drop_mimic("LFinger12")),
-    (
-        "mimic",
-        "the fingers",
-        "1 of 28 are missing: RThumb2",
-        edited('joint name="RThumb2"', 'joint name="RThumbX"'),
-    ),
-    (
-        "mimic",
-        "joint LFinger12",
-        "it follows an unknown joint 'LPaw'",
-        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="LPaw"'),
-    ),
-    (
-        "mimic",
-        "joint LFinger12",
-        "it follows itself: LFinger12 -> LFinger12",
-        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="LFinger12"'),
-    ),
-    (
-        "mimic",
-        "joint LFinger12",
-        "it follows the other side's RHand",
-        in_element("joint", "LFinger12", 'mimic joint="LHand"', 'mimic joint="RHand"'),
-    ),
-    (
-        "structure",
-        "the robot",
-        "do not hang on the root: l_wrist",
-        edited('<child link="l_wrist"/>', '<child link="no_wrist"/>'),
-    ),
-    (
-        "structure",
-        "joint LWristYaw",
-        "it names an unknown link 'no_wrist'",
-        edited('<child link="l_wrist"/>', '<child link="no_wrist"/>'),
-    ),
-    (
-        "structure",
-        "link Head",
-        "two links have this name",
-        edited('<link name="Neck">', '<link name="Head">'),
-    ),
-    (
-        "structure",
-        "link RShoulder",
-        "it has 2 parents: HeadPitch, RShoulderPitch",
-        edited('<child link="Head"/>', '<child link="RShoulder"/>'),
-    ),
-    (
-        "structure",
-        "joint HeadPitch",
-        "type 'ball' is none of",
-        in_element("joint", "HeadPitch", 'type="revolute"', 'type="ball"'),
-    ),
-    (
-        "number",
-        "origin of joint HeadYaw",
-        "xyz='-0.038 zero 0.3089' is not 3 finite numbers",
-        in_element("joint", "HeadYaw", 'xyz="-0.038 0 0.3089"', 'xyz="-0.038 zero 0.3089"'),
-    ),
-    (
-        "number",
-        "link Head",
-        "value='nan' is not a finite number",
-        in_element("link", "Head", 'value="1.51893"', 'value="nan"'),
-    ),
-    (
-        "mesh",
-        "visual head_shell of link Head",
-        "'package://pepper_kin/urdf/meshes/lost.stl' is not there",
-        edited("meshes/head_shell.stl", "meshes/lost.stl"),
-    ),
-    (
-        "geometry",
-        "collision Head_capsule_0_start of link Head",
-        "sphere: radius='-1' is not above zero",
-        inside_out_sphere(),
-    ),
+    ("limits", JOINT, "missing: lower, upper, velocity, effort", without("limit", "HeadYaw")),
+    ("limits", JOINT, "its lower limit 3 is above its upper limit 2.08567",
+     yaw('lower="-2.08567"', 'lower="3"')),
+    ("limits", JOINT, "its effort limit is 0", yaw('effort="5.428"', 'effort="0"')),
+    ("limits", JOINT, "its velocity limit is 0", yaw('velocity="7.33998"', 'velocity="0"')),
+    ("mimic", "the fingers", "they follow their hand, but not these: LFinger12",
+     without("mimic", "LFinger12")),
+    ("mimic", "the fingers", "1 of 28 are missing: RThumb2",
+     edited('joint name="RThumb2"', 'joint name="RThumbX"')),
+    ("mimic", FINGER, "it follows an unknown joint 'LPaw'", finger("LPaw")),
+    ("mimic", FINGER, "it follows itself: LFinger12 -> LFinger12", finger("LFinger12")),
+    ("mimic", FINGER, "it follows the other side's RHand", finger("RHand")),
+    ("structure", "the robot", "do not hang on the root: l_wrist", NO_WRIST),
+    ("structure", "joint LWristYaw", "it names an unknown link 'no_wrist'", NO_WRIST),
+    ("structure", LINK, "two links have this name", edited('<link name="Neck">', '<link name="Head">')),
+    ("structure", "link RShoulder", "it has 2 parents: HeadPitch, RShoulderPitch",
+     edited('<child link="Head"/>', '<child link="RShoulder"/>')),
+    ("structure", "joint HeadPitch", "type 'ball' is none of",
+     in_element("joint", "HeadPitch", 'type="revolute"', 'type="ball"')),
+    ("number", "origin of joint HeadYaw", "xyz='-0.038 zero 0.3089' is not 3 finite numbers",
+     yaw('xyz="-0.038 0 0.3089"', 'xyz="-0.038 zero 0.3089"')),
+    ("number", LINK, "value='nan' is not a finite number", head('value="1.51893"', 'value="nan"')),
+    ("mesh", "visual head_shell of link Head", "'package://pepper_kin/urdf/meshes/lost.stl' is not there",
+     edited("meshes/head_shell.stl", "meshes/lost.stl")),
+    ("geometry", "collision Head_capsule_0_start of link Head", "sphere: radius='-1' is not above zero",
+     in_element("collision", "Head_capsule_0_start", 'radius="0.11314"', 'radius="-1"')),
     ("xml", "the file", "not well-formed (invalid token)", "<robot name='x'><link name=</robot>"),
     ("xml", "the file", "the root element is <sdf>, expected <robot>", "<sdf version='1.9'/>"),
-    (
-        "xml",
-        "the file",
-        "entities are not allowed",
-        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]><robot name="&a;"/>',
-    ),
-]
+    ("xml", "the file", "entities are not allowed", DOCTYPE),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
 """Joints and frames that the library reads by itself, against Pinocchio's numbers."""
 
 import importlib.metadata
-import subprocess
-import sys
-import textwrap
 
 import numpy as np
 import pinocchio
@@ -78,18 +75,3 @@ def test_what_is_changed_in_pinocchios_model_counts():
     model.jointPlacements[3] = pinocchio.SE3(pinocchio.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.1, 0, 0]))
     check(moving_tree(pepper), pepper, model)
     assert not np.array_equal(moving_tree(pepper).rotations, before.rotations)
-
-
-def test_a_first_answer_with_collisions_loads_no_pinocchio():
-    program = """
-        import sys
-        import pepper_kin as pk
-        pepper = pk.load_pepper()
-        target = (0.38, 0.22, 0.82)
-        assert pk.ik.solve(pepper, [pk.ik.HandPosition("left", target), pk.ik.LookAt(target)]).success
-        print(sorted({"pinocchio", "coal", "casadi"} & set(sys.modules)))
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "[]\n"

@@ -1,7 +1,5 @@
 """Arguments that are one number take numbers alone: no truth values, texts, lists or endless integers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -36,12 +34,12 @@ CALLS: dict[str, Callable[[Any], object]] = {
 }
 
 
-@pytest.mark.parametrize("value", WRONG, ids=lambda value: type(value).__name__)
-@pytest.mark.parametrize("call", CALLS)
-def test_what_is_not_one_number_in_range_is_refused(call: str, value: Any) -> None:
-    with pytest.raises(InvalidValueError, match=r"(?s).+: got .*, expected .+") as caught:
-        CALLS[call](value)
-    assert len(str(caught.value)) < 400
+def test_what_is_not_one_number_in_range_is_refused() -> None:
+    for call in CALLS:
+        for value in WRONG:
+            with pytest.raises(InvalidValueError, match=r"(?s).+: got .*, expected .+") as caught:
+                CALLS[call](value)
+            assert len(str(caught.value)) < 400
 
 
 @pytest.mark.parametrize(

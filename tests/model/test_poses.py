@@ -78,9 +78,8 @@ def test_rounded_quaternions_are_taken_and_made_unit():
     np.testing.assert_allclose(turn, rotation_from_rpy((0, 0, np.pi / 2)), atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_misuse_is_named():
+    for arguments, words in [
         ({"quaternion_xyzw": (0, 0, 0, 2)}, r"quaternion \(xyzw\): got .* of length 2, expected a unit"),
         ({"quaternion_wxyz": (0, 0, 0, 0)}, r"quaternion \(wxyz\): got .* of length 0"),
         ({"quaternion_xyzw": (0, 0, 1)}, r"quaternion \(xyzw\): got shape \(3,\)"),
@@ -91,11 +90,9 @@ def test_rounded_quaternions_are_taken_and_made_unit():
         ({"rpy": (0, 0, 0), "rotation": np.eye(3)}, "orientation: got rpy and rotation, expected one of"),
         ({"position": (0, 0)}, r"position: got shape \(2,\)"),
         ({"position": np.zeros((2, 3)), "rpy": np.zeros((3, 3))}, "leading axes that fit"),
-    ],
-)
-def test_misuse_is_named(arguments, words):
-    with pytest.raises(InvalidValueError, match=words):
-        pk.pose(**arguments)
+    ]:
+        with pytest.raises(InvalidValueError, match=words):
+            pk.pose(**arguments)
 
 
 def test_another_order_is_refused():

@@ -123,9 +123,8 @@ def test_a_start_in_a_box_is_reported(pepper, start):
     assert len(found.path) == 1
 
 
-@pytest.mark.parametrize(
-    ("error", "change", "word"),
-    [
+def test_misuse_is_named(pepper, start):
+    for error, change, word in [
         (InvalidValueError, {"curves": []}, "curves"),
         (InvalidValueError, {"curves": [(0, 0, 0)]}, "curves"),
         (InvalidValueError, {"step": 0.0}, "step"),
@@ -137,13 +136,11 @@ def test_a_start_in_a_box_is_reported(pepper, start):
         (UnknownNameError, {"joints": "tail"}, "tail"),
         (LimitError, {"start": np.full(15, 9.0)}, "start"),
         (InvalidValueError, {"start": np.zeros((2, 15))}, "start"),
-    ],
-)
-def test_misuse_is_named(pepper, start, error, change, word):
-    arguments = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
-    positional = (arguments.pop("start"), arguments.pop("hand"), arguments.pop("curves"))
-    with pytest.raises(error, match=word):
-        cartesian_path(pepper, *positional, **arguments)
+    ]:
+        arguments = {"start": start, "hand": "left", "curves": Line((0.0, 0.0, 0.05), relative=True)} | change
+        positional = (arguments.pop("start"), arguments.pop("hand"), arguments.pop("curves"))
+        with pytest.raises(error, match=word):
+            cartesian_path(pepper, *positional, **arguments)
 
 
 def test_curves_refuse_what_is_none():

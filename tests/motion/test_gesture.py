@@ -101,9 +101,8 @@ def test_names_and_meanings():
         assert np.all(np.diff(times) > 0)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_wrong_options(pepper):
+    for options, message in [
         ({"side": "middle"}, "side: got 'middle'"),
         ({"amplitude": 0.0}, "amplitude: got 0.0, expected a number above 0 and at most 1.25"),
         ({"amplitude": 1.3}, "amplitude: got 1.3"),
@@ -112,11 +111,9 @@ def test_names_and_meanings():
         ({"tempo": 0.1}, "tempo: got 0.1, expected a number at least 0.25 and at most 4"),
         ({"tempo": 9}, "tempo: got 9"),
         ({"tempo": "fast"}, "tempo: got 'fast'"),
-    ],
-)
-def test_wrong_options(pepper, options, message):
-    with pytest.raises(InvalidValueError, match=message):
-        gesture(pepper, "wave", **options)
+    ]:
+        with pytest.raises(InvalidValueError, match=message):
+            gesture(pepper, "wave", **options)
 
 
 def test_unknown_gestures(pepper):

@@ -1,7 +1,4 @@
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -327,23 +324,6 @@ def test_code_is_loaded_before_the_clock_starts(pepper, monkeypatch, options):
     goal = [pk.ik.FramePosition("l_gripper", [0.3, 0.2, 0.9])]
     pk.plan(pepper, pepper.posture("Stand"), goal, **options)
     assert order == ["load_code_for", "Ending"]
-
-
-def test_the_same_source_plans_interpreted(over_the_table):
-    """Without machine code: the same path."""
-    pepper, start, goal = over_the_table
-    program = """
-import numpy as np, pepper_kin as pk, sys
-pepper = pk.load_pepper()
-table = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
-plan = pk.plan(pepper, pepper.posture("Stand"), np.array(eval(sys.argv[1])), table, timeout=120.0)
-print(plan.path.tolist())
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program, repr(goal.tolist())],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    np.testing.assert_allclose(eval(done.stdout), pk.plan(pepper, start, goal, TABLE).path, atol=1e-9)
 
 
 @pytest.mark.parametrize("distance", [1.1e-9, 1e-8, 9e-8, 1e-6])

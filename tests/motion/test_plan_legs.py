@@ -92,7 +92,7 @@ def test_a_fixed_goal_that_the_next_leg_forbids_is_said(pepper):
     assert len(found.plans) == 2
 
 
-@pytest.mark.parametrize("legs", [[], [3], [[pk.ik.HandPosition("left", LEFT)]]])
-def test_what_is_no_leg_is_refused(pepper, legs):
-    with pytest.raises(InvalidValueError, match="legs"):
-        plan_legs(pepper, pepper.posture("Stand"), legs)
+def test_what_is_no_leg_is_refused(pepper):
+    for legs in [[], [3], [[pk.ik.HandPosition("left", LEFT)]]]:
+        with pytest.raises(InvalidValueError, match="legs"):
+            plan_legs(pepper, pepper.posture("Stand"), legs)

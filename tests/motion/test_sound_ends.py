@@ -1,7 +1,5 @@
 """The look at all ends of a motion at once, against coal's verdicts and Pinocchio's torques, one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio
 import pytest

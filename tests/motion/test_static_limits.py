@@ -128,7 +128,7 @@ def _problems(count: int, seed: int):
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(30, 0), pytest.param(400, 1, marks=pytest.mark.thousand)], ids=["few", "many"]
+    ("count", "seed"), [(16, 0), pytest.param(400, 1, marks=pytest.mark.thousand)], ids=["few", "many"]
 )
 def test_retime_never_refuses_what_was_planned_with_a_load(count, seed):
     solved, carried = 0, {"payload": {"left": 0.8}, "balance": 0.02}
@@ -281,7 +281,7 @@ def test_validate_holds_motions_against_torque_and_balance_with_the_load():
 def test_retime_never_refuses_what_was_made_shorter_with_a_load():
     rng, carried, without = np.random.default_rng(5), {"payload": {"left": 0.8}, "balance": 0.02}, 0
     solved = 0
-    for number, (start, goal) in enumerate(_problems(24, 3)):
+    for number, (start, goal) in enumerate(_problems(12, 3)):
         plan = pk.plan(PEPPER, start, goal, TABLE, seed=number, **carried)
         if not plan.success or len(plan.path) < 3:
             continue
@@ -296,7 +296,7 @@ def test_retime_never_refuses_what_was_made_shorter_with_a_load():
                 assert certificate.success, certificate.report()
                 assert validate(PEPPER, found, TABLE, **carried).success
         without += free.success and not validate(PEPPER, free, TABLE, **carried).success
-    assert solved > 12
+    assert solved > 6
     assert without > 0
 
 

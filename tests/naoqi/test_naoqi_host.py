@@ -231,11 +231,13 @@ def test_half_messages_keep_no_client_out_and_other_bytes_end_their_connection(h
         link.close()
 
 
-@pytest.mark.parametrize("port", [-1, 65536, True, 9559.0, "9559"])
-def test_a_port_that_there_is_not_is_refused(host, port):
+def test_a_port_that_there_is_not_is_refused(host):
     """libqi takes another one for it, without a word."""
-    with pytest.raises(InvalidValueError, match=r"port: got .*, expected a whole number in 0 \.\.\. 65535"):
-        Host(host.broker, port=port)
+    for port in [-1, 65536, True, 9559.0, "9559"]:
+        with pytest.raises(
+            InvalidValueError, match=r"port: got .*, expected a whole number in 0 \.\.\. 65535"
+        ):
+            Host(host.broker, port=port)
 
 
 def test_an_address_or_a_port_that_cannot_be_had_is_refused_by_name(host):

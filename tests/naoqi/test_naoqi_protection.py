@@ -13,10 +13,10 @@ ARM = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
 
 
 def least(body, q):
-    """The least distance of links and objects but those within a hand [m]."""
-    near = collision.near_pairs(body.pepper, q, 0.3, body.scene)
+    """The least distance of links and objects but those within a hand, 3 cm at most [m]."""
+    near = collision.near_pairs(body.pepper, q, 0.03, body.scene)
     of_a_hand = [a[0] == b[0] and all("Finger" in n or "Thumb" in n for n in (a, b)) for a, b in near.names]
-    return near.distances[~np.array(of_a_hand)].min()
+    return near.distances[~np.array(of_a_hand, dtype=bool)].min(initial=0.03)
 
 
 def watched(broker):
@@ -45,7 +45,7 @@ def test_an_arm_stops_before_it_touches(scene):
     with Broker(mode="robot", real_time=False, scene=scene) as broker:
         motion, distances = broker.motion, watched(broker)
         before = broker.body.commanded("LShoulderPitch")
-        for _ in range(12):
+        for _ in range(8):
             names, angles = colliding(broker.body.pepper, rng, scene)
             motion.setAngles(names, angles, float(rng.uniform(0.2, 1.0)))
             broker.body.time.sleep(1.5)

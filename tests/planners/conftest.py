@@ -1,15 +1,14 @@
 """Toy worlds whose exact validity is known in closed form, for states and for whole edges."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from numba import cfunc, types
 
+from pepper_kin.kernels import compiled
+from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.planners import CompiledMotionValidator
 
 
@@ -106,18 +105,19 @@ def boxes_6d() -> World:
     return World((center - half)[keep], (center + half)[keep], np.empty((0, 6)))
 
 
-SIGNATURE = types.int64(
-    types.CPointer(types.float64), types.CPointer(types.float64), types.int64, types.CPointer(types.float64)
-)
-
-
-@cfunc(SIGNATURE, error_model="numpy")
-def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
-    """A `World` as machine code: its memory holds n, the numbers of boxes and balls, and then these."""
-    n = int(memory[0])
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def valid_steps(start, end, steps, table):  # type: ignore[no-untyped-def]
+    """A `World` as machine code: its table holds n, the numbers of boxes and balls, and then these."""
+    head = floats_at(table, 3)
+    n, boxes, balls = int(head[0]), int(head[1]), int(head[2])
+    a, b, memory = (
+        floats_at(start, n),
+        floats_at(end, n),
+        floats_at(table, 3 + 2 * n * boxes + (n + 1) * balls),
+    )
     for j in range(1, steps + 1):
         place = 3
-        for _ in range(int(memory[1])):
+        for _ in range(boxes):
             inside = True
             for i in range(n):
                 x = b[i] if j == steps else a[i] + (b[i] - a[i]) * j / steps
@@ -125,7 +125,7 @@ def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
             if inside:
                 return j - 1
             place += 2 * n
-        for _ in range(int(memory[2])):
+        for _ in range(balls):
             square = 0.0
             for i in range(n):
                 x = b[i] if j == steps else a[i] + (b[i] - a[i]) * j / steps

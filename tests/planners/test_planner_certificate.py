@@ -1,12 +1,6 @@
-from __future__ import annotations
-
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
-import pepper_kin.planners as planners
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.planners import Path, Problem, certify, smooth
 
@@ -49,14 +43,3 @@ def test_wrong_size_is_named() -> None:
     problem = Problem([0, 0], [1, 1], [0, 0], [1, 0], left_half)
     with pytest.raises(InvalidValueError, match="path: got 1 coordinates, expected 2 coordinates"):
         certify(problem, Path([[0.0], [1.0]]))
-
-
-def test_public_names_exist_and_the_import_is_light() -> None:
-    assert all(hasattr(planners, name) for name in planners.__all__)
-    code = (
-        "import sys, pepper_kin.planners as p; "
-        "heavy = ('scipy', 'pinocchio', 'coal', 'casadi', 'numba', 'matplotlib'); "
-        "print([m for m in heavy if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

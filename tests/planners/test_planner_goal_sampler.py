@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import time
 
@@ -106,16 +104,15 @@ def test_a_path_to_a_drawn_goal_is_improved(discs, machine_code) -> None:  # typ
         assert result.cost <= first.cost
 
 
-@pytest.mark.parametrize(
-    ("drawn", "message"),
-    [
+def test_misuse_is_named(wall, checker_of) -> None:
+    for drawn, message in [
         ([0.5, 1.5], "goal drawn[1] (y): got 1.5, expected a value within the bounds [0, 1]"),
         ([np.nan, 0.5], "goal drawn[0] (x): got nan, expected a finite number"),
         ([0.5], "goal drawn: got shape (1,), expected a vector of shape (2,)"),
         ("goal", "goal drawn: got goal"),
-    ],
-)
-def test_misuse_is_named(drawn, message: str, wall, checker_of) -> None:  # type: ignore[no-untyped-def]
-    problem = Problem([0, 0], [1, 1], LEFT, lambda rng: drawn, checker_of(wall, 0.0), labels=("x", "y"))
-    with pytest.raises(InvalidValueError, match=re.escape(message)):
-        rrt_connect(problem)
+    ]:
+        problem = Problem(
+            [0, 0], [1, 1], LEFT, lambda rng, x=drawn: x, checker_of(wall, 0.0), labels=("x", "y")
+        )
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            rrt_connect(problem)

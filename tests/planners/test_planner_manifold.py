@@ -1,8 +1,5 @@
 """Constraints of closed form: circle, sphere and torus."""
 
-import os
-import subprocess
-import sys
 import time
 from itertools import pairwise
 
@@ -10,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import cfunc, types
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import compiled
+from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.planners import (
     CompiledManifold,
     CompiledMotionValidator,
@@ -254,25 +252,19 @@ def test_a_closed_belt_ends_by_iterations_or_by_time():
     assert time.thread_time() - spent < 2.0
 
 
-@cfunc(types.void(*[types.CPointer(types.float64)] * 3), error_model="numpy")
+@compiled("void(int64, int64, int64)", by_address=True)
 def ellipsoid(given, out, work):  # type: ignore[no-untyped-def]
     """x^2 / a + y^2 / b + z^2 / c - 1 of the input (a, b, c, x, y, z); the Jacobian is by (z, y, x)."""
-    total = -1.0
+    x, result, total = floats_at(given, 6), floats_at(out, 4), -1.0
     for i in range(3):
-        total += given[3 + i] ** 2 / given[i]
-        out[1 + 2 - i] = 2.0 * given[3 + i] / given[i]
-    out[0] = total
+        total += x[3 + i] ** 2 / x[i]
+        result[1 + 2 - i] = 2.0 * x[3 + i] / x[i]
+    result[0] = total
 
 
-@cfunc(
-    types.int64(
-        types.CPointer(types.float64),
-        types.CPointer(types.float64),
-        types.int64,
-        types.CPointer(types.float64),
-    )
-)
-def valid_steps(a, b, steps, memory):  # type: ignore[no-untyped-def]
+@compiled("int64(int64, int64, int64, int64)", by_address=True)
+def valid_steps(start, end, steps, memory):  # type: ignore[no-untyped-def]
+    a, b = floats_at(start, 3), floats_at(end, 3)
     for j in range(1, steps + 1):
         z = b[2] if j == steps else a[2] + (b[2] - a[2]) * j / steps
         x = b[0] if j == steps else a[0] + (b[0] - a[0]) * j / steps
@@ -332,9 +324,8 @@ def test_a_residual_that_is_nan_is_no_state_of_the_manifold():
     assert cbirrt(problem, ConstraintManifold(nan, 3, 1)).status is Status.START_OFF_MANIFOLD
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
+def test_what_is_no_manifold_is_refused_by_name():
+    for change, named in [
         (dict(n=0), "n"),
         (dict(rows=0), "rows"),
         (dict(function=3), "function"),
@@ -343,12 +334,10 @@ def test_a_residual_that_is_nan_is_no_state_of_the_manifold():
         (dict(groups=[0, 2]), "groups"),
         (dict(groups=[0]), "groups"),
         (dict(names=("one", "two", "three")), "names"),
-    ],
-)
-def test_what_is_no_manifold_is_refused_by_name(change, named):
-    fields = dict(function=sphere, n=3, rows=2, tolerances=[1e-3, 1e-3], groups=[0, 1])
-    with pytest.raises(InvalidValueError, match=named):
-        ConstraintManifold(**(fields | change))
+    ]:
+        fields = dict(function=sphere, n=3, rows=2, tolerances=[1e-3, 1e-3], groups=[0, 1])
+        with pytest.raises(InvalidValueError, match=named):
+            ConstraintManifold(**(fields | change))
 
 
 def test_a_problem_that_does_not_fit_is_refused():
@@ -366,35 +355,3 @@ def test_a_problem_that_does_not_fit_is_refused():
 
 def test_an_end_that_was_not_looked_at_in_time_is_not_called_invalid(through_the_hole):
     assert cbirrt(*through_the_hole, timeout=1e-9).status is Status.NO_PATH_IN_TIME
-
-
-def test_the_same_source_runs_interpreted():
-    """Without machine code: the same path and short-cut of it to the last bits."""
-    program = """
-import numpy as np
-from pepper_kin.planners import ConstraintManifold, Problem, cbirrt, constrained_shortcut
-
-def circle(x):
-    return (x**2).sum(axis=1, keepdims=True) - 1.0, 2.0 * x[:, None]
-
-free = lambda x: ~((abs(x[:, 0]) < 0.2) & (x[:, 1] > 0.0))
-ends = [np.cos(2.5), np.sin(2.5)], [np.cos(0.6), np.sin(0.6)]
-problem = Problem([-2, -2], [2, 2], *ends, free, resolution=0.2)
-manifold = ConstraintManifold(circle, 2, 1, 1e-3)
-path = cbirrt(problem, manifold, seed=1, timeout=60.0).path
-short = constrained_shortcut(problem, manifold, path, iterations=5, timeout=60.0)
-print([path.points.tolist(), short.points.tolist()])
-"""
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, **more},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
-    ]
-    for compiled, interpreted in zip(*map(eval, said), strict=True):
-        assert len(compiled) > 10
-        np.testing.assert_allclose(compiled, interpreted, atol=1e-9)

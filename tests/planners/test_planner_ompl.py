@@ -1,8 +1,5 @@
 """Planners of OMPL through the same problem and result."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -69,7 +66,7 @@ def test_the_nearest_of_several_goals_is_named():
 
 
 @pytest.mark.parametrize("name", sorted(set(ompl_planner.TWO_THREADS) & set(AVAILABLE)))
-def test_planners_with_a_second_thread_return_where_there_are_several_goals(name):
+def test_planners_with_a_second_thread_return_where_there_are_several_goals(child, name):
     """In a process that can be ended: they waited for ever, and no interrupt was heard."""
     script = (
         "import numpy as np; from pepper_kin.planners import Problem, ompl_plan;"
@@ -79,8 +76,7 @@ def test_planners_with_a_second_thread_return_where_there_are_several_goals(name
         f"result = ompl_plan(task, {name!r}, timeout=0.6);"
         "print(result.status.name, result.goal_index, np.linalg.norm(result.path.points, axis=1).min() > 0.5)"
     )
-    made = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
-    assert made.stdout.split() == ["SOLVED", "2", "True"], made.stderr
+    assert child(script).stdout.split() == ["SOLVED", "2", "True"]
 
 
 def test_planners_that_ask_in_many_threads_are_refused_by_name():

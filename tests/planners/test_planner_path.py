@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -75,9 +73,8 @@ def test_loop_keeps_its_end_when_merged() -> None:
     assert len(Path([[0, 0], [1e-9, 0], [0, 0]]).merged(1e-6)) == 1
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
+def test_misuse_is_named() -> None:
+    for call, message in [
         (lambda: Path([[0, np.nan]]), "points[0][1]: got nan, expected a finite number"),
         (lambda: Path([0, 1]), "points: got shape (2,), expected points of shape (k, n)"),
         (lambda: Path([[0, 1]], [1, -1]), "weights[1]: got -1.0, expected a finite number above 0"),
@@ -85,8 +82,6 @@ def test_loop_keeps_its_end_when_merged() -> None:
         (lambda: Path([[0], [1]])(np.nan), "s: got nan, expected arc lengths within [0, 1]"),
         (lambda: Path([[0], [1]]).resample(0), "spacing: got 0, expected a finite number above 0"),
         (lambda: Path([[0], [1]]).merged(np.inf), "tolerance: got inf, expected a finite number above 0"),
-    ],
-)
-def test_misuse_is_named(call, message: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InvalidValueError, match=re.escape(message)):
-        call()
+    ]:
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            call()

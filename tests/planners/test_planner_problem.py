@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -47,9 +45,8 @@ def test_default_resolution_is_a_hundredth_of_the_weighted_diagonal() -> None:
 LABELS = ("HeadYaw", "HeadPitch")
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_misuse_is_named() -> None:
+    for changes, message in [
         (dict(lower=[0, -np.inf]), "lower[1]: got -inf, expected a finite bound"),
         (dict(upper=[1, np.inf], labels=LABELS), "upper[1] (HeadPitch): got inf, expected a finite bound"),
         (dict(upper=[1, np.inf]), "give an unbounded coordinate a finite sampling range"),
@@ -74,11 +71,9 @@ LABELS = ("HeadYaw", "HeadPitch")
         (dict(labels=("a", "a")), "labels: got ('a', 'a'), expected n different names"),
         (dict(labels="ab"), "labels: got ab, expected n different names"),
         (dict(labels=("a", "b", "c")), "lower: got shape (2,), expected a vector of shape (3,)"),
-    ],
-)
-def test_misuse_is_named(changes: dict, message: str) -> None:
-    with pytest.raises(InvalidValueError, match=re.escape(message)):
-        make(**changes)
+    ]:
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            make(**changes)
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)

@@ -1,7 +1,5 @@
 """Other goals at the end of a path: lengths in closed form, walls whose free edges are known exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import time
 
@@ -163,9 +161,8 @@ def test_start_is_goal(maze_problem) -> None:  # type: ignore[no-untyped-def]
     assert result.cost == 0.0
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
+def test_misuse_is_named(maze_problem) -> None:
+    for call, message in [
         (lambda p: Roadmap(p, seed=-1), "seed: got -1"),
         (lambda p: Roadmap(p, resolution=0), "resolution: got 0, expected a finite number above 0"),
         (lambda p: Roadmap(p).grow(-1), "nodes: got -1, expected an integer >= 0"),
@@ -177,8 +174,6 @@ def test_start_is_goal(maze_problem) -> None:  # type: ignore[no-untyped-def]
             lambda p: Roadmap(Problem([0, 0], [1, 1], [0, 0], lambda rng: None, p.validity)).solve(),
             "goals: got a sampler, expected goal states",
         ),
-    ],
-)
-def test_misuse_is_named(call, message: str, maze_problem) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InvalidValueError, match=re.escape(message)):
-        call(maze_problem)
+    ]:
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            call(maze_problem)

@@ -1,10 +1,5 @@
-from __future__ import annotations
-
 import ctypes
-import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -288,39 +283,6 @@ def test_an_interrupt_from_the_keyboard_ends_machine_code(closed_wall, machine_c
             rrt_connect(problem, timeout=60.0, max_iterations=10**9)
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def test_the_same_source_runs_interpreted(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    """Without machine code: the same path to the last bit, and short-cuts of it."""
-    program = """
-import numpy as np
-from pepper_kin.planners import Problem, Roadmap, aorrtc, rrt_connect, shortcut, smooth
-free = lambda q: ~((abs(q[:, 0] - 0.5) < 0.1) & (q[:, 1] < 0.7))
-problem = Problem([0, 0], [1, 1], [0.1, 0.1], [0.9, 0.1], free, resolution=0.004)
-path = rrt_connect(problem, seed=1, timeout=60.0).path
-short = shortcut(problem, path, iterations=30, timeout=60.0)
-better = aorrtc(problem, path, timeout=60.0, max_iterations=60).path
-road = Roadmap(problem)
-road.grow(40, timeout=60.0)
-found = road.solve(timeout=60.0).path
-rounded = smooth(problem, short, resolution=0.002)
-curve = rounded(np.linspace(0, rounded.length, 9))
-for points in (path.points, short.points, better.points, found.points, curve):
-    print(points.tolist())
-"""
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, **more},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.splitlines()
-        for more in ({}, {"NUMBA_DISABLE_JIT": "1"})
-    ]
-    assert len(said[0]) == 5
-    for compiled, interpreted in zip(*said, strict=True):
-        np.testing.assert_allclose(eval(compiled), eval(interpreted), atol=1e-12)
 
 
 @pytest.mark.parametrize(("shut", "side"), [("start", Status.START_SHUT_IN), ("goal", Status.GOAL_SHUT_IN)])

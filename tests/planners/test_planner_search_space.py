@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import threading
 
@@ -202,9 +200,8 @@ def test_clock_is_the_one_of_deadlines() -> None:
     assert Deadline(5.0).left == pytest.approx(5.0, abs=0.5)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
+def test_misuse_is_named(maze, machine_code) -> None:
+    for call, message in [
         (lambda c: CompiledMotionValidator(0, 2), "address: got 0, expected an integer >= 1"),
         (lambda c: CompiledMotionValidator("f", 2), "address: got f"),
         (lambda c: CompiledMotionValidator(c.address, 0), "n: got 0, expected an integer >= 1"),
@@ -219,8 +216,6 @@ def test_clock_is_the_one_of_deadlines() -> None:
             lambda c: Problem([0] * 3, [1] * 3, [0] * 3, [1] * 3, c),
             "validity: got machine code for 2 coordinates",
         ),
-    ],
-)
-def test_misuse_is_named(call, message: str, maze, machine_code) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InvalidValueError, match=re.escape(message)):
-        call(machine_code(maze))
+    ]:
+        with pytest.raises(InvalidValueError, match=re.escape(message)):
+            call(machine_code(maze))

@@ -1,8 +1,5 @@
 """Simulations of the adapter: several at once, several robots, their end, and the page in the browser."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -114,7 +111,7 @@ def test_errors_are_those_of_pybullet():
         SimulationManager().stepSimulation(99)
 
 
-def test_the_adapter_needs_no_pybullet():
+def test_the_adapter_needs_no_pybullet(child):
     code = (
         "import sys; sys.modules['pybullet'] = None\n"
         "import importlib.util as u; find = u.find_spec\n"
@@ -123,8 +120,7 @@ def test_the_adapter_needs_no_pybullet():
         "try: SimulationManager().stepSimulation(99)\n"
         "except SimulationError as error: print(isinstance(error, RuntimeError))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "True"
+    assert child(code).stdout == "True\n"
 
 
 def test_a_page_follows_the_robot(manager, monkeypatch):

@@ -84,9 +84,8 @@ def test_a_planned_trajectory_survives_the_message(pepper):
     assert np.abs(found - planned(t).position[:, rows]).max() < 2e-3
 
 
-@pytest.mark.parametrize(
-    ("points", "words"),
-    [
+def test_refused_points():
+    for points, words in [
         ([], "no points"),
         ([(0.5, [0.0, 0.0]), (0.5, [0.1, 0.1])], "point 1 at 0.5 s does not come after"),
         ([(-0.5, [0.0, 0.0])], "point 0 at -0.5 s"),
@@ -97,22 +96,21 @@ def test_a_planned_trajectory_survives_the_message(pepper):
         ([(0.5, [0.0, 0.0], [0.0, 0.4])], "velocity of HeadPitch at the last point is 0.4"),
         ([(0.5, [0.0, 0.0], [], [], [1.0, 1.0])], "efforts"),
         ([(1e-9, [1.0, 1.0], [0.0, 0.0]), (1e300, [0.0, 0.0], [0.0, 0.0])][:0], "no points"),
-    ],
-)
-def test_refused_points(points, words):
-    with pytest.raises(TrajectoryRefusedError, match=words.replace("(", r"\(")) as caught:
-        trajectory_of(trajectory(NAMES, *points), START)
-    assert caught.value.code is ErrorCode.INVALID_GOAL
+    ]:
+        with pytest.raises(TrajectoryRefusedError, match=words.replace("(", r"\(")) as caught:
+            trajectory_of(trajectory(NAMES, *points), START)
+        assert caught.value.code is ErrorCode.INVALID_GOAL
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [((), "no joint names"), (("Tail",), "no joint 'Tail'"), (("HeadYaw", "HeadYaw"), "occurs twice")],
-)
-def test_refused_joints(names, words):
-    with pytest.raises(TrajectoryRefusedError, match=words) as caught:
-        check_joints(names, NAMES, "Head_controller")
-    assert caught.value.code is ErrorCode.INVALID_JOINTS
+def test_refused_joints():
+    for names, words in [
+        ((), "no joint names"),
+        (("Tail",), "no joint 'Tail'"),
+        (("HeadYaw", "HeadYaw"), "occurs twice"),
+    ]:
+        with pytest.raises(TrajectoryRefusedError, match=words) as caught:
+            check_joints(names, NAMES, "Head_controller")
+        assert caught.value.code is ErrorCode.INVALID_JOINTS
 
 
 def test_tolerances():

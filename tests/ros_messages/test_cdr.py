@@ -66,25 +66,25 @@ def as_namespace(message):
     return SimpleNamespace(**values)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in (*SPECIAL, SIGNED_CHAR)])
-def test_bytes_are_those_of_an_independent_codec(name, filled):
-    text = schema(name)
-    read, write = generate_dynamic(name, text)[name], serialize_dynamic(name, text)[name]
-    random = np.random.default_rng(len(name))
-    for _ in range(3):
-        message = filled(message_type(name), random)
-        data = encode(message)
-        assert same(message, read(data))
-        theirs = write(as_namespace(message))
-        assert decode(message_type(name), theirs) == message
-        assert theirs.rstrip(b"\0") == data.rstrip(b"\0")  # padding at the end is left open by CDR
+def test_bytes_are_those_of_an_independent_codec(filled):
+    for name in [name for name in NAMES if name not in (*SPECIAL, SIGNED_CHAR)]:
+        text = schema(name)
+        read, write = generate_dynamic(name, text)[name], serialize_dynamic(name, text)[name]
+        random = np.random.default_rng(len(name))
+        for _ in range(3):
+            message = filled(message_type(name), random)
+            data = encode(message)
+            assert same(message, read(data))
+            theirs = write(as_namespace(message))
+            assert decode(message_type(name), theirs) == message
+            assert theirs.rstrip(b"\0") == data.rstrip(b"\0")  # padding at the end is left open by CDR
 
 
-@pytest.mark.parametrize("name", message_names())
-def test_every_message_is_read_as_it_was_written(name, filled):
-    kind, random = message_type(name), np.random.default_rng(7)
-    message = filled(kind, random)
-    assert decode(kind, encode(message)) == message
+def test_every_message_is_read_as_it_was_written(filled):
+    for name in message_names():
+        kind, random = message_type(name), np.random.default_rng(7)
+        message = filled(kind, random)
+        assert decode(kind, encode(message)) == message
 
 
 def test_a_known_message_has_the_bytes_of_the_standard():

@@ -15,9 +15,9 @@ NOT_LISTED = {"naoqi_bridge_msgs", "moveit_msgs", "object_recognition_msgs", "di
 NOT_LISTED_TYPES = {"control_msgs/msg/JointTrajectoryControllerState"}
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_hashes_are_those_of_kilted(name):
-    assert type_hash(name) == EXPECTED[name]
+def test_hashes_are_those_of_kilted():
+    for name in EXPECTED:
+        assert type_hash(name) == EXPECTED[name]
 
 
 def test_every_type_of_the_packages_listed_is_compared():

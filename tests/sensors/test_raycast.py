@@ -196,22 +196,19 @@ def test_tree_holds_everything_once_and_stays_shallow():
     assert depth.max() < DEPTH
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
+def test_misuse_is_named():
+    for change, words in [
         ({"origins": [0, np.nan, 0]}, "origins"),
         ({"directions": [0, 0, 0]}, "length 0"),
         ({"directions": np.ones((3, 3)), "origins": np.ones((2, 3))}, "broadcast"),
         ({"maximum": np.nan}, "maximum"),
         ({"maximum": -1.0}, "at least 0"),
-    ],
-)
-def test_misuse_is_named(change, words):
-    caster = RayCaster([Sphere(0.1)], np.eye(4)[None])
-    arguments = {"origins": [0, 0, 0], "directions": [1, 0, 0], **change}
-    with pytest.raises(InvalidValueError, match=words):
-        caster.cast(**arguments)
-    with pytest.raises(InvalidValueError, match="geometry"):
-        RayCaster(["ball"], np.eye(4)[None])
-    with pytest.raises(InvalidValueError, match="poses"):
-        RayCaster([Sphere(0.1)], np.full((1, 4, 4), np.nan))
+    ]:
+        caster = RayCaster([Sphere(0.1)], np.eye(4)[None])
+        arguments = {"origins": [0, 0, 0], "directions": [1, 0, 0], **change}
+        with pytest.raises(InvalidValueError, match=words):
+            caster.cast(**arguments)
+        with pytest.raises(InvalidValueError, match="geometry"):
+            RayCaster(["ball"], np.eye(4)[None])
+        with pytest.raises(InvalidValueError, match="poses"):
+            RayCaster([Sphere(0.1)], np.full((1, 4, 4), np.nan))

@@ -58,10 +58,10 @@ def test_small_numbers_give_a_motion_or_an_error_of_the_library(pepper, points, 
     np.testing.assert_allclose(found.end, points[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("gridpoints", [1, 0, -5, 10**9, 2.5, True])
-def test_grids_without_end_are_refused(pepper, points, gridpoints):
-    with pytest.raises(InvalidValueError, match=r"gridpoints: got .*, expected a whole number"):
-        pk.retime(pepper, points, gridpoints=gridpoints)
+def test_grids_without_end_are_refused(pepper, points):
+    for gridpoints in [1, 0, -5, 10**9, 2.5, True]:
+        with pytest.raises(InvalidValueError, match=r"gridpoints: got .*, expected a whole number"):
+            pk.retime(pepper, points, gridpoints=gridpoints)
 
 
 def test_paths_that_lead_nowhere_are_refused_by_name(pepper, points):

@@ -95,19 +95,16 @@ def test_gentle_recordings_do_not_warn():
         )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_misuse_is_named():
+    for arguments, words in [
         (([0.0], [[0.1]]), "times: got 1, expected two or more times that increase"),
         (([0.0, 2.0, 2.0], [[0.1]] * 3), "times: got 2 s, then 2 s"),
         (([0.0, np.nan], [[0.1]] * 2), "times: got nan"),
         (([0.0, 1.0], [[0.1]] * 3), r"positions: got shape \(3, 1\), expected shape \(2, 1\)"),
         (([0.0, 1.0], [[0.1], [np.inf]]), "positions: got inf"),
-    ],
-)
-def test_misuse_is_named(arguments, words):
-    with pytest.raises(InvalidValueError, match=words):
-        pk.Trajectory.from_positions(*arguments, PEPPER, joints="HeadYaw")
+    ]:
+        with pytest.raises(InvalidValueError, match=words):
+            pk.Trajectory.from_positions(*arguments, PEPPER, joints="HeadYaw")
 
 
 def test_other_misuse_is_named():
@@ -151,9 +148,8 @@ def test_key_frames_may_be_pairs_and_begin_elsewhere():
     assert found.check(PEPPER, collisions=False).success
 
 
-@pytest.mark.parametrize(
-    ("frames", "error", "words"),
-    [
+def test_wrong_key_frames_are_named():
+    for frames, error, words in [
         ({}, InvalidValueError, "times of key frames"),
         ({0.0: "Stand"}, InvalidValueError, "times of key frames"),
         ([(2.0, "Stand"), (1.0, "Crouch")], InvalidValueError, "times of key frames"),
@@ -163,8 +159,6 @@ def test_key_frames_may_be_pairs_and_begin_elsewhere():
         ({1.0: {}}, InvalidValueError, "key frame at 1 s: got no joint"),
         ({1.0: {"HeadYaw": np.nan}}, InvalidValueError, "key frame at 1 s: position of HeadYaw: got nan"),
         ({1.0: {"HeadYaw": 3.0}}, LimitError, "key frame at 1 s: HeadYaw = 3 rad is outside"),
-    ],
-)
-def test_wrong_key_frames_are_named(frames, error, words):
-    with pytest.raises(error, match=words):
-        pk.Trajectory.from_keyframes(frames, PEPPER)
+    ]:
+        with pytest.raises(error, match=words):
+            pk.Trajectory.from_keyframes(frames, PEPPER)

@@ -165,9 +165,8 @@ def test_motors_of_the_data_file():
     assert not actuator_parameters(pepper).coulomb_friction.any()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_bad_parameters_are_refused(rotor):
+    for change, message in [
         ({"strength": 1.1}, "strength of J: got 1.1, expected a number from 0 to 1"),
         ({"strength": np.nan}, "strength: got nan"),
         ({"coulomb_friction": -1}, "coulomb_friction of J: got -1.0, expected a number of at least 0"),
@@ -181,11 +180,9 @@ def test_motors_of_the_data_file():
         ({"mode": ("position", "torque")}, "mode: got 2 modes, expected one for each of 1 joints"),
         ({"latency": -1}, "latency: got -1, expected a finite time of at least 0 s"),
         ({"latency": np.nan}, "latency: got nan"),
-    ],
-)
-def test_bad_parameters_are_refused(rotor, change, message):
-    with pytest.raises(InvalidValueError, match=message):
-        actuator_parameters(rotor).changed(**change)
+    ]:
+        with pytest.raises(InvalidValueError, match=message):
+            actuator_parameters(rotor).changed(**change)
 
 
 def test_unknown_names_are_refused(rotor):

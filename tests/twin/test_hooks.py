@@ -158,7 +158,7 @@ def test_wrong_pushes_are_refused(pepper):
     assert twin.pushes == ()
 
 
-@pytest.mark.parametrize("substeps", [0, -1, 1.5, True, "two"])
-def test_bad_numbers_of_substeps_are_refused(pepper, substeps):
-    with pytest.raises(InvalidValueError, match=r"substeps: got .* expected an integer of at least 1"):
-        Twin(pepper, substeps=substeps)
+def test_bad_numbers_of_substeps_are_refused(pepper):
+    for substeps in [0, -1, 1.5, True, "two"]:
+        with pytest.raises(InvalidValueError, match=r"substeps: got .* expected an integer of at least 1"):
+            Twin(pepper, substeps=substeps)

@@ -1,7 +1,5 @@
 """The header of a recording: each entry is checked, and any change is seen."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -46,15 +44,13 @@ WRONG: list[tuple[str, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "message"), WRONG, ids=lambda value: str(value)[:12])
-def test_a_wrong_entry_is_named(
-    tmp_path: Path, header: dict[str, Any], name: str, value: Any, message: str
-) -> None:
-    (tmp_path / HEADER).write_text(json.dumps({**header, name: value}))
-    with pytest.raises(FileFormatError, match=message) as caught:
-        load_recording(tmp_path)
-    assert caught.value.path.endswith(HEADER)
-    assert len(str(caught.value)) < 300
+def test_a_wrong_entry_is_named(tmp_path: Path, header: dict[str, Any]) -> None:
+    for name, value, message in WRONG:
+        (tmp_path / HEADER).write_text(json.dumps({**header, name: value}))
+        with pytest.raises(FileFormatError, match=message) as caught:
+            load_recording(tmp_path)
+        assert caught.value.path.endswith(HEADER)
+        assert len(str(caught.value)) < 300
 
 
 def test_a_right_entry_that_was_changed_is_seen(tmp_path: Path, header: dict[str, Any]) -> None:
@@ -63,11 +59,11 @@ def test_a_right_entry_that_was_changed_is_seen(tmp_path: Path, header: dict[str
         load_recording(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"[" * 100_000, b"9" * 5000, b"null", b"\xed\xa0\x80"])
-def test_what_is_no_header_names_the_file(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / HEADER).write_bytes(content)
-    with pytest.raises(FileFormatError, match=HEADER):
-        load_recording(tmp_path)
+def test_what_is_no_header_names_the_file(tmp_path: Path) -> None:
+    for content in [b"[" * 100_000, b"9" * 5000, b"null", b"\xed\xa0\x80"]:
+        (tmp_path / HEADER).write_bytes(content)
+        with pytest.raises(FileFormatError, match=HEADER):
+            load_recording(tmp_path)
 
 
 def test_a_header_is_what_was_written(tmp_path: Path, header: dict[str, Any]) -> None:

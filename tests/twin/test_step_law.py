@@ -136,22 +136,3 @@ def test_substeps_are_steps_on_references_in_between(feedforward):
             state = fine.step(position[k] - i * h * velocity[k], velocity[k], load=forward[k])
         # Feed-forward acts as a load as long as no servo is at its limit.
         np.testing.assert_allclose(state.position, run.position[k + 1], atol=1e-10)
-
-
-def test_interpreted_steps_are_the_same(run_interpreted):
-    """The source that is compiled, run by the interpreter, with a world and without."""
-    code = """
-import sys, numpy as np, pepper_kin as pk
-from pepper_kin.twin import Twin
-from pepper_kin.twin.world import World
-pepper = pk.load_pepper()
-target = pepper.posture("Stand") + 0.3
-states = [Twin(pepper).follow(np.tile(target, (3, 1))).velocity[-1]]
-world = World(pepper, pk.Scene().add_box("table", (0.4, 0.4, 0.04), (2, 0, 0.68)))
-world.add_box("parcel", (0.12, 0.16, 0.14), 0.4, (2, 0, 0.77))
-states.append(Twin(pepper, world=world).follow(np.tile(target, (3, 1))).velocity[-1])
-states.append(np.append(world.bodies["parcel"].velocity, np.zeros(9)))
-print(np.array2string(np.array(states).ravel(), precision=17, max_line_width=10**6, threshold=10**6))
-"""
-    compiled, interpreted = run_interpreted(code)
-    np.testing.assert_allclose(compiled, interpreted, rtol=1e-9, atol=1e-12)

@@ -1,8 +1,6 @@
 """The twin: following trajectories, single steps, refusals, runs and their files."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -231,7 +229,7 @@ def test_other_timesteps_follow_too(pepper, trajectory, h):
     assert np.abs(run.tracking_error[-1]).max() < 1e-3
 
 
-def test_threads_that_share_a_twin_take_turns():
+def test_threads_that_share_a_twin_take_turns(child):
     """In a process of its own, which ended by a segmentation fault."""
     program = """if True:
         import threading
@@ -252,7 +250,4 @@ def test_threads_that_share_a_twin_take_turns():
                 thread.join()
             print(len(ended))
     """
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert (done.returncode, done.stdout) == (0, "12\n" * 3), done.stderr
+    assert child(program).stdout == "12\n" * 3

@@ -1,7 +1,5 @@
 """The generators of the visual meshes, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -157,40 +155,34 @@ def test_stl_round_trip_and_refusal() -> None:
         corners_from_bytes(content[:10], "cut.stl")
 
 
-@pytest.mark.parametrize(
-    ("vertices", "faces", "message"),
-    [
+def test_bad_meshes_are_refused() -> None:
+    for vertices, faces, message in [
         ([[0.0, 0.0, float("nan")]], [[0, 0, 0]], "vertices"),
         ([[0.0, 0.0]], [[0, 0, 0]], r"vertices: got shape \(1, 2\)"),
         ([[0.0, 0.0, 0.0]], [[0, 0, 1]], r"faces: got 0\.\.1, expected indices from 0 to 0"),
         ([[0.0, 0.0, 0.0]], [[0, 0]], r"faces: got shape \(1, 2\)"),
-    ],
-)
-def test_bad_meshes_are_refused(vertices: list, faces: list, message: str) -> None:
-    with pytest.raises(InvalidValueError, match=message):
-        Mesh(np.array(vertices), np.array(faces))
+    ]:
+        with pytest.raises(InvalidValueError, match=message):
+            Mesh(np.array(vertices), np.array(faces))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_bad_lofts_are_refused() -> None:
+    for change, message in [
         ({"axis": "w"}, "axis: got w, expected one of x, y, z"),
         ({"sections": np.ones((2, 6))}, "increasing positions"),
         ({"sections": np.array([[0.0, 0, 0, 1, -1, 2], [1.0, 0, 0, 1, 1, 2]])}, "positive half widths"),
         ({"sections": np.array([[0.0, 0, 0, 1, np.nan, 2]])}, "finite numbers"),
         ({"start": 0.5}, "an interval around all sections"),
-    ],
-)
-def test_bad_lofts_are_refused(change: dict, message: str) -> None:
-    good = {
-        "axis": "z",
-        "sections": np.array([[0.0, 0, 0, 1, 1, 2], [1.0, 0, 0, 1, 1, 2]]),
-        "start": 0.0,
-        "end": 1.0,
-    }
-    Loft(**good)
-    with pytest.raises(InvalidValueError, match=message):
-        Loft(**(good | change))
+    ]:
+        good = {
+            "axis": "z",
+            "sections": np.array([[0.0, 0, 0, 1, 1, 2], [1.0, 0, 0, 1, 1, 2]]),
+            "start": 0.0,
+            "end": 1.0,
+        }
+        Loft(**good)
+        with pytest.raises(InvalidValueError, match=message):
+            Loft(**(good | change))
 
 
 def test_unknown_link_names_the_known_ones() -> None:

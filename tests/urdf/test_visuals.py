@@ -1,7 +1,5 @@
 """The generated meshes: sound, in place, small, reproducible, and accepted by other programs."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -53,40 +51,40 @@ def test_every_link_has_a_look(links: dict) -> None:
     assert all(parts for parts in links.values())
 
 
-@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
-def test_mesh_is_closed_and_consistently_turned(path: Path) -> None:
-    corners = _corners(path)
-    points, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    faces = index.reshape(-1, 3)
-    assert len(points) >= 4
-    assert len(faces) < 200_000
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    forward = edges[:, 0] * len(points) + edges[:, 1]
-    backward = edges[:, 1] * len(points) + edges[:, 0]
-    # Every directed edge once, and its reverse once: two faces per edge, all turned the same way.
-    assert len(np.unique(forward)) == len(forward)
-    assert np.array_equal(np.sort(forward), np.sort(backward))
+def test_mesh_is_closed_and_consistently_turned() -> None:
+    for path in MESHES:
+        corners = _corners(path)
+        points, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        faces = index.reshape(-1, 3)
+        assert len(points) >= 4
+        assert len(faces) < 200_000
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        forward = edges[:, 0] * len(points) + edges[:, 1]
+        backward = edges[:, 1] * len(points) + edges[:, 0]
+        # Every directed edge once, and its reverse once: two faces per edge, all turned the same way.
+        assert len(np.unique(forward)) == len(forward)
+        assert np.array_equal(np.sort(forward), np.sort(backward))
 
 
-@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
-def test_mesh_faces_outward_without_slivers(path: Path) -> None:
-    corners = _corners(path)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert np.linalg.norm(normals, axis=1).min() > 1e-10  # twice the area [m^2]
-    # A closed surface has no net area vector, and a positive volume when it is turned outward.
-    assert np.linalg.norm(normals.sum(axis=0)) < 1e-6 * np.linalg.norm(normals, axis=1).sum()
-    assert _signed_volume(corners) > 0.0
+def test_mesh_faces_outward_without_slivers() -> None:
+    for path in MESHES:
+        corners = _corners(path)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.linalg.norm(normals, axis=1).min() > 1e-10  # twice the area [m^2]
+        # A closed surface has no net area vector, and a positive volume when it is turned outward.
+        assert np.linalg.norm(normals.sum(axis=0)) < 1e-6 * np.linalg.norm(normals, axis=1).sum()
+        assert _signed_volume(corners) > 0.0
 
 
-@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
-def test_stored_normals_are_those_of_the_facets(path: Path) -> None:
-    corners = _corners(path)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    raw = np.frombuffer(path.read_bytes(), dtype=np.uint8)[84:].reshape(-1, 50)
-    stored = np.frombuffer(raw[:, :12].tobytes(), dtype="<f4").reshape(-1, 3)
-    # Corners are stored in 32 bits, so tiny facets turn a little.
-    assert np.einsum("ij,ij->i", stored, normals).min() > 0.999
+def test_stored_normals_are_those_of_the_facets() -> None:
+    for path in MESHES:
+        corners = _corners(path)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        raw = np.frombuffer(path.read_bytes(), dtype=np.uint8)[84:].reshape(-1, 50)
+        stored = np.frombuffer(raw[:, :12].tobytes(), dtype="<f4").reshape(-1, 3)
+        # Corners are stored in 32 bits, so tiny facets turn a little.
+        assert np.einsum("ij,ij->i", stored, normals).min() > 0.999
 
 
 def test_every_piece_of_a_mesh_faces_outward(links: dict) -> None:

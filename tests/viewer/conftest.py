@@ -1,7 +1,5 @@
 """A little machine to draw: a plate, a cube that slides along y and an arm that turns about z."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -99,8 +97,9 @@ def open_live(browser, until):
     """Open live pages; on leaving, see that they complained of nothing and asked nobody else for anything."""
     complaints, strangers, pages = [], [], []
 
-    def open_page(url, width=800, height=600):
-        page = browser.new_page(viewport={"width": width, "height": height})
+    def open_page(url, width=800, height=600, scale=1.0):
+        """Open a page; `scale` is that of its pixels, of which tests that compare no pictures need fewer."""
+        page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=scale)
         own = url.split("?")[0].rstrip("/")
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda r: None if r.url.startswith(own) else strangers.append(r.url))

@@ -1,7 +1,5 @@
 """Pictures by the browser's command line, and what is said when there is no browser."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -79,15 +77,12 @@ def test_a_browser_that_fails_leaves_no_picture(page, tmp_path, monkeypatch, scr
     assert sorted(item.name for item in tmp_path.iterdir()) == ["browser", "motion.html"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
-    [
+def test_bad_arguments_are_refused_by_name(page, tmp_path):
+    for changes, error, message in [
         ({"html_path": "nowhere.html"}, InvalidValueError, "html_path: got nowhere.html"),
         ({"size": (0, 100)}, InvalidValueError, r"size: got \(0, 100\)"),
         ({"at_time": float("nan")}, InvalidValueError, "at_time: got nan"),
         ({"view": "below"}, UnknownNameError, "unknown camera view 'below'; available: three-quarter, front"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(page, tmp_path, changes, error, message):
-    with pytest.raises(error, match=message):
-        screenshot(**({"html_path": page, "png_path": tmp_path / "a.png"} | changes))
+    ]:
+        with pytest.raises(error, match=message):
+            screenshot(**({"html_path": page, "png_path": tmp_path / "a.png"} | changes))

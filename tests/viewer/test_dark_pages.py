@@ -1,7 +1,5 @@
 """Pages in the dark scheme: dark behind the robot and in the panel, text to read; pictures stay light."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

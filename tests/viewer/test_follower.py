@@ -1,7 +1,5 @@
 """The servo's clock: a new aim begins at once, and yet no second has more ticks than it should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

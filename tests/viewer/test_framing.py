@@ -1,7 +1,5 @@
 """What the camera sees: targets, long ways of a base, and what a camera of one's own is told to see."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -1,7 +1,5 @@
 """Who may talk to the server: names, origins and tokens, asked over real sockets."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """What the live page warns of: contact, too much torque, tipping."""
 
-from __future__ import annotations
-
 import io
 import re
 

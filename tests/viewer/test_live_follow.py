@@ -1,7 +1,5 @@
 """Dragging and planning in a real browser: the body follows by the servo, and goes around by the planner."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import time
@@ -132,7 +130,7 @@ def test_within_half_a_second_the_hand_is_within_a_centimeter(fresh, pepper):
 
 
 def test_typed_targets_move_the_body_and_sliders_let_them_go(open_live, until, fresh, pepper):
-    page = open_live(fresh.url)
+    page = open_live(fresh.url, scale=0.5)
     start = hand(fresh, pepper)
     page.locator("#left-hand-z").fill(f"{start[2] + 0.05:.3f}")
     page.locator("#left-hand-z").press("Enter")
@@ -144,7 +142,7 @@ def test_typed_targets_move_the_body_and_sliders_let_them_go(open_live, until, f
 
 
 def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
-    page = open_live(fresh.url)
+    page = open_live(fresh.url, scale=0.5)
     page.locator("#left-hand-x").fill("2.5")
     page.locator("#left-hand-x").press("Enter")
     until(
@@ -157,7 +155,7 @@ def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
 
 
 def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, pepper):
-    page = open_live(fresh.url)
+    page = open_live(fresh.url, scale=0.5)
     page.click("button[name=add-box]")
     until(page, "document.querySelector(\"[data-name='box 1']\") !== null")
     fresh.call(
@@ -202,7 +200,7 @@ def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, 
 
 
 def test_without_a_target_there_is_nothing_to_plan(open_live, until, fresh):
-    page = open_live(fresh.url)
+    page = open_live(fresh.url, scale=0.5)
     page.click("#plan")
     until(page, "document.getElementById('message').textContent.startsWith('Nothing to plan to')")
 

@@ -1,7 +1,5 @@
 """What the message line says while the body follows: whole sentences that stand, and none that is stale."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

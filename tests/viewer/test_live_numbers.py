@@ -1,7 +1,5 @@
 """Numbers typed on the live page: messages of the server that arrive late do not replace them."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -54,7 +52,7 @@ def shows(axis, value):
 
 
 def test_every_number_has_three_digits(open_live, until, server):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     move(server, (0.24, 0.2, 0.8))
     until(page, shows("x", 0.24))
     page.click("button[name=add-box]")
@@ -65,7 +63,7 @@ def test_every_number_has_three_digits(open_live, until, server):
 
 
 def test_a_late_message_does_not_replace_a_number_that_is_typed(open_live, until, server):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     move(server, (0.3, 0.2, 0.8))
     until(page, shows("x", 0.3))
     page.evaluate(HOLD_BACK)
@@ -98,7 +96,7 @@ def test_a_late_message_does_not_replace_a_number_that_is_typed(open_live, until
 
 
 def test_steps_of_the_arrow_keys_add_up_while_messages_are_late(open_live, until, server):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     move(server, (0.3, 0.2, 0.8))
     until(page, shows("z", 0.8))
     page.evaluate(HOLD_BACK)
@@ -113,7 +111,7 @@ def test_steps_of_the_arrow_keys_add_up_while_messages_are_late(open_live, until
 
 
 def test_a_number_that_the_server_refuses_comes_back_as_it_was(open_live, until, server):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     page.click("button[name=add-box]")
     until(page, "document.querySelector(\"[data-name='box 1']\") !== null")
     size = page.get_by_label("size of box 1: z [m]")

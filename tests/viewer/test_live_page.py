@@ -1,7 +1,5 @@
 """The live page in a real browser: sliders, layers, obstacles, playing, reloading, two people."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess
@@ -83,7 +81,7 @@ def test_a_slider_moves_the_arm_in_picture_and_numbers(open_live, until, server,
 
 
 def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     sliders = page.evaluate(
         "[...document.querySelectorAll('#joints input[type=range]')]"
         ".map((s) => [s.id, s.name, Number(s.min), Number(s.max), Number(s.value)])"
@@ -99,7 +97,7 @@ def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
 
 
 def test_keys_move_a_slider_and_postures_are_taken(open_live, until, server, pepper):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     page.focus("#HeadYaw")
     page.keyboard.press("ArrowRight")
     until(page, f"pepperKin.values.q[{pepper.joint_index('HeadYaw')}] > 0.01")
@@ -123,7 +121,7 @@ def test_layers_are_switched_for_everybody(open_live, until, server):
 
 
 def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, server, pepper):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     page.click("#show-center_of_mass")
     page.locator("#HipPitch").fill("-0.4")
     q = pepper.joint_vector({"HipPitch": -0.4})
@@ -164,7 +162,7 @@ def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):
 
 
 def test_each_obstacle_has_a_color_of_its_own_that_a_visitor_may_change(open_live, until, server):
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     for _ in range(5):
         page.click("button[name=add-box]")
     until(page, "pepperKin.values.obstacles?.length === 5")
@@ -222,7 +220,7 @@ def test_a_motion_plays_scrubs_and_is_found_again_after_a_reload(open_live, unti
 
     shown = show_motion(pepper, waving, pk.Scene(), "Waving")
     server.call(lambda session: session.load(shown, play=False))
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     until(page, "pepperKin.values.motion !== null")
     page.select_option("#speed", "0.5")
     page.click("#play")
@@ -251,7 +249,7 @@ def test_the_numbers_beside_the_plots_are_whole(open_live, until, server, pepper
     """Every number that is written to the left of a curve begins inside of the canvas."""
     from pepper_kin.viewer.server.planning import show_motion
 
-    page = open_live(server.url)
+    page = open_live(server.url, scale=0.5)
     page.evaluate("""() => {
         const write = CanvasRenderingContext2D.prototype.fillText;
         window.begins = [];
@@ -294,7 +292,7 @@ def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, s
 
 
 def test_two_pages_see_and_move_the_same(open_live, until, server):
-    one, two = open_live(server.url), open_live(server.url)
+    one, two = open_live(server.url, scale=0.5), open_live(server.url, scale=0.5)
     one.locator("#HeadYaw").fill("0.6")
     until(two, "Math.abs(Number(document.getElementById('HeadYaw').value) - 0.6) < 1e-3")
     two.click("button[name=add-cylinder]")
@@ -366,7 +364,7 @@ def test_the_viewer_shows_plays_and_hears_from_python(open_live, until, pepper, 
     with Viewer(pepper, geometry_type="collision", port=0).add_scene(scene) as viewer:
         assert viewer.url is None
         url = viewer.show(waving.positions[-1])
-        page = open_live(url)
+        page = open_live(url, scale=0.5)
         until(page, at(waving.positions[-1]))
         assert page.evaluate("pepperKin.values.show.capsules && !pepperKin.values.show.visual")
         assert page.evaluate("pepperKin.values.obstacles[0].name") == "table"

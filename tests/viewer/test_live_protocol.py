@@ -1,7 +1,5 @@
 """Commands of pages: read whole, or refused by name."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -21,9 +19,8 @@ def test_a_command_is_read_with_its_fields():
     assert parse('{"do": "plan"}').name in NAMES
 
 
-@pytest.mark.parametrize(
-    ("content", "error", "message"),
-    [
+def test_what_is_wrong_is_named():
+    for content, error, message in [
         ("{", InvalidValueError, "command: got '{', expected JSON text"),
         ("[]", InvalidValueError, r"command: got \[\], expected an object"),
         ('{"do": "explode"}', UnknownNameError, "unknown command 'explode'; available: joint, posture"),
@@ -47,8 +44,6 @@ def test_a_command_is_read_with_its_fields():
         (json.dumps({"do": "posture", "name": "x" * 9000}), InvalidValueError, "at most 4096 letters"),
         ("[" * 4000, InvalidValueError, "expected JSON text"),
         (b"\x00", InvalidValueError, "JSON text of at most"),
-    ],
-)
-def test_what_is_wrong_is_named(content, error, message):
-    with pytest.raises(error, match=message):
-        parse(content)
+    ]:
+        with pytest.raises(error, match=message):
+            parse(content)

@@ -1,7 +1,5 @@
 """The state behind the pages, without a browser: what moves what, and what is refused."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The moving picture without a graphics card: few triangles and calls, the newest pose, fine at rest."""
 
-from __future__ import annotations
-
 import io
 
 import coal

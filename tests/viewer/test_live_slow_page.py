@@ -1,7 +1,5 @@
 """A page that is slow to take what it is sent, over a real socket with little room."""
 
-from __future__ import annotations
-
 import base64
 import gc
 import os

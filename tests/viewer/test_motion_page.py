@@ -1,7 +1,5 @@
 """The page in a real browser: it draws, scrubs, plays, blends, and asks nobody for anything."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A viewer at the end of a notebook's cell: an inline frame in a page of another origin."""
 
-from __future__ import annotations
-
 import io
 import re
 import threading

@@ -1,7 +1,5 @@
 """Robots that are not Pepper in the live page, with meshes of other formats."""
 
-from __future__ import annotations
-
 import importlib.metadata
 from pathlib import Path
 

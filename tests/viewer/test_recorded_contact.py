@@ -1,7 +1,5 @@
 """Contact in recordings: red while it lasts, with a sentence; and never where nothing touches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

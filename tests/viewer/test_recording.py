@@ -1,7 +1,5 @@
 """The page as a file: whole, self-contained, small, safe, and holding what was put in."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 

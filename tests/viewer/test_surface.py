@@ -1,7 +1,5 @@
 """Surfaces: closed forms of capsules, shading of cubes and balls, refusal of broken files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -119,23 +117,19 @@ def test_a_surface_is_read_only():
         surface.vertices[0, 0] = 1.0
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
+def test_a_broken_file_is_refused_with_the_reason(tmp_path):
+    for data, message in [
         (b"short", "5 bytes do not hold"),
         (stl_bytes(CUBE_CORNERS[CUBE_FACES])[:-7], "677 bytes do not hold the 12 triangles announced"),
         (stl_bytes(np.full((1, 3, 3), np.nan)), "NaN or infinite"),
         (stl_bytes(np.zeros((0, 3, 3))), "holds no triangle"),
         (stl_bytes(np.ones((2, 3, 3))), "holds no triangle"),
-    ],
-    ids=["short", "cut", "nan", "empty", "flat"],
-)
-def test_a_broken_file_is_refused_with_the_reason(tmp_path, data, message):
-    path = tmp_path / "broken.stl"
-    path.write_bytes(data)
-    with pytest.raises(FileFormatError, match=message) as caught:
-        read_surface(path)
-    assert caught.value.path == str(path)
+    ]:
+        path = tmp_path / "broken.stl"
+        path.write_bytes(data)
+        with pytest.raises(FileFormatError, match=message) as caught:
+            read_surface(path)
+        assert caught.value.path == str(path)
 
 
 def test_a_missing_file_is_refused_by_name(tmp_path):

@@ -1,7 +1,5 @@
 """Films of a motion page: as many frames as asked for, of the size asked for, the same twice, and moving."""
 
-from __future__ import annotations
-
 import io
 import sys
 

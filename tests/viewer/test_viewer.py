@@ -1,7 +1,5 @@
 """The viewer on Pepper: what it draws is where kinematics says it is."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 from types import SimpleNamespace
