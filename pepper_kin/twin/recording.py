@@ -144,12 +144,7 @@ class Recording:
                         if known[0] is not time:
                             parts[name].append((time, value, truth))
         return {
-            name: ReadingSeries(
-                np.concatenate([row[0] for row in rows]),
-                np.concatenate([row[1] for row in rows]),
-                np.concatenate([row[2] for row in rows]),
-                *about[name],
-            )
+            name: ReadingSeries(*map(np.concatenate, zip(*rows, strict=True)), *about[name])
             for name, rows in parts.items()
         }
 

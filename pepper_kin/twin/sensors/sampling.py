@@ -137,21 +137,12 @@ class SampledTogether:
         truth, value = (np.array([sample[i] for sample in samples]) for i in (1, 2))
         for name, part in self._parts.items():
             sensor, shape = self._sensors[name], (len(samples), *self._sensors[name].shape)
-            yield (
-                name,
-                (
-                    truth[:, part].reshape(shape).astype(sensor.dtype, copy=False),
-                    value[:, part].reshape(shape).astype(sensor.dtype, copy=False),
-                ),
-            )
+            rows = (array[:, part].reshape(shape) for array in (truth, value))
+            first, second = (array.astype(sensor.dtype, copy=False) for array in rows)
+            yield name, (first, second)
         for k, name in enumerate(self._apart):
-            yield (
-                name,
-                (
-                    np.stack([sample.pictures[k][0] for sample in samples]),
-                    np.stack([sample.pictures[k][1] for sample in samples]),
-                ),
-            )
+            first, second = (np.stack([sample.pictures[k][i] for sample in samples]) for i in (0, 1))
+            yield name, (first, second)
 
     def _said(self, sensor: ErringSensor, truth: NDArray[Any], sample: int) -> NDArray[Any]:
         """Return a sensor's reading of a truth, both of the sensor's shape and in its unit."""
