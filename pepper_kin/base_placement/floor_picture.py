@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.base_placement.placement_map import PlacementMap
-from pepper_kin.exceptions import MissingDependencyError
-from pepper_kin.file_access.atomic_file import write_bytes
+from pepper_kin.file_access.picture import new_figure, write_figure
 from pepper_kin.model.joint_vectors import as_finite
 
 
@@ -30,16 +28,7 @@ def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike
         InvalidValueError: for targets of another shape, NaN or infinity.
         FileFormatError: where the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "matplotlib", 'pip install "pepper_kin[plot]"', "the picture of the floor"
-        ) from error
-    # Without pyplot: no window system and no global state.
-    figure = Figure(figsize=(7, 6), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure("the picture of the floor", figsize=(7, 6))
     axes = figure.subplots()
     corner = found.origin + np.array(found.scores.shape) * found.resolution
     image = axes.imshow(
@@ -62,6 +51,4 @@ def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike
     axes.set_ylabel("y [m]")
     axes.set_title(f"suitable places: {found.area:.2f} m²")
     figure.colorbar(image, ax=axes, label="best score")
-    content = io.BytesIO()
-    canvas.print_png(content)
-    return write_bytes(path, content.getvalue())
+    return write_figure(figure, path)

@@ -21,7 +21,7 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
-    as_joint_vectors,
+    as_joint_vector,
     check_seed,
     check_whole,
     check_within_limits,
@@ -64,9 +64,7 @@ def make_job(
     """
     moving = moving_base(pepper)
     sets = task_sets(pepper, tasks)
-    home = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")
-    if home.ndim != 1:
-        raise InvalidValueError("start", f"shape {home.shape}", f"shape ({pepper.n},)")
+    home = pepper.neutral() if start is None else as_joint_vector(pepper, start, "start")
     check_within_limits(pepper, home, "start")
     home = np.clip(home, pepper.lower_limits, pepper.upper_limits)
     held = [name in pepper.joint_names for name in BASE_JOINTS]

@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS, on_planar_base
 
 FAR = 1000.0
@@ -55,28 +55,20 @@ class MovingBase:
         return tuple(self.robot.joint_names[i] for i in np.flatnonzero(mask))
 
 
-_kept: RobotMemory[str, MovingBase] = RobotMemory()
-
-
+@kept_for_robot(most=1)
 def moving_base(pepper: PepperModel) -> MovingBase:
     """Return the robot with a moving base, built once for each robot.
 
     Raises:
         InvalidValueError: for a robot that has some of the base's joints only.
     """
-    known = _kept.of(pepper)
-    found = known.get("")
-    if found is None:
-        present = [name for name in BASE_JOINTS if name in pepper.joint_names]
-        if present and len(present) < len(BASE_JOINTS):
-            raise InvalidValueError("base joints", ", ".join(present), f"all of {', '.join(BASE_JOINTS)}")
-        robot = pepper if present else _on_wheels(pepper)
-        base = np.array([robot.joint_index(name) for name in BASE_JOINTS])
-        body = np.array([robot.joint_index(name) for name in pepper.joint_names])
-        found = MovingBase(robot, base, body)
-        if not present:
-            known[""] = found
-    return found
+    present = [name for name in BASE_JOINTS if name in pepper.joint_names]
+    if present and len(present) < len(BASE_JOINTS):
+        raise InvalidValueError("base joints", ", ".join(present), f"all of {', '.join(BASE_JOINTS)}")
+    robot = pepper if present else _on_wheels(pepper)
+    base = np.array([robot.joint_index(name) for name in BASE_JOINTS])
+    body = np.array([robot.joint_index(name) for name in pepper.joint_names])
+    return MovingBase(robot, base, body)
 
 
 def wrapped(angle: Array) -> Array:

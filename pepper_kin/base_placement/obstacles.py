@@ -10,12 +10,10 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import clearance, in_collision
-from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model import PepperModel, kept_for_robot
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
-
-_kept: RobotMemory[str, PepperModel] = RobotMemory()
 
 
 def obstacle_clearance(robot: PepperModel, q: Array, scene: Scene) -> Array:
@@ -37,13 +35,9 @@ def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
     return np.asarray(in_collision(_without_self(robot), q, scene))
 
 
+@kept_for_robot(most=1)
 def _without_self(robot: PepperModel) -> PepperModel:
     """Return the robot without self-collision pairs."""
-    known = _kept.of(robot)
-    found = known.get("")
-    if found is None:
-        pairs = {(min(a, b), max(a, b)): "Never" for a, b in combinations(robot.link_names, 2)}
-        semantics = replace(robot.semantics, disabled_pairs=pairs)
-        changed = robot.dynamics_model.changed()
-        found = known[""] = PepperModel(robot.document, semantics, changed=changed)
-    return found
+    pairs = {(min(a, b), max(a, b)): "Never" for a, b in combinations(robot.link_names, 2)}
+    semantics = replace(robot.semantics, disabled_pairs=pairs)
+    return PepperModel(robot.document, semantics, changed=robot.dynamics_model.changed())

@@ -104,8 +104,8 @@ def place_base(
         unreached=unreached,
         places=read_only(trials.places),
         scores=read_only(trials.scores),
-        reached=_frozen(trials.reached),
-        touching=_frozen(trials.touching),
+        reached=read_only(trials.reached, bool),
+        touching=read_only(trials.touching, bool),
         names=tuple(", ".join(task.label for task in group) for group in job.evaluator.sets),
         time=time.perf_counter() - begin,
         seed=job.evaluator.seed,
@@ -266,9 +266,3 @@ def _conflict(job: Job, tasks: TaskSet) -> tuple[str, ...]:
         seed=evaluator.seed,
         restarts=RESTARTS,
     ).conflict
-
-
-def _frozen(mask: np.ndarray) -> np.ndarray:
-    """Make a mask of any shape read-only; return it."""
-    mask.setflags(write=False)
-    return mask

@@ -11,7 +11,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
 from pepper_kin.ik.result import CONFLICT_ADVICE, NOT_EXAMINED, IKResult, listed
-from pepper_kin.ik.tasks.task import words_for_angle, words_for_length
+from pepper_kin.ik.tasks.task import words_for, words_for_angle, words_for_length
 from pepper_kin.status import ResultStatus
 
 
@@ -199,7 +199,7 @@ class PlacementResult:
         lines = []
         for k, result in enumerate(self.best.results):
             facts = "; ".join(
-                f"{error.label}: error {_amount(error.value, error.unit)}" if error.met else error.shortfall
+                f"{error.label}: error {words_for(error.value, error.unit)}" if error.met else error.shortfall
                 for error in result.errors
             )
             lines.append(f"target {k + 1}: {facts}")
@@ -215,7 +215,3 @@ class PlacementResult:
             parts.append(f"clearance {1000 * terms.clearance:.1f} mm")
         parts.append(f"{terms.distance:.2f} m and {math.degrees(terms.turn):.0f} deg to go")
         return f"score {self.best.score:.2f}: {', '.join(parts)}"
-
-
-def _amount(value: float, unit: str) -> str:
-    return words_for_length(value) if unit == "m" else words_for_angle(value)

@@ -53,10 +53,11 @@ def kernel(
             allowed = "names, which can be hashed (a tuple for several)"
             raise InvalidValueError(f"arguments of {quantity}", repr(args), allowed) from None
     if found is None:
+        sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
         found = compile_function(
             lambda: _expression(pepper, quantity, args),
             dtype=dtype,
-            key=_disk_key(pepper, quantity, args),
+            key=f"{quantity}{args!r} of {robot_digest(pepper)} by {sources}",
             vector_bytes=width,
         )
         with _lock:
@@ -68,9 +69,3 @@ def _expression(pepper: PepperModel, quantity: str, args: tuple[object, ...]) ->
     from pepper_kin import symbolic
 
     return symbolic.function(pepper, quantity, *args)
-
-
-def _disk_key(pepper: PepperModel, quantity: str, args: tuple[object, ...]) -> str:
-    """Name what the code depends on: the robot, the quantity and the source of the expressions."""
-    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", __name__)
-    return f"{quantity}{args!r} of {robot_digest(pepper)} by {sources}"

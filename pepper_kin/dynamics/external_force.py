@@ -37,7 +37,7 @@ def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, Arra
     total = np.zeros_like(states)
     for frame, force in forces.items():
         pepper.frame_id(frame)
-        wrench = _wrench(frame, force)
+        wrench = as_batch(force, f"force at {frame}", (6,), MOST)
         jacobian = over_states(
             pepper, _jacobian(pepper, frame), (6, pepper.n), ("frame_jacobian", frame), q=states
         )
@@ -47,12 +47,6 @@ def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, Arra
             allowed = f"leading axes that broadcast against {states.shape[:-1]}"
             raise InvalidValueError(f"force at {frame}", f"shape {wrench.shape}", allowed) from None
     return total
-
-
-def _wrench(frame: str, force: ArrayLike) -> Array:
-    """Return a force [N] and moment [N m] at a frame, shape (..., 6), after checking that it is finite."""
-    what = f"force at {frame}"
-    return as_batch(force, what, (6,), MOST)
 
 
 def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:

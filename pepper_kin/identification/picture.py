@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
-from pepper_kin.file_access.atomic_file import PathName, write_bytes
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.picture import new_figure, write_figure
 from pepper_kin.identification.replay import Replay
 
 SHOWN = 40.0
@@ -38,23 +38,13 @@ def save_replay_picture(
     """
     if not replays:
         raise InvalidValueError("replays", "none", "at least one")
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "matplotlib", 'pip install "pepper_kin[plot]"', "the picture of a log"
-        ) from error
     names = tuple(joints or replays[0].log.joint_names)
-    figure = Figure(figsize=(11, 1.6 * len(names) + 2.6), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure("the picture of a log", figsize=(11, 1.6 * len(names) + 2.6))
     grid = figure.add_gridspec(len(names) + 1, 1, height_ratios=[*[1.0] * len(names), 1.6])
     for row, joint in enumerate(names):
         _draw_joint(figure.add_subplot(grid[row]), replays[0], joint, row == 0)
     _draw_errors(figure.add_subplot(grid[len(names)]), replays)
-    content = io.BytesIO()
-    canvas.print_png(content)
-    return write_bytes(path, content.getvalue())
+    return write_figure(figure, path)
 
 
 def _draw_joint(plot, one: Replay, joint: str, first: bool) -> None:  # type: ignore[no-untyped-def]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -147,7 +148,8 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
     Both q and the result are joint positions [rad or m], shape (n,).
     """
     tasks = problem.tasks
-    leaders = [k - 1 for k in range(1, len(tasks)) if _gives_way(tasks[k], tasks[k - 1])]
+    pairs = enumerate(pairwise(tasks))
+    leaders = [k for k, (task, after) in pairs if after.yields and (task.hard or not after.hard)]
     leaders = [k for k in leaders if _worst(problem, [k], q) > 1]
     if not leaders:
         return q
@@ -157,7 +159,8 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
         q = _unless_worse(problem, _better(trial, context, q, leaders), q)
         if _worst(problem, leaders, q) <= 1:
             return q
-    again = _search_again(trial, context)
+    budget = context.budget._replace(restarts=min(STARTS, context.budget.restarts))
+    again = make_solver(context.solver, trial).search(context.collisions, budget).q
     if (context.collisions.free(again) or not context.collisions.free(q)) and _worst(
         problem, leaders, again
     ) <= 1:
@@ -193,10 +196,6 @@ def _has_freedom(task: Task) -> bool:
     return not task.hard and task.tolerance >= WIDE * usual
 
 
-def _gives_way(task: Task, before: Task) -> bool:
-    return task.yields and (before.hard or not task.hard)
-
-
 def _unless_worse(problem: Problem, new: Array, old: Array) -> Array:
     """Return the new configuration unless a hard task is unmet there and better met by the old one.
 
@@ -227,12 +226,6 @@ def _better(problem: Problem, context: SolverContext, q: Array, first: Sequence[
         if _worst(problem, first, end) < PROGRESS * before and collisions.free(end):
             return end
     return q
-
-
-def _search_again(problem: Problem, context: SolverContext) -> Array:
-    """Return the outcome of a search from the start."""
-    budget = context.budget._replace(restarts=min(STARTS, context.budget.restarts))
-    return make_solver(context.solver, problem).search(context.collisions, budget).q
 
 
 def _worst(problem: Problem, places: Sequence[int], q: Array) -> float:

@@ -230,17 +230,21 @@ def _kind_of(items: Hashable) -> type | None:
     return next((kind for kind in (Task, TaskGroup) if issubclass(cast("type", items), kind)), None)
 
 
-def movable_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> np.ndarray:
+def movable_joints(
+    pepper: PepperModel, joints: str | Iterable[str] | None, *, allow_none: bool = False
+) -> np.ndarray:
     """Return which joints may move, shape (n,).
 
     Args:
         pepper: The robot.
         joints: Joints and groups, see `PepperModel.resolve_joints`.
+        allow_none: Whether no joint at all may be left.
 
     Raises:
         UnknownNameError: for an unknown group or joint.
         InvalidValueError: where no joint is left.
     """
     movable = np.zeros(pepper.n, dtype=bool)
-    movable[[pepper.joint_index(name) for name in pepper.resolve_joints(joints)]] = True
+    names = pepper.resolve_joints(joints, allow_none=allow_none)
+    movable[[pepper.joint_index(name) for name in names]] = True
     return movable

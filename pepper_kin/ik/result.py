@@ -324,7 +324,8 @@ class IKResult(FrozenArrays):
             hard = " (hard)" if error.hard else ""
             return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
         limits = self.blocking_limits
-        blocked = f": {listed(limits)} at {_their(limits)}" if limits else ""
+        their = "its limit" if len(limits) == 1 else "their limits"
+        blocked = f": {listed(limits)} at {their}" if limits else ""
         return f"{error.shortfall}{blocked}; comes to {error.attained}"
 
     def _extent(self) -> list[str]:
@@ -346,7 +347,3 @@ class IKResult(FrozenArrays):
 def listed(names: tuple[str, ...]) -> str:
     """Return names as a sentence has them: "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _their(names: tuple[str, ...]) -> str:
-    return "its limit" if len(names) == 1 else "their limits"

@@ -40,7 +40,7 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
-    as_joint_vectors,
+    as_joint_vector,
     check_choice,
     check_positive,
     check_seed,
@@ -291,9 +291,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
         plain: Array = start
         if bool(((pepper.lower_limits <= plain) & (plain <= pepper.upper_limits)).all()):
             return plain.copy()
-    q0 = as_joint_vectors(pepper, start, "start")
-    if q0.ndim != 1:
-        raise InvalidValueError("start", f"shape {q0.shape}", f"shape ({pepper.n},)")
+    q0 = as_joint_vector(pepper, start, "start")
     check_within_limits(pepper, q0, "start")
     return np.clip(q0, pepper.lower_limits, pepper.upper_limits)
 

@@ -7,11 +7,18 @@ their meaning, so comparisons stay right.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from pepper_kin.kernels.writer import Lanes, Writer
 
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_ARITHMETIC = {
+    "add": "fadd contract {v} {0}, {1}",
+    "sub": "fsub contract {v} {0}, {1}",
+    "mul": "fmul contract {v} {0}, {1}",
+    "div": "fdiv contract {v} {0}, {1}",
+    "sq": "fmul contract {v} {0}, {0}",
+    "twice": "fadd contract {v} {0}, {0}",
+    "inv": "fdiv contract {v} {one}, {0}",
+    "neg": "fneg {v} {0}",
+}
 _INTRINSICS = {
     "sqrt": "sqrt",
     "fabs": "fabs",
@@ -47,7 +54,7 @@ def emit_operation(w: Writer, name: str, operands: list[str]) -> str:
     """
     v = w.lanes.vector
     if name in _ARITHMETIC:
-        return w.value(f"{_ARITHMETIC[name]} contract {v} {operands[0]}, {operands[1]}")
+        return w.value(_ARITHMETIC[name].format(*operands, v=v, one=w.lanes.splat(1.0)))
     if name in _INTRINSICS:
         arguments = ", ".join(f"{v} {operand}" for operand in operands)
         return w.value(f"call {v} @llvm.{_INTRINSICS[name]}.{w.lanes.suffix}({arguments})")
@@ -56,7 +63,15 @@ def emit_operation(w: Writer, name: str, operands: list[str]) -> str:
     if name in LIBRARY_FUNCTIONS:
         arguments = ", ".join(f"{v} {operand}" for operand in operands)
         return w.value(f"call {v} @lanes_{LIBRARY_FUNCTIONS[name]}({arguments})")
-    return _COMPOSED[name](w, operands)
+    if name == "not":
+        return _truth(w, w.value(f"fcmp oeq {v} {operands[0]}, zeroinitializer"))
+    if name in ("and", "or"):
+        left, right = (_is_true(w, operand) for operand in operands)
+        return _truth(w, w.binary(name, left, right, w.lanes.mask))
+    if name == "if_else_zero":
+        condition = _is_true(w, operands[0])
+        return w.value(f"select {w.lanes.mask} {condition}, {v} {operands[1]}, {v} zeroinitializer")
+    return _sign(w, operands[0])
 
 
 def library_function(lanes: Lanes, name: str, operand_count: int) -> str:
@@ -107,58 +122,10 @@ def _is_true(w: Writer, operand: str) -> str:
     return w.value(f"fcmp une {w.lanes.vector} {operand}, zeroinitializer")
 
 
-def _neg(w: Writer, operands: list[str]) -> str:
-    return w.value(f"fneg {w.lanes.vector} {operands[0]}")
-
-
-def _sq(w: Writer, operands: list[str]) -> str:
-    return w.value(f"fmul contract {w.lanes.vector} {operands[0]}, {operands[0]}")
-
-
-def _twice(w: Writer, operands: list[str]) -> str:
-    return w.value(f"fadd contract {w.lanes.vector} {operands[0]}, {operands[0]}")
-
-
-def _inv(w: Writer, operands: list[str]) -> str:
-    return w.value(f"fdiv contract {w.lanes.vector} {w.lanes.splat(1.0)}, {operands[0]}")
-
-
-def _not(w: Writer, operands: list[str]) -> str:
-    return _truth(w, w.value(f"fcmp oeq {w.lanes.vector} {operands[0]}, zeroinitializer"))
-
-
-def _and(w: Writer, operands: list[str]) -> str:
-    left, right = (_is_true(w, operand) for operand in operands)
-    return _truth(w, w.binary("and", left, right, w.lanes.mask))
-
-
-def _or(w: Writer, operands: list[str]) -> str:
-    left, right = (_is_true(w, operand) for operand in operands)
-    return _truth(w, w.binary("or", left, right, w.lanes.mask))
-
-
-def _if_else_zero(w: Writer, operands: list[str]) -> str:
-    v, condition = w.lanes.vector, _is_true(w, operands[0])
-    return w.value(f"select {w.lanes.mask} {condition}, {v} {operands[1]}, {v} zeroinitializer")
-
-
-def _sign(w: Writer, operands: list[str]) -> str:
+def _sign(w: Writer, x: str) -> str:
     """-1, +1, or x itself where it is neither negative nor positive (zeros, NaN)."""
-    lanes, v, x = w.lanes, w.lanes.vector, operands[0]
+    lanes, v = w.lanes, w.lanes.vector
     positive = w.value(f"fcmp ogt {v} {x}, zeroinitializer")
     negative = w.value(f"fcmp olt {v} {x}, zeroinitializer")
     upper = w.value(f"select {lanes.mask} {positive}, {v} {w.constant(1.0)}, {v} {x}")
     return w.value(f"select {lanes.mask} {negative}, {v} {w.constant(-1.0)}, {v} {upper}")
-
-
-_COMPOSED: dict[str, Callable[[Writer, list[str]], str]] = {
-    "neg": _neg,
-    "sq": _sq,
-    "twice": _twice,
-    "inv": _inv,
-    "not": _not,
-    "and": _and,
-    "or": _or,
-    "if_else_zero": _if_else_zero,
-    "sign": _sign,
-}

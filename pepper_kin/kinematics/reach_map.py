@@ -18,7 +18,7 @@ from pepper_kin.file_access.atomic_file import write_bytes
 from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
+from pepper_kin.model.joint_vectors import as_batch, check_positive, check_seed, check_whole
 
 MOST_SAMPLES = 1_000_000_000
 MOST_VOXELS = 40_000_000
@@ -92,14 +92,7 @@ class ReachMap(FrozenArrays):
         Raises:
             InvalidValueError: for another shape, NaN or infinity.
         """
-        try:
-            array = np.asarray(points, dtype=float)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidValueError("points", repr(points), "numbers of shape (..., 3)") from error
-        if array.ndim == 0 or array.shape[-1] != 3:
-            raise InvalidValueError("points", f"shape {array.shape}", "shape (..., 3)")
-        if not np.isfinite(array).all():
-            raise InvalidValueError("points", array[~np.isfinite(array)][0], "finite numbers")
+        array = as_batch(points, "points", (3,))
         # On the grid of the whole world, as when the map was made: no voxel is missed by rounding.
         place = np.floor(array / self.resolution) - np.round(self.origin / self.resolution)
         inside = np.all((place >= 0) & (place < self.counts.shape), axis=-1)
@@ -201,7 +194,7 @@ def reach_map(
             of `valid` than booleans of shape (k,), or no posture that is valid.
     """
     pepper.frame_id(frame)
-    names = _moving_joints(pepper, joints)
+    names = tuple(sorted(pepper.resolve_joints(joints), key=pepper.joint_index))
     columns = [pepper.joint_index(name) for name in names]
     size = check_positive("resolution", resolution, "m")
     check_whole("samples", samples, 1, MOST_SAMPLES)
@@ -226,10 +219,6 @@ def reach_map(
         raise InvalidValueError("valid", f"none of {samples} postures", "at least one valid posture")
     origin = grid.corner.astype(np.float64) * size
     return ReachMap(frame, names, origin, size, grid.counts, grid.best, int(samples), int(seed))
-
-
-def _moving_joints(pepper: PepperModel, joints: str | Sequence[str] | None) -> tuple[str, ...]:
-    return tuple(sorted(pepper.resolve_joints(joints), key=pepper.joint_index))
 
 
 def _checked_answer(answer: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:

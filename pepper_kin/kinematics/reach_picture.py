@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
-from pepper_kin.file_access.atomic_file import write_bytes
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.picture import new_figure, write_figure
 from pepper_kin.kinematics.reach_map import ReachMap
 
 VIEWS = (("from the side", 1, "x [m]", "z [m]"), ("from above", 2, "x [m]", "y [m]"))
@@ -35,16 +34,7 @@ def save_reach_picture(maps: Mapping[str, ReachMap], path: str | Path) -> Path:
     """
     if not maps:
         raise InvalidValueError("maps", maps, "at least one map")
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "matplotlib", 'pip install "pepper_kin[plot]"', "the picture of reach"
-        ) from error
-    # Without pyplot: no window system and no global state.
-    figure = Figure(figsize=(4 * len(maps) + 1, 7.5), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
+    figure = new_figure("the picture of reach", figsize=(4 * len(maps) + 1, 7.5))
     axes = figure.subplots(len(VIEWS), len(maps), squeeze=False)
     lowest = np.min([m.origin for m in maps.values()], axis=0)
     highest = np.max([m.origin + np.array(m.counts.shape) * m.resolution for m in maps.values()], axis=0)
@@ -67,6 +57,4 @@ def save_reach_picture(maps: Mapping[str, ReachMap], path: str | Path) -> Path:
             heading = f"{title}: {found.volume:.2f} m³\n{view}" if row == 0 else view
             plot.set_title(heading)
     figure.colorbar(image, ax=axes, label="best manipulability, share of the map's largest", shrink=0.6)
-    content = io.BytesIO()
-    canvas.print_png(content)
-    return write_bytes(path, content.getvalue())
+    return write_figure(figure, path)

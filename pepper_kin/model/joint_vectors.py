@@ -197,6 +197,18 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
     return array
 
 
+def as_joint_vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
+    """Convert to one joint vector, shape (n,), as `as_joint_vectors` does.
+
+    Raises:
+        InvalidValueError: as there, and for more than one vector.
+    """
+    vector = as_joint_vectors(pepper, value, quantity)
+    if vector.ndim != 1:
+        raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({pepper.n},)")
+    return vector
+
+
 def check_within_limits(
     pepper: PepperModel, q: NDArray[np.float64], quantity: str, tolerance: float = 1e-9
 ) -> None:

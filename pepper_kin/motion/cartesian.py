@@ -16,7 +16,11 @@ from pepper_kin.collision import Scene, checker_for
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_joint_vector,
+    check_positive,
+    check_within_limits,
+)
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.problem import checked_margin
@@ -143,9 +147,7 @@ def cartesian_path(
         LimitError: for a start outside the joint limits.
     """
     begin = time.perf_counter()
-    q = as_joint_vectors(pepper, start, "start")
-    if q.ndim != 1:
-        raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
+    q = as_joint_vector(pepper, start, "start")
     check_within_limits(pepper, q, "start")
     check_positive("step", step, "[m]")
     direction_task = None if direction is None else ik.Point(hand, direction)

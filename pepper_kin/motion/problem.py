@@ -18,7 +18,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import (
-    as_joint_vectors,
+    as_joint_vector,
     as_real,
     check_positive,
     check_within_limits,
@@ -238,9 +238,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
     """
     checked_timeout(timeout)
     checked_margin(margin)
-    q_start = as_joint_vectors(pepper, start, "start")
-    if q_start.ndim != 1:
-        raise InvalidValueError("start", f"shape {q_start.shape}", f"shape ({pepper.n},)")
+    q_start = as_joint_vector(pepper, start, "start")
     check_examined(pepper, q_start, "start")
     return np.minimum(np.maximum(q_start, pepper.lower_limits), pepper.upper_limits)
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.model.joint_vectors import check_seed
 from pepper_kin.model.text_table import text_table
 from pepper_kin.paper.replay import GestureReport, replay
 from pepper_kin.paper.table4 import LimitsTable, limits_table
@@ -135,8 +135,7 @@ def check_paper(
 
     Source: Sekkat et al., Heliyon (2024), tables 4 and 5, figures 6 and 7, section 3.3.
     """
-    if seed < 0:
-        raise InvalidValueError("seed", seed, "at least 0")
+    check_seed(seed)
     pepper = load_pepper() if pepper is None else pepper
     movements = []
     for index, name in enumerate(GESTURES):

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.exceptions import MissingDependencyError
 from pepper_kin.file_access.atomic_file import make_folder, write_bytes
+from pepper_kin.file_access.picture import new_figure
 from pepper_kin.paper.check import ITERATIONS, MovementCheck, PaperCheck
 
 
@@ -55,17 +55,9 @@ def paper_figure(movement: MovementCheck) -> Any:
     Raises:
         MissingDependencyError: where matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "matplotlib", 'pip install "pepper_kin[plot]"', "figures 6 and 7 of the paper"
-        ) from error
     time, commanded, measured = movement.iterations()
     steps, tilt = np.arange(ITERATIONS), movement.tilt
-    figure = Figure(figsize=(10, 11), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure("figures 6 and 7 of the paper", figsize=(10, 11))
     figure.suptitle(f"{movement.name}: {ITERATIONS} iterations in {time[-1]:.1f} s", fontsize=13)
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     for j, joint in enumerate(tilt.joint_names):

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import NearPairs, Scene, checker_for
+from pepper_kin.collision.motion_tree import bounds_anywhere
 from pepper_kin.collision.near_pairs import distances_along, pairs_within
 from pepper_kin.core.braking import VelocityInterval, brake_path, ticks_to_rest
 from pepper_kin.core.velocity_dampers import PairTable, clear_rows
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.servo.demand import Demand
 from pepper_kin.servo.half_spaces import VelocityRows, stacked
-from pepper_kin.servo.motion_bounds import frame_motion_bounds
 from pepper_kin.servo.range_rows import range_rows
 
 # Farthest that bodies are looked for [m], and how often one brake path is looked at again.
@@ -43,6 +43,12 @@ class Obstacle:
 
     joints: np.ndarray
     name: str
+
+
+@kept_for_robot(most=32)
+def frame_motion_bounds(pepper: PepperModel) -> Array:
+    """Return R, shape (n,) [m/rad or 1]: no point of the body moves by more than sum_i R_i |dq_i|."""
+    return read_only(bounds_anywhere(pepper))
 
 
 class ClearanceGuard:

@@ -9,6 +9,7 @@ import numpy as np
 from pepper_kin.arrays import read_only
 from pepper_kin.core.braking import JointLimits
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.problem import movable_joints
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
 
@@ -35,7 +36,7 @@ def motion_limits(
         UnknownNameError: for an unknown joint or group.
         InvalidValueError: for a share that is none, or where all joints are locked.
     """
-    movable = ~_places(pepper, locked)
+    movable = ~movable_joints(pepper, locked, allow_none=True)
     if not movable.any():
         raise InvalidValueError("locked", "every joint", "at least one joint left to move")
     velocity = np.where(pepper.velocity_limits > 0, pepper.velocity_limits, np.inf)
@@ -49,12 +50,6 @@ def motion_limits(
         ),
         movable=movable,
     )
-
-
-def _places(pepper: PepperModel, names: str | Iterable[str]) -> np.ndarray:
-    found = np.zeros(pepper.n, dtype=bool)
-    found[[pepper.joint_index(name) for name in pepper.resolve_joints(names, allow_none=True)]] = True
-    return found
 
 
 def _share(quantity: str, value: float) -> float:

@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive, check_within_limits
+from pepper_kin.model.joint_vectors import (
+    as_finite,
+    as_joint_vector,
+    check_positive,
+    check_within_limits,
+)
 from pepper_kin.trajectory.limits import JerkLike, checked_share, jerk_limits
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -330,10 +335,7 @@ def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
     """Return a joint vector, shape (n,), from one of this shape or one number for all joints."""
     if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and not value.ndim):
         value = np.full(pepper.n, as_finite(value, quantity, ()))
-    vector = as_joint_vectors(pepper, value, quantity)
-    if vector.ndim != 1:
-        raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({pepper.n},)")
-    return np.array(vector)
+    return np.array(as_joint_vector(pepper, value, quantity))
 
 
 def _check_symmetric(pepper: PepperModel, quantity: str, value: Array, limit: Array) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.dynamics.load import Loads, carried_words
-from pepper_kin.exceptions import MissingDependencyError, UnknownNameError
+from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.file_access.atomic_file import PathName, write_bytes
+from pepper_kin.file_access.picture import new_figure
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
@@ -74,7 +75,7 @@ def plot(
     plane = phase_plane(pepper, trajectory, scene=scene, payload=payload)
     time = np.linspace(0.0, trajectory.duration, _POINTS)
     places = _places(pepper, trajectory(time).position, joints)
-    figure = _figure()
+    figure = new_figure("a plot of a trajectory", figsize=(11, 11))
     axes = figure.subplot_mosaic(
         [["position", "velocity"], ["acceleration", "torque"], ["legend", "legend"], ["plane", "plane"]],
         height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
@@ -90,20 +91,6 @@ def plot(
         content = io.BytesIO()
         figure.savefig(content, format=kind, dpi=120)
         write_bytes(path, content.getvalue())
-    return figure
-
-
-def _figure() -> Any:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "matplotlib", 'pip install "pepper_kin[plot]"', "a plot of a trajectory"
-        ) from error
-    # Without pyplot: no window system and no global state.
-    figure = Figure(figsize=(11, 11), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure
 
 

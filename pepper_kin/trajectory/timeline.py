@@ -9,7 +9,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
 from pepper_kin.file_access.reading import repeated
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.joint_vectors import as_joint_vector
 from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.joint_curves import JointCurve, checked_parts, on_common_knots
 from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
@@ -159,7 +159,4 @@ def _start(pepper: PepperModel, start: Array | None) -> Array:
     """Return a posture to start from [rad or m], shape (n,); Stand, or neutral, where none is given."""
     if start is None:
         return pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
-    q = as_joint_vectors(pepper, start, "start")
-    if q.ndim != 1:
-        raise InvalidValueError("start", f"shape {q.shape}", f"shape ({pepper.n},)")
-    return q
+    return as_joint_vector(pepper, start, "start")

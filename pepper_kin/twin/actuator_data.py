@@ -57,7 +57,7 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
     stiffness = np.where(np.isfinite(effort), effort / FULL_TORQUE_ERROR, inertia * _FREE_FREQUENCY**2)
     damping = 2.0 * np.sqrt(stiffness * inertia)
     sources = ["assumed: full torque at 0.005 rad or m, critical damping"] * pepper.n
-    known = _pepper_rows() if pepper.name.lower().startswith("pepper") else {}
+    known = dict(_read()["joints"]) if pepper.name.lower().startswith("pepper") else {}
     for name, row in known.items():
         if name in pepper.joint_names:
             j = pepper.joint_index(name)
@@ -96,10 +96,6 @@ def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
             damping[name] = float(motors.damping[j] * np.sqrt(value / motors.stiffness[j]))
             sources[j] = f"stiffness: {measured[source]}; damping ratio assumed"
     return replace(motors.changed(stiffness=stiffness, damping=damping), sources=tuple(sources))
-
-
-def _pepper_rows() -> dict[str, dict[str, Any]]:
-    return dict(_read()["joints"])
 
 
 @cache

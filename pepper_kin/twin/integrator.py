@@ -16,7 +16,7 @@ from pepper_kin.core.simulation.rollout import DONE, Inputs, Log, Span, lineariz
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
+from pepper_kin.model.joint_vectors import as_joint_vector, check_positive
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
@@ -187,11 +187,7 @@ class Integrator:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        vectors = [as_joint_vectors(self._pepper, value, name) for name, value in values.items()]
-        for name, vector in zip(values, vectors, strict=True):
-            if vector.ndim != 1:
-                raise InvalidValueError(name, f"shape {vector.shape}", f"shape ({self._pepper.n},)")
-        return vectors
+        return [as_joint_vector(self._pepper, value, name) for name, value in values.items()]
 
     def wanted_torque(self, q: Array, q_ref: Array, v_ref: Array, feedforward: Array) -> Array:
         """Return the torques that the actuators demand at the end of a step with zero velocity, unclipped.

@@ -20,7 +20,7 @@ from pepper_kin.twin.packing import pack, pack_moved, pack_together
 from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
 from pepper_kin.twin.recording_header import HEADER, STATES, described, write_header
 from pepper_kin.twin.reference import sampled
-from pepper_kin.twin.run import Run
+from pepper_kin.twin.run import SERIES, Run
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
@@ -226,9 +226,8 @@ def _joined(parts: list[Run], timestep: float) -> Run:
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([0.0, *(part.duration for part in parts)])
-    names = ("position", "velocity", "torque", "reference_position", "reference_velocity", "external_wrench")
     stacked = {
-        name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in names
+        name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in SERIES
     }
     time = timestep * np.arange(len(stacked["position"]), dtype=float)
     news = [_news(part, k == 0) for k, part in enumerate(parts)]

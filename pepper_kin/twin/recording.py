@@ -143,14 +143,11 @@ class Recording:
                             raise ValueError(f"readings of {name} have another shape than before")
                         if known[0] is not time:
                             parts[name].append((time, value, truth))
+        joined = {
+            name: [np.concatenate([row[i] for row in rows]) for i in range(3)] for name, rows in parts.items()
+        }
         return {
-            name: ReadingSeries(
-                np.concatenate([row[0] for row in rows]),
-                np.concatenate([row[1] for row in rows]),
-                np.concatenate([row[2] for row in rows]),
-                *about[name],
-            )
-            for name, rows in parts.items()
+            name: ReadingSeries(t, value, truth, *about[name]) for name, (t, value, truth) in joined.items()
         }
 
     def replay(self, twin: Twin) -> None:

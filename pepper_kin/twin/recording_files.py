@@ -12,6 +12,7 @@ from pepper_kin.exceptions import FileFormatError
 from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.plugins import plugins
+from pepper_kin.twin.run import SERIES
 
 if TYPE_CHECKING:
     from pepper_kin.twin.recording import Recording
@@ -50,16 +51,7 @@ def save_recording(recording: Recording, path: PathName) -> Path:
 
 def _write_npz(recording: Recording, path: PathName) -> Path:
     run = recording.run()
-    names = (
-        "time",
-        "position",
-        "velocity",
-        "torque",
-        "reference_position",
-        "reference_velocity",
-        "external_wrench",
-    )
-    arrays: dict[str, Any] = {name: getattr(run, name) for name in names}
+    arrays: dict[str, Any] = {name: getattr(run, name) for name in ("time", *SERIES)}
     arrays |= {"joint_names": np.array(run.joint_names), "joint_units": np.array(run.joint_units)}
     arrays |= {"status": np.array(run.status.value), "message": np.array(run.message)}
     for name, series in run.readings.items():

@@ -31,6 +31,9 @@ _QUANTITIES = {
 }
 
 
+SERIES = (*_QUANTITIES.values(), "external_wrench")
+"""Attributes of a run with a row for each time."""
+
 _FORCE = tuple(f"robot.external_{what}_{axis}" for what in ("force", "moment") for axis in "xyz")
 _KNOWN = "robot.external_known"
 
@@ -88,7 +91,7 @@ class Run(FrozenArrays):
     def __post_init__(self) -> None:
         if self.external_wrench is None:
             object.__setattr__(self, "external_wrench", np.zeros((len(self.time), 6)))
-        for name in ("time", *_QUANTITIES.values(), "torque_limit", "external_wrench"):
+        for name in ("time", *SERIES, "torque_limit"):
             object.__setattr__(self, name, kept_read_only(getattr(self, name)))
         if self.external_wrench.shape != (self.time.size, 6):
             got = f"shape {self.external_wrench.shape}"
@@ -198,13 +201,14 @@ class Run(FrozenArrays):
             }
             for j, name in enumerate(self.joint_names)
         }
+        force = float(np.linalg.norm(self.external_wrench[:, :3], axis=1).max())
         return {
             "status": self.status.value,
             "message": self.message,
             "duration": self.duration,
             "steps": len(self) - 1,
             "base_held": True,
-            "external_force": _json_number(np.linalg.norm(self.external_wrench[:, :3], axis=1).max()),
+            "external_force": None if np.isnan(force) else force,  # JSON has no NaN
             "joints": joints,
         }
 
@@ -279,8 +283,3 @@ def load_run(path: PathName, pepper: Any, loads: Loads = ()) -> Run:
         external_wrench=wrench,
         loads=held,
     )
-
-
-def _json_number(value: float) -> float | None:
-    """Return a number for JSON, which has no NaN: None for an unknown one."""
-    return None if np.isnan(value) else float(value)

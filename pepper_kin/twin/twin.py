@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from pepper_kin import dynamics
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, loads_of
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
-    as_joint_vectors,
+    as_joint_vector,
     check_choice,
     check_whole,
     check_within_limits,
@@ -136,8 +135,8 @@ class Twin:
             InvalidValueError: for a wrong length, NaN or infinity.
             LimitError: for a position outside the limits.
         """
-        position = self.pepper.neutral() if q is None else self._vector(q, "q")
-        velocity = np.zeros(self.pepper.n) if v is None else self._vector(v, "v")
+        position = self.pepper.neutral() if q is None else as_joint_vector(self.pepper, q, "q")
+        velocity = np.zeros(self.pepper.n) if v is None else as_joint_vector(self.pepper, v, "v")
         check_within_limits(self.pepper, position, "q", 1e-6)
         self._q, self._v, self._step = position.copy(), velocity.copy(), 0
         self._a = np.zeros(self.pepper.n)
@@ -214,11 +213,11 @@ class Twin:
             DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
             ContactError: where the world cannot do its step; the state stays.
         """
-        q_ref, rest = self._vector(position, "position"), self._rest
-        v_ref = rest if velocity is None else self._vector(velocity, "velocity")
-        a_ref = rest if acceleration is None else self._vector(acceleration, "acceleration")
-        torque = rest if effort is None else self._vector(effort, "effort")
-        outer = rest if load is None else self._vector(load, "load")
+        q_ref, rest = as_joint_vector(self.pepper, position, "position"), self._rest
+        v_ref = rest if velocity is None else as_joint_vector(self.pepper, velocity, "velocity")
+        a_ref = rest if acceleration is None else as_joint_vector(self.pepper, acceleration, "acceleration")
+        torque = rest if effort is None else as_joint_vector(self.pepper, effort, "effort")
+        outer = rest if load is None else as_joint_vector(self.pepper, load, "load")
         command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         before, due = (self._q, self._v), self._delay.through(command.as_rows())
         series, failed = self._segment(due, outer[np.newaxis], self._steps_alone(1) > 0)
@@ -447,10 +446,3 @@ class Twin:
         """Make the arrays of the present state read-only, since they are handed out."""
         for values in (self._q, self._v, self._torque, self._a):
             values.flags.writeable = False
-
-    def _vector(self, value: ArrayLike, quantity: str) -> Array:
-        """Return a finite joint vector, shape (n,), by the name of its quantity."""
-        array = as_joint_vectors(self.pepper, value, quantity)
-        if array.ndim != 1:
-            raise InvalidValueError(quantity, f"shape {array.shape}", f"shape ({self.pepper.n},)")
-        return array

@@ -14,7 +14,7 @@ from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.replay import Replay, whole_body
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vector, as_joint_vectors
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.viewer.motion_frames import Series, limited_series
@@ -152,9 +152,7 @@ def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
     Raises:
         InvalidValueError: for a q of wrong shape, or with NaN or infinity.
     """
-    positions = as_joint_vectors(pepper, q, "q")
-    if positions.ndim != 1:
-        raise InvalidValueError("q", f"shape {positions.shape}", f"shape ({pepper.n},)")
+    positions = as_joint_vector(pepper, q, "q")
     return JointMotion(np.zeros(1), positions[None])
 
 

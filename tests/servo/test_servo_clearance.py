@@ -5,8 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.core.braking import brake_path, ticks_to_rest
-from pepper_kin.servo.clearance_guard import ClearanceGuard
-from pepper_kin.servo.motion_bounds import frame_motion_bounds
+from pepper_kin.servo.clearance_guard import ClearanceGuard, frame_motion_bounds
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")

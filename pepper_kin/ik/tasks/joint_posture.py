@@ -97,15 +97,13 @@ class JointPosture(TargetTask):
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return the largest deviation in words, at joint positions q, shape (n,) [rad or m]."""
-        unit = self.unit_on(pepper) if self._one_unit(pepper) else "rad (or m)"
+        units = {pepper.joint_units[i] for i in self.indices(pepper)}
+        unit = self.unit_on(pepper) if len(units) == 1 else "rad (or m)"
         return f"posture {self.error(pepper, q):.4f} {unit} away"
 
     def unit_on(self, pepper: PepperModel) -> str:
         """Return "m" where all its joints slide, else "rad"."""
         return "m" if all(pepper.joint_units[i] == "m" for i in self.indices(pepper)) else "rad"
-
-    def _one_unit(self, pepper: PepperModel) -> bool:
-        return len({pepper.joint_units[i] for i in self.indices(pepper)}) == 1
 
     def _structure(self) -> Structure:
         joints, size = self.joints or (), self.target.shape[-1]

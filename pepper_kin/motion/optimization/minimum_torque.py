@@ -17,7 +17,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.result import NOT_EXAMINED
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
-    as_joint_vectors,
+    as_joint_vector,
     check_choice,
     check_positive,
     check_whole,
@@ -198,9 +198,7 @@ def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
         InvalidValueError: for a wrong shape, NaN or infinity.
         LimitError: for a position beyond its joint's limits.
     """
-    q = as_joint_vectors(pepper, value, name)
-    if q.ndim != 1:
-        raise InvalidValueError(name, f"shape {q.shape}", f"shape ({pepper.n},)")
+    q = as_joint_vector(pepper, value, name)
     check_within_limits(pepper, q, name)
     return q
 

@@ -56,7 +56,7 @@ class OmniBase:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        return _rows(twist, "twist", 3) @ self.wheel_map.T
+        return as_batch(twist, "twist", (3,)) @ self.wheel_map.T
 
     def body_twist(self, wheel_speeds: ArrayLike) -> Array:
         """Return the twist that fits the wheels best, by least squares; with three wheels it fits exactly.
@@ -70,7 +70,7 @@ class OmniBase:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        return _rows(wheel_speeds, "wheel_speeds", len(self.wheel_map)) @ self._inverse.T
+        return as_batch(wheel_speeds, "wheel_speeds", (len(self.wheel_map),)) @ self._inverse.T
 
     def wheel_slip(self, twist: ArrayLike, wheel_speeds: ArrayLike) -> Array:
         """Return how fast each wheel slides over the floor along its rolling direction, shape (..., k) [m/s].
@@ -82,7 +82,7 @@ class OmniBase:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        turning = _rows(wheel_speeds, "wheel_speeds", len(self.wheel_map))
+        turning = as_batch(wheel_speeds, "wheel_speeds", (len(self.wheel_map),))
         return self.geometry.wheel_radius * (self.wheel_speeds(twist) - turning)
 
     def limited(self, twist: ArrayLike) -> Array:
@@ -96,15 +96,10 @@ class OmniBase:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        twists, limits = _rows(twist, "twist", 3), self.geometry
+        twists, limits = as_batch(twist, "twist", (3,)), self.geometry
         use = np.maximum(
             np.hypot(twists[..., 0], twists[..., 1]) / limits.linear_velocity,
             np.abs(twists[..., 2]) / limits.angular_velocity,
         )
         turning = np.abs(self.wheel_speeds(twists)).max(axis=-1) / limits.wheel_speed_limit
         return np.asarray(twists / np.maximum(np.maximum(use, turning), 1.0)[..., None])
-
-
-def _rows(value: ArrayLike, quantity: str, length: int) -> Array:
-    """Return finite numbers, shape (..., length), by the name of a quantity."""
-    return as_batch(value, quantity, (length,))

@@ -16,18 +16,23 @@ from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
-class ColorCamera(ErringSensor):
-    """A picture of 320 x 240 pixels."""
+class _CameraSensor(ErringSensor):
+    """What a camera on the robot sees."""
 
-    shape = (240, 320, 3)
     uses_scene = True
-    dtype = np.uint8
 
     def __init__(
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
     ) -> None:
         super().__init__(pepper, specification, seed)
         self.camera = Camera(pepper, specification.name, rays=rays)
+
+
+class ColorCamera(_CameraSensor):
+    """A picture of 320 x 240 pixels."""
+
+    shape = (240, 320, 3)
+    dtype = np.uint8
 
     def truth(self, state: SensedState) -> NDArray[np.uint8]:
         """Return red, green and blue, shape (240, 320, 3)."""
@@ -39,17 +44,10 @@ class ColorCamera(ErringSensor):
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
 
-class DepthCamera(ErringSensor):
+class DepthCamera(_CameraSensor):
     """Depths of 320 x 240 pixels along the optical axis; -inf stands for too near, inf for too far."""
 
     shape = (240, 320)
-    uses_scene = True
-
-    def __init__(
-        self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
-    ) -> None:
-        super().__init__(pepper, specification, seed)
-        self.camera = Camera(pepper, specification.name, rays=rays)
 
     def truth(self, state: SensedState) -> NDArray[np.float64]:
         """Return the depths [m], inf where nothing is, shape (240, 320)."""

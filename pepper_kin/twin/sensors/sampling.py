@@ -132,26 +132,15 @@ class SampledTogether:
             about = self._sensors[name].specification
             yield name, ReadingSeries(times, value, truth, about.unit, about.frame)
 
-    def _by_name(self, samples: list[Sample]) -> Iterator[tuple[str, tuple[NDArray[Any], NDArray[Any]]]]:
+    def _by_name(self, samples: list[Sample]) -> Iterator[tuple[str, list[NDArray[Any]]]]:
         """Return names and truths and values of samples, shape (k, ...) each."""
         truth, value = (np.array([sample[i] for sample in samples]) for i in (1, 2))
         for name, part in self._parts.items():
             sensor, shape = self._sensors[name], (len(samples), *self._sensors[name].shape)
-            yield (
-                name,
-                (
-                    truth[:, part].reshape(shape).astype(sensor.dtype, copy=False),
-                    value[:, part].reshape(shape).astype(sensor.dtype, copy=False),
-                ),
-            )
+            rows = (array[:, part].reshape(shape) for array in (truth, value))
+            yield name, [array.astype(sensor.dtype, copy=False) for array in rows]
         for k, name in enumerate(self._apart):
-            yield (
-                name,
-                (
-                    np.stack([sample.pictures[k][0] for sample in samples]),
-                    np.stack([sample.pictures[k][1] for sample in samples]),
-                ),
-            )
+            yield name, [np.stack([sample.pictures[k][i] for sample in samples]) for i in (0, 1)]
 
     def _said(self, sensor: ErringSensor, truth: NDArray[Any], sample: int) -> NDArray[Any]:
         """Return a sensor's reading of a truth, both of the sensor's shape and in its unit."""

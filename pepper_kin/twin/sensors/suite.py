@@ -14,7 +14,7 @@ from pepper_kin.arrays import kept_read_only
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import MOST, as_joint_vectors, as_real, shown
+from pepper_kin.model.joint_vectors import MOST, as_joint_vector, as_real, check_seed, shown
 from pepper_kin.twin.sensors.camera_sensors import ColorCamera, DepthCamera
 from pepper_kin.twin.sensors.inertial import Accelerometer, Gyroscope, Orientation
 from pepper_kin.twin.sensors.joint_sensors import JointEncoders, JointTorques
@@ -95,8 +95,7 @@ class SensorSuite:
         if scene is not None and world is not None:
             raise InvalidValueError("scene and world", "both", "one of the two at most")
         self._world = StillWorld(_EMPTY if scene is None else scene, ()) if world is None else world
-        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-            raise InvalidValueError("seed", repr(seed), "an integer of at least 0")
+        check_seed(seed)
         known = dict(sensor_specifications())
         for name, specification in (specifications or {}).items():
             if not isinstance(specification, SensorSpecification):
@@ -106,7 +105,8 @@ class SensorSuite:
             if name != specification.name:
                 raise InvalidValueError("name of a specification", repr(specification.name), repr(name))
             known[name] = specification
-        names = [name for name in known if name not in CAMERAS] if sensors is None else _names(sensors)
+        chosen = [name for name in known if name not in CAMERAS] if sensors is None else sensors
+        names = list(dict.fromkeys([chosen] if isinstance(chosen, str) else chosen))
         for name in names:
             if name not in known:
                 raise UnknownNameError("sensor", name, known)
@@ -241,10 +241,7 @@ class SensorSuite:
         """Return a finite joint vector, shape (n,), by the name of its quantity; zero for None."""
         if value is None:
             return np.zeros(self.pepper.n)
-        vector = as_joint_vectors(self.pepper, value, quantity)
-        if vector.ndim != 1:
-            raise InvalidValueError(quantity, f"shape {vector.shape}", f"shape ({self.pepper.n},)")
-        return kept_read_only(vector)
+        return kept_read_only(as_joint_vector(self.pepper, value, quantity))
 
     def _made(self, specification: SensorSpecification, seed: int) -> Sensor:
         if specification.kind == "switch":
@@ -272,8 +269,3 @@ class SensorSuite:
 
 _EMPTY = Scene()
 """One object, so that what was made for it is found again."""
-
-
-def _names(sensors: Iterable[str]) -> list[str]:
-    names = [sensors] if isinstance(sensors, str) else list(sensors)
-    return list(dict.fromkeys(names))

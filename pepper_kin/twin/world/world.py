@@ -29,7 +29,7 @@ from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vector
 from pepper_kin.model.shapes import transform
 from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.contact_error import ContactError
@@ -305,9 +305,7 @@ class World:
                 raise InvalidValueError("q", "joint positions", "None where there is no robot")
             posture = np.zeros(0)
         else:
-            posture = self.pepper.neutral() if q is None else as_joint_vectors(self.pepper, q, "q")
-            if posture.ndim != 1:
-                raise InvalidValueError("q", f"shape {posture.shape}", f"shape ({self.pepper.n},)")
+            posture = self.pepper.neutral() if q is None else as_joint_vector(self.pepper, q, "q")
         still = RobotMotion(np.zeros(len(posture)), np.zeros((0, 0)), np.zeros(0))
         self._advance(np.array(posture), still, h)
 

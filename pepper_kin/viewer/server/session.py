@@ -15,7 +15,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_joint_vectors, check_within_limits
+from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
 from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server import obstacles
 from pepper_kin.viewer.server.alerts import Alerts
@@ -125,9 +125,7 @@ class Session:
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        positions = as_joint_vectors(self.pepper, q, "q")
-        if positions.ndim != 1:
-            raise InvalidValueError("q", f"shape {positions.shape}", f"shape ({self.pepper.n},)")
+        positions = as_joint_vector(self.pepper, q, "q")
         self.targets.release()
         self._leave(FREE)
         self._retract()
