@@ -23,16 +23,14 @@ from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.curves import Arc, HandCurve, Line
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
-from pepper_kin.motion.optimization import (
-    Cost,
-    Figures,
+from pepper_kin.motion.optimization.cost import Cost, Figures
+from pepper_kin.motion.optimization.minimum_torque import (
     MinimumTorqueStatus,
     MinimumTorqueTrajectory,
-    Optimized,
-    OptimizedStatus,
     minimum_torque_trajectory,
-    optimize,
 )
+from pepper_kin.motion.optimization.optimize import optimize
+from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.path_costs import CostAlong, PathCost
 from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus

@@ -62,6 +62,13 @@ class PlanProblem(PlanOptions, FrozenArrays):
         """Return what `plan` returns, and raise what it raises."""
         return plan(self.pepper, self.start, self.goal, self.scene, **self.keywords())
 
+    def outcome(self) -> Outcome:
+        """Return what `plan` returns and None, or None and what it raises."""
+        try:
+            return self.solve(), None
+        except Exception as error:
+            return None, error
+
 
 @dataclass(frozen=True, eq=False)
 class PlanBatch:
@@ -142,13 +149,6 @@ def _chunks(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
     return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
 
 
-def _outcome(problem: PlanProblem) -> Outcome:
-    try:
-        return problem.solve(), None
-    except Exception as error:
-        return None, error
-
-
 class _BatchRun:
     """One call: this thread takes pieces from the front, one thread for each helper from the back."""
 
@@ -172,7 +172,7 @@ class _BatchRun:
         try:
             while (chunk := self._next()) is not None:
                 for number in chunk:
-                    self._record([number], [_outcome(self.problems[number])])
+                    self._record([number], [self.problems[number].outcome()])
                     self._tell()
         except BaseException:
             self.waiting.clear()

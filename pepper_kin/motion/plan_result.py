@@ -24,7 +24,7 @@ from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 if TYPE_CHECKING:
-    from pepper_kin.motion.optimization import Optimized
+    from pepper_kin.motion.optimization.optimized import Optimized
     from pepper_kin.motion.path_costs import CostAlong
     from pepper_kin.trajectory import Trajectory
 

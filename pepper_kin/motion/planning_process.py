@@ -220,12 +220,7 @@ def _answer(message: bytes, robots: _Kept, scenes: _Kept) -> bytes:
         problems: Sequence[PlanProblem] = _Unpickler(body, pepper, scene).load()
     except Exception:  # a class of a script that is not run here, a file that is gone, ...
         return b""
-    found: list[Outcome] = []
-    for problem in problems:
-        try:
-            found.append((problem.solve(), None))
-        except Exception as error:
-            found.append((None, error))
+    found = [problem.outcome() for problem in problems]
     try:
         return _packed(found, pepper, scene, checker_for(pepper, scene).scene)
     except Exception:  # an error or result of a user's own class

@@ -13,7 +13,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.examination import is_clear_along
-from pepper_kin.motion.optimization import optimize
+from pepper_kin.motion.optimization.optimize import optimize
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_request import PlanOptions
 from pepper_kin.motion.plan_request import moves_base as drives

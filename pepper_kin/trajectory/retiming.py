@@ -134,14 +134,15 @@ def retime(
         scene=scene, along=path,
     )  # fmt: skip
     curve = as_cubic_path(pepper, path)
-    refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
     drives = _drives(pepper, curve.coefficients)
     if acceleration_limits is None:
         limits = _kept_limits(pepper, allowed, drives)
     else:
         limits = _limits(pepper, greatest, allowed, drives)
-    _refuse_missing(pepper, curve.coefficients, acceleration_limits)
-    _refuse_unbounded(curve.coefficients, limits)
+    if acceleration_limits is not None or not _has_all_limits(pepper):
+        refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
+        _refuse_missing(pepper, curve.coefficients, acceleration_limits)
+        _refuse_unbounded(curve.coefficients, limits)
     count = _intervals(gridpoints)
     try:
         timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
@@ -173,6 +174,13 @@ def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives:
 def _kept_limits(pepper: PepperModel, allowed: MotionLimits, drives: bool) -> Limits:
     """Return limits with the robot's own of acceleration, whose tables are kept with them."""
     return _limits(pepper, pepper.acceleration_limits, allowed, drives)
+
+
+@kept_for_robot(most=1)
+def _has_all_limits(pepper: PepperModel) -> bool:
+    """Whether all joints have limits of velocity and acceleration, finite and above zero."""
+    both = np.concatenate([pepper.velocity_limits, pepper.acceleration_limits])
+    return bool((np.isfinite(both) & (both > 0)).all())
 
 
 def _where_joints_move(limits: Array) -> Array:

@@ -75,8 +75,7 @@ class TimingProblem:
             As `time_path`, and the motion where there is one.
         """
         breaks, coefficients = self._path
-        size, _, n = self.grid.taylor.shape
-        times, motion = np.empty(size + 1), np.empty((size, 7, n))
+        times, motion = self._tables.times, self._tables.motion
         path = TimedPath(
             breaks, coefficients, self.grid, self.effects, self._tables.torques, self.limits, self.rows,
             self.space, self._tables.states, times, motion,
@@ -107,10 +106,9 @@ class TimingProblem:
 
     def trajectory(self, x: Array, stretch: float = 1.0) -> Trajectory:
         """Return the motion with squared speeds (ds/dt)^2 at the grid points, shape (N + 1,), made slower."""
-        size, _, n = self.grid.taylor.shape
-        breaks, coefficients = np.empty(size + 1), np.empty((size, 7, n))
-        motion_polynomials(self.grid, x, stretch, breaks, coefficients)
-        return known_trajectory(self._names, self._units, breaks, coefficients)
+        times, motion = self._tables.times, self._tables.motion
+        motion_polynomials(self.grid, x, stretch, times, motion)
+        return known_trajectory(self._names, self._units, times, motion)
 
     def infeasible(self, failed_at: int | None) -> InfeasibleError:
         """Say why there is no trajectory: with velocity and acceleration alone there always is one.
@@ -159,6 +157,8 @@ class _Tables(NamedTuple):
     space: ProfileSpace
     states: Array
     torques: Array
+    times: Array
+    motion: Array
 
 
 class _Memory(threading.local):
@@ -180,7 +180,7 @@ def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _T
     nodes, r = size + segments, n + torques + edges
     total = (
         nodes * (3 * n + 6 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
-        + max(9 * nodes * n, size * 3 * (2 * r + 1)) + 10
+        + max(9 * nodes * n, size * 3 * (2 * r + 1)) + size * (7 * n + 1) + 11
     )  # fmt: skip
     if _memory.workspace.size < total or len(_memory.tables) >= MOST_TABLES:
         _memory.tables.clear()
@@ -199,10 +199,12 @@ def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _T
     )  # fmt: skip
     torque, moments = take(3, nodes, torques), take(3, nodes, edges)
     effects = PathEffects(torque, moments, np.empty((nodes, 0)), np.empty((size, 0)))
+    times, motion = take(size + 1), take(size, 7, n)
     span, reach, x, best, begin = take(size, 3), take(size + 1, 2), take(size + 1), take(size + 1), used
     states = take(3, 3 * nodes, n)
     used = begin
     space = ProfileSpace(take(size, 3, 2 * r + 1), span, reach, np.ones(size, np.bool_), x, best)
-    found = _Tables(grid, effects, rows, space, states, torque.reshape(3 * nodes, torques))
+    torque_rows = torque.reshape(3 * nodes, torques)
+    found = _Tables(grid, effects, rows, space, states, torque_rows, times, motion)
     _memory.tables[key] = found
     return found

@@ -132,7 +132,7 @@ def minimum_torque_trajectory(
     limits = _limits(pepper, loads_of(pepper, scene, payload))
     request = _Request(pepper, first, last, duration, intervals, max_iterations, solver, limits)
     stuck = _motionless(pepper, np.abs(last - first) > 1e-9, limits)
-    found = MinimumTorqueStatus.INFEASIBLE, None, 0
+    found: tuple[MinimumTorqueStatus, Trajectory | None, int] = MinimumTorqueStatus.INFEASIBLE, None, 0
     if not stuck:
         found = _by_newton(request) if solver == "newton" else _by_casadi(request)
     status, trajectory, iterations = found
