@@ -130,18 +130,15 @@ def _problems(count: int, seed: int):
         yield q[free.free(q)][:2]
 
 
-@pytest.mark.parametrize(
-    ("count", "seed"), [(16, 0), pytest.param(400, 1, marks=pytest.mark.thousand)], ids=["few", "many"]
-)
-def test_retime_never_refuses_what_was_planned_with_a_load(count, seed):
+def test_retime_never_refuses_what_was_planned_with_a_load():
     solved, carried = 0, {"payload": {"left": 0.8}, "balance": 0.02}
-    for number, (start, goal) in enumerate(_problems(count, seed)):
+    for number, (start, goal) in enumerate(_problems(16, 0)):
         plan = pk.plan(PEPPER, start, goal, TABLE, seed=number, **carried)
         if plan.success:
             solved += 1
             certificate = pk.retime(PEPPER, plan, **carried).check(PEPPER, scene=TABLE, **carried)
             assert certificate.success, certificate.report()
-    assert solved > 0.6 * count
+    assert solved > 9
 
 
 def test_without_the_load_the_same_problems_are_refused():
