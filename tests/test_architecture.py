@@ -8,6 +8,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from pepper_kin import _PACKAGES, __version__
 
@@ -57,19 +58,32 @@ def package_of(path):
     return parts[1] if len(parts) > 1 else "__init__"
 
 
-@cache
-def tree_of(path):
-    return ast.parse(path.read_text(encoding="utf-8"))
+class Facts(NamedTuple):
+    """What the tests ask of a file, whose syntax tree is not kept: those of all files take 200 MB.
+
+    Attributes:
+        imported: Packages of pepper_kin that it imports, at the top, in functions or for type checking.
+        modules: Modules of pepper_kin that it imports by `from`.
+        texts: Texts that are the name of a module of pepper_kin.
+        positional: The most positional parameters of a function, and its name.
+        inside: Lines of imports of our own in functions.
+    """
+
+    imported: set[str]
+    modules: set[str]
+    texts: set[str]
+    positional: tuple[int, str]
+    inside: set[int]
 
 
 @cache
-def packages_imported(path):
-    """Packages of pepper_kin that a file imports, at the top, in functions or for type checking."""
-    found = set()
+def facts(path):
+    """Return the facts of a file."""
+    imported, modules, texts, positional, inside = set(), set(), set(), (0, ""), set()
     package = ("pepper_kin", *path.relative_to(ROOT).parts[:-1])
     if package[1] == "pepper_kin":
         package = package[1:]
-    for node in ast.walk(tree_of(path)):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         names = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -78,11 +92,25 @@ def packages_imported(path):
             if node.level:
                 base = ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
             names = [base] if base != "pepper_kin" else [f"pepper_kin.{alias.name}" for alias in node.names]
-        for name in names:
-            parts = name.split(".")
-            if parts[0] == "pepper_kin":
-                found.add(parts[1] if len(parts) > 1 else "__init__")
-    return found - {"__version__"}
+            modules.add(base)
+        elif isinstance(node, ast.Constant) and re.fullmatch(r"pepper_kin(\.\w+)+", str(node.value)):
+            texts.add(str(node.value))
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            count = len(node.args.posonlyargs) + len(node.args.args) - (node.name == "__init__")
+            positional = max(positional, (count, node.name))
+            inside |= {
+                inner.lineno
+                for inner in ast.walk(node)
+                if isinstance(inner, ast.ImportFrom)
+                and (inner.level or (inner.module or "").partition(".")[0] == "pepper_kin")
+            }
+        parts = [name.split(".") for name in names]
+        imported |= {(*part, "__init__")[1] for part in parts if part[0] == "pepper_kin"}
+    return Facts(imported - {"__version__"}, modules, texts, positional, inside)
+
+
+def packages_imported(path):
+    return facts(path).imported
 
 
 ALL_FILES = list(python_files())
@@ -112,12 +140,10 @@ INTERFACES = ("ros_messages", "naoqi", "ros", "qibullet")
 
 def test_the_toolkit_imports_no_interface():
     """At the top, in functions, for type checking, or by a name in a text."""
-    module = re.compile(rf"pepper_kin\.({'|'.join(INTERFACES)})(\.\w+)*")
     for path in ALL_FILES:
         if package_of(path) not in INTERFACES:
-            assert not packages_imported(path) & set(INTERFACES), path
-            texts = [node.value for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant)]
-            assert not [t for t in texts if isinstance(t, str) and module.fullmatch(t)], path
+            named = {text.split(".")[1] for text in facts(path).texts}
+            assert not (packages_imported(path) | named) & set(INTERFACES), path
 
 
 TOOLKIT_PROGRAM = """
@@ -195,11 +221,7 @@ def test_only_the_command_line_imports_the_viewer():
 
 
 def test_functions_take_eight_positional_parameters_at_most():
-    for path in ALL_FILES:
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                count = len(node.args.posonlyargs) + len(node.args.args) - (node.name == "__init__")
-                assert count <= 8, f"{path.name}: {node.name} takes {count}"
+    assert {path.name: facts(path).positional for path in ALL_FILES if facts(path).positional[0] > 8} == {}
 
 
 CERTIFICATES = (
@@ -217,12 +239,10 @@ SHARED = {"collision.motion_tree", "core.motion_bounds"}
 
 def test_certificates_share_no_code_with_the_core():
     for name in CERTIFICATES:
-        for node in ast.walk(tree_of(ROOT / name)):
-            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("pepper_kin."):
-                module = node.module.removeprefix("pepper_kin.")
-                parts = module.split(".")
-                compiled = parts[0] in ("core", "kernels", "planners") or "fast" in parts
-                assert not compiled or module in SHARED, f"{name} imports {module}"
+        for module in facts(ROOT / name).modules:
+            parts = module.split(".")[1:]
+            compiled = {*parts[:1]} & {"core", "kernels", "planners"} or "fast" in parts
+            assert not compiled or ".".join(parts) in SHARED, f"{name} imports {module}"
 
 
 ASKS_WHAT_IS_IMPORTED = {
@@ -245,15 +265,7 @@ MOST_IN_FUNCTIONS = 40
 
 
 def test_few_imports_stand_in_functions():
-    found = {
-        (str(path.relative_to(ROOT)), inner.lineno)
-        for path in ALL_FILES
-        for function in ast.walk(tree_of(path))
-        if isinstance(function, ast.FunctionDef)
-        for inner in ast.walk(function)
-        if isinstance(inner, ast.ImportFrom)
-        and (inner.level or (inner.module or "").partition(".")[0] == "pepper_kin")
-    }
+    found = [(str(path.relative_to(ROOT)), line) for path in ALL_FILES for line in facts(path).inside]
     assert len(found) <= MOST_IN_FUNCTIONS, sorted(found)
 
 

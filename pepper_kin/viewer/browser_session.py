@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import tempfile
@@ -101,6 +102,10 @@ class BrowserSession:
             if pipe is not None:
                 pipe.close()
         self._profile.cleanup()
+        deadline = time.monotonic() + 10.0
+        while os.path.exists(self._profile.name) and time.monotonic() < deadline:
+            time.sleep(0.02)  # a helper was about to write as it was killed
+            shutil.rmtree(self._profile.name, ignore_errors=True)
 
     def _start(self, chromium: str) -> None:
         """Start the browser; it reads commands from its descriptor 3 and answers on its descriptor 4."""

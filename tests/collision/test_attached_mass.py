@@ -43,21 +43,18 @@ def sampled(inside, size, count=400_000):
     return center, np.trace(spread) * np.eye(3) - spread
 
 
-@pytest.mark.parametrize(
-    ("geometry", "inertia"),
-    [
+def test_simple_shapes_have_the_inertia_that_pinocchio_gives_them():
+    for geometry, inertia in [
         (Sphere(0.07), pinocchio.Inertia.FromSphere(2.0, 0.07)),
         (Box((0.1, 0.2, 0.3)), pinocchio.Inertia.FromBox(2.0, 0.1, 0.2, 0.3)),
         (Cylinder(0.04, 0.2), pinocchio.Inertia.FromCylinder(2.0, 0.04, 0.2)),
         (Capsule(0.04, 0.2), pinocchio.Inertia.FromCapsule(2.0, 0.04, 0.2)),
-    ],
-)
-def test_simple_shapes_have_the_inertia_that_pinocchio_gives_them(geometry, inertia):
-    pose = some_pose()
-    load, expected = attached(geometry, pose=pose).load, pinocchio.SE3(pose).act(inertia)
-    np.testing.assert_allclose(load.center, expected.lever, atol=1e-14)
-    np.testing.assert_allclose(load.tensor, expected.inertia, rtol=1e-9, atol=1e-12)
-    assert load.mass == 2.0
+    ]:
+        pose = some_pose()
+        load, expected = attached(geometry, pose=pose).load, pinocchio.SE3(pose).act(inertia)
+        np.testing.assert_allclose(load.center, expected.lever, atol=1e-14)
+        np.testing.assert_allclose(load.tensor, expected.inertia, rtol=1e-9, atol=1e-12)
+        assert load.mass == 2.0
 
 
 def test_a_capsule_has_the_inertia_of_points_drawn_inside():
@@ -146,17 +143,14 @@ def test_what_is_no_center_of_mass_is_refused_by_name():
             attached(Sphere(0.1), 1.0, center_of_mass=center)
 
 
-@pytest.mark.parametrize(
-    "geometry",
-    [
+def test_a_shape_without_a_volume_takes_no_mass():
+    for geometry in [
         TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]], [[0, 1, 2]]),
         PointCloud(np.empty((0, 3)), 0.01),
         HalfSpace(),
-    ],
-)
-def test_a_shape_without_a_volume_takes_no_mass(geometry):
-    with pytest.raises(InvalidValueError, match="geometry of 'thing'"):
-        attached(geometry)
+    ]:
+        with pytest.raises(InvalidValueError, match="geometry of 'thing'"):
+            attached(geometry)
 
 
 def test_without_a_mass_nothing_counts():

@@ -133,7 +133,6 @@ def test_a_tie_is_not_surely_free():
 @pytest.mark.parametrize(
     "choice", [{"base": "planar"}, {"hands": "mimic"}], ids=["planar base", "mimic hands"]
 )
-@pytest.mark.slow
 def test_other_pepper(choice):
     pepper = pk.load_pepper(**choice)
     fast = FastChecker(pepper, random_scene("box", seed=1))

@@ -312,22 +312,19 @@ def test_planning_accounts_for_what_is_held():
     assert not pk.collision.in_collision(pepper, found.path, scene).any()
 
 
-@pytest.mark.parametrize(
-    ("geometry", "expected"),
-    [
+def test_extent_bounds_every_point_of_a_held_object():
+    for geometry, expected in [
         (pk.model.Box((0.2, 0.2, 0.2)), 0.5 + 0.1 * np.sqrt(3)),
         (pk.model.Sphere(0.1), 0.6),
         (pk.model.Capsule(0.1, 0.4), 0.8),
         (pk.model.Cylinder(0.3, 0.8), 1.0),
         (ConvexMesh(CUBE, 0.02), np.linalg.norm([0.6, 0.1, 0.1]) + 0.02),
         (PointCloud([[0.1, 0, 0], [-0.2, 0, 0]], 0.01), 0.61),
-    ],
-)
-def test_extent_bounds_every_point_of_a_held_object(geometry, expected):
-    pose = np.eye(4)
-    pose[0, 3] = 0.5
-    held = pk.Scene().add("it", geometry).attach("it", "l_gripper", pose).attached["it"]
-    assert held.extent == pytest.approx(expected)
+    ]:
+        pose = np.eye(4)
+        pose[0, 3] = 0.5
+        held = pk.Scene().add("it", geometry).attach("it", "l_gripper", pose).attached["it"]
+        assert held.extent == pytest.approx(expected)
 
 
 def cube_file(path, half):

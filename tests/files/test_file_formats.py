@@ -180,9 +180,8 @@ def refused(path, old, new, count=1):
     return caught.value
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
+def test_wrong_json(tmp_path):
+    for old, new, line, message in [
         ("1e-300", "NaN", 9, "holds NaN, expected finite numbers"),
         ("1e-300", "1e999", 9, "holds 1e999"),
         ("0.01, 0.02]", "0.02, 0.01]", None, "breaks: got"),
@@ -199,17 +198,14 @@ def refused(path, old, new, count=1):
         ("1e-300", '"x"', None, "coefficients: got"),
         ('["rad", "rad"]', '["rad", "inch"]', None, "joint_units"),
         ('["rad", "rad"]', "7", 5, "joint_units is not a list"),
-    ],
-)
-def test_wrong_json(tmp_path, old, new, line, message):
-    error = refused(save(short(), tmp_path / "motion.json"), old, new)
-    assert message in str(error)
-    assert error.line == line
+    ]:
+        error = refused(save(short(), tmp_path / "motion.json"), old, new)
+        assert message in str(error)
+        assert error.line == line
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
+def test_wrong_yaml(tmp_path):
+    for old, new, line, message in [
         ("nanosec: 10000000", "nanosec: 0", 13, "time 0.0 s does not come after 0.0 s of the point before"),
         (
             "time_from_start: {sec: 0, nanosec: 0}",
@@ -230,17 +226,14 @@ def test_wrong_json(tmp_path, old, new, line, message):
         ("points:", "points: 3\nother:", 8, "unknown field 'other' of JointTrajectory"),
         ("positions: [0.1,", "positions: {0.1,", 8, "is not complete YAML"),
         ("joint_names:\n- 'A'\n- 'B'", "joint_names: A", 4, "joint_names is not a list"),
-    ],
-)
-def test_wrong_yaml(tmp_path, old, new, line, message):
-    error = refused(save(short(), tmp_path / "motion.yaml"), old, new)
-    assert message in str(error)
-    assert error.line == line
+    ]:
+        error = refused(save(short(), tmp_path / "motion.yaml"), old, new)
+        assert message in str(error)
+        assert error.line == line
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "message"),
-    [
+def test_wrong_naoqi_scripts(tmp_path):
+    for old, new, line, message in [
         ("NAMES = ['A', 'B']", "NAMES = ['A', 'A']", 8, "joint 'A' occurs twice"),
         ("NAMES = ['A', 'B']", "NAMES = ['A', None]", 8, "joint name 2 is None"),
         ("START = [0.1,", "START = [float('nan'),", 9, "START is not a list of plain values"),
@@ -254,12 +247,10 @@ def test_wrong_yaml(tmp_path, old, new, line, message):
         ("START = ", "NAMES = []\nSTART = ", 9, "NAMES occurs twice"),
         ("ANGLES = [", "ANGLES = [[],", 12, "3 lists for 2 joints"),
         ("ANGLES = [", "ANGLES = [(", None, "is not a complete Python script"),
-    ],
-)
-def test_wrong_naoqi_scripts(tmp_path, old, new, line, message):
-    error = refused(save(short(), tmp_path / "motion.py", dt=0.005), old, new)
-    assert message in str(error)
-    assert error.line == line or message == "is not a complete Python script"
+    ]:
+        error = refused(save(short(), tmp_path / "motion.py", dt=0.005), old, new)
+        assert message in str(error)
+        assert error.line == line or message == "is not a complete Python script"
 
 
 def test_reading_a_script_does_not_run_it(tmp_path):
@@ -280,9 +271,8 @@ def wrong_npz(tmp_path, **changes):
     return str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_wrong_npz(tmp_path):
+    for changes, message in [
         ({"breaks": np.array([0.0, 0.02, 0.01])}, "breaks: got [0. 0.02 0.01]"),
         ({"breaks": np.array([0.0, np.nan, 0.02])}, "breaks: got nan"),
         ({"coefficients": np.full((2, 2, 2), np.inf)}, "coefficients: got inf"),
@@ -294,10 +284,8 @@ def wrong_npz(tmp_path, **changes):
         ({"joint_names": np.array([1, 2])}, "joint_names is int64"),
         ({"joint_names": np.array(["A", "A"])}, "joint 'A' occurs twice"),
         ({"joint_names": np.array([object(), None])}, "is not a complete NumPy archive"),
-    ],
-)
-def test_wrong_npz(tmp_path, changes, message):
-    assert message in wrong_npz(tmp_path, **changes)
+    ]:
+        assert message in wrong_npz(tmp_path, **changes)
 
 
 def test_yaml_is_what_ros_takes(trajectory, tmp_path):

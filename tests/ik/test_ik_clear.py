@@ -174,23 +174,20 @@ def test_where_no_margin_is_left_the_hint_says_so():
     assert "l_wrist and table too near" in result.hint
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_margins_are_checked():
+    for options, message in [
         ({"margin": 0.01, "collisions": False}, "margin: got 0.01, expected 0 where collisions are left out"),
         ({"scene": pk.Scene(), "collisions": False}, "collisions: got False, expected True"),
         ({"collisions": "no"}, "collisions: got 'no', expected True or False"),
         ({"margin": -0.01, "scene": pk.Scene()}, "margin: got -0.01"),
         ({"margin": float("nan"), "scene": pk.Scene()}, "margin: got nan"),
         ({"scene": "table"}, "scene: got 'table', expected a Scene"),
-    ],
-)
-def test_margins_are_checked(options, message):
-    point = (0.3, 0.2, 0.9)
-    for call, target in (
-        (pk.ik.solve, point),
-        (pk.ik.solutions, point),
-        (pk.ik.solve_batch, np.array([point] * 2)),
-    ):
-        with pytest.raises(pk.exceptions.InvalidValueError, match=message):
-            call(PEPPER, pk.ik.HandPosition("left", target), **options)
+    ]:
+        point = (0.3, 0.2, 0.9)
+        for call, target in (
+            (pk.ik.solve, point),
+            (pk.ik.solutions, point),
+            (pk.ik.solve_batch, np.array([point] * 2)),
+        ):
+            with pytest.raises(pk.exceptions.InvalidValueError, match=message):
+                call(PEPPER, pk.ik.HandPosition("left", target), **options)

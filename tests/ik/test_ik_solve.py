@@ -22,12 +22,11 @@ def reachable(count, seed):
         yield hand, camera[:3, 3] + generator.uniform(0.5, 3.0) * camera[:3, 0]
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(200, marks=pytest.mark.thousand)])
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("gaze", [False, True], ids=["hand", "hand and gaze"])
-def test_reachable_targets_are_reached(solver, count, gaze):
+def test_reachable_targets_are_reached(solver, gaze):
     missed = []
-    for hand, point in reachable(count, 11):
+    for hand, point in reachable(60, 11):
         tasks = [pk.ik.HandPosition("left", hand)] + ([pk.ik.LookAt(point)] if gaze else [])
         result = pk.ik.solve(PEPPER, tasks, solver=solver, collisions=False)
         assert np.all(result.q >= PEPPER.lower_limits)
@@ -114,9 +113,8 @@ def test_both_solvers_agree_on_the_closest_point():
 TASK = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "words"),
-    [
+def test_misuse_is_refused_by_name():
+    for call, error, words in [
         ({"solver": "magic"}, InvalidValueError, ["solver", "'magic'", "'fast', 'placo', 'proxsuite'"]),
         ({"start": np.zeros(3)}, InvalidValueError, ["start", "(3,)", "15"]),
         ({"start": np.zeros((2, 15))}, InvalidValueError, ["start", "(2, 15)", "(15,)"]),
@@ -137,11 +135,8 @@ TASK = pk.ik.HandPosition("left", (0.4, 0.2, 0.9))
         ({"tasks": [(0.1, 0.2, 0.3)]}, InvalidValueError, ["tasks", "HandPosition"]),
         ({"tasks": "left"}, InvalidValueError, ["tasks", "'left'"]),
         ({"tasks": 3}, InvalidValueError, ["tasks", "3"]),
-    ],
-    ids=str,
-)
-def test_misuse_is_refused_by_name(call, error, words):
-    with pytest.raises(error) as caught:
-        pk.ik.solve(PEPPER, **{"tasks": TASK, **call})
-    for word in words:
-        assert word in str(caught.value)
+    ]:
+        with pytest.raises(error) as caught:
+            pk.ik.solve(PEPPER, **{"tasks": TASK, **call})
+        for word in words:
+            assert word in str(caught.value)

@@ -6,7 +6,6 @@ from pepper_kin.jobs import check_dynamics, check_physics
 from pepper_kin.model import load_pepper
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("job", "parts"),
     [

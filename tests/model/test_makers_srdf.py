@@ -20,9 +20,8 @@ FORK = """<robot name="fork"><link name="trunk"/><link name="left"/><link name="
   <joint name="t" type="continuous"><parent link="right"/><child link="tip"/></joint></robot>"""
 
 
-@pytest.mark.parametrize(
-    ("urdf", "srdf", "posture"),
-    [
+def test_postures_are_those_that_pinocchio_reads():
+    for urdf, srdf, posture in [
         ("talos_data/robots/talos_reduced", "talos_data/srdf/talos", "half_sitting"),
         ("panda_description/urdf/panda", "panda_description/srdf/panda", "default"),
         ("xarm_description/urdf/xarm7", "xarm_description/srdf/xarm7", "home"),
@@ -38,25 +37,23 @@ FORK = """<robot name="fork"><link name="trunk"/><link name="left"/><link name="
         ),
         ("kinova_description/robots/kinova", "kinova_description/srdf/kinova", "arm_up"),
         ("icub_description/robots/icub", "icub_description/srdf/icub", "half_sitting"),
-    ],
-)
-def test_postures_are_those_that_pinocchio_reads(urdf, srdf, posture):
-    robot = pk.load_robot(ROBOTS / f"{urdf}.urdf", ROBOTS / f"{srdf}.srdf")
-    model = pinocchio.buildModelFromUrdf(str(ROBOTS / f"{urdf}.urdf"))
-    pinocchio.loadReferenceConfigurations(model, str(ROBOTS / f"{srdf}.srdf"), False)
-    theirs = model.referenceConfigurations[posture]
+    ]:
+        robot = pk.load_robot(ROBOTS / f"{urdf}.urdf", ROBOTS / f"{srdf}.srdf")
+        model = pinocchio.buildModelFromUrdf(str(ROBOTS / f"{urdf}.urdf"))
+        pinocchio.loadReferenceConfigurations(model, str(ROBOTS / f"{srdf}.srdf"), False)
+        theirs = model.referenceConfigurations[posture]
 
-    q = robot.posture(posture)
+        q = robot.posture(posture)
 
-    for name, value in zip(robot.joint_names, q, strict=True):
-        joint = model.joints[model.getJointId(name)]
-        part = theirs[joint.idx_q : joint.idx_q + joint.nq]
-        angle = float(part[0]) if joint.nq == 1 else float(np.arctan2(part[1], part[0]))
-        turned = value if joint.nq == 1 else np.angle(np.exp(1j * value))
-        limits = robot.lower_limits[robot.joint_index(name)], robot.upper_limits[robot.joint_index(name)]
-        assert turned == pytest.approx(np.clip(angle, *limits), abs=1e-9), name
-    with pytest.raises(UnknownNameError, match=rf"unknown posture 'sit'; available: .*{posture}"):
-        robot.posture("sit")
+        for name, value in zip(robot.joint_names, q, strict=True):
+            joint = model.joints[model.getJointId(name)]
+            part = theirs[joint.idx_q : joint.idx_q + joint.nq]
+            angle = float(part[0]) if joint.nq == 1 else float(np.arctan2(part[1], part[0]))
+            turned = value if joint.nq == 1 else np.angle(np.exp(1j * value))
+            limits = robot.lower_limits[robot.joint_index(name)], robot.upper_limits[robot.joint_index(name)]
+            assert turned == pytest.approx(np.clip(angle, *limits), abs=1e-9), name
+        with pytest.raises(UnknownNameError, match=rf"unknown posture 'sit'; available: .*{posture}"):
+            robot.posture("sit")
 
 
 def groups(text):

@@ -8,7 +8,6 @@ from pepper_kin.motion import OptimizedStatus, optimize
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
 PEPPER = pk.load_pepper()
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -86,22 +86,25 @@ def test_a_base_that_moves_carries_its_triangle_along():
         assert (joint is None and not statics.tips(q)) == bool(statics.hold(q[None])[0])
 
 
-@pytest.mark.parametrize(
-    ("robot", "balance", "payload"),
-    [("pepper", 0.02, {"left": 0.5}), ("pepper", None, None), ("panda", None, None)],
-)
-def test_half_a_step_uses_up_no_more_than_what_is_kept_unused(robot, balance, payload):
-    pepper = PEPPER if robot == "pepper" else _panda()
-    statics, reach = static_limits(pepper, balance, payload), motion_bounds(pepper)
-    assert statics.step > (0.02 if robot == "panda" else 0.0)  # a robot that is strong is asked less often
-    rng, q = np.random.default_rng(3), random_postures(300, 3, pepper)
-    ways = rng.normal(size=q.shape) * (rng.random(q.shape) < 0.3)
-    ways *= statics.step / 2 / np.maximum(np.abs(ways) @ reach, 1e-9)[:, None]
-    spare = (1 - TORQUE_SHARE) * pepper.effort_limits
-    for x, way in zip(q, ways, strict=True):
-        assert (np.abs(statics.torque(x + way) - statics.torque(x)) <= spare).all()
-        if balance is not None:
-            assert abs(statics.distance_inside(x + way) - statics.distance_inside(x)) <= ROOM_TO_MOVE / 2
+def test_half_a_step_uses_up_no_more_than_what_is_kept_unused():
+    for robot, balance, payload in [
+        ("pepper", 0.02, {"left": 0.5}),
+        ("pepper", None, None),
+        ("panda", None, None),
+    ]:
+        pepper = PEPPER if robot == "pepper" else _panda()
+        statics, reach = static_limits(pepper, balance, payload), motion_bounds(pepper)
+        assert statics.step > (
+            0.02 if robot == "panda" else 0.0
+        )  # a robot that is strong is asked less often
+        rng, q = np.random.default_rng(3), random_postures(300, 3, pepper)
+        ways = rng.normal(size=q.shape) * (rng.random(q.shape) < 0.3)
+        ways *= statics.step / 2 / np.maximum(np.abs(ways) @ reach, 1e-9)[:, None]
+        spare = (1 - TORQUE_SHARE) * pepper.effort_limits
+        for x, way in zip(q, ways, strict=True):
+            assert (np.abs(statics.torque(x + way) - statics.torque(x)) <= spare).all()
+            if balance is not None:
+                assert abs(statics.distance_inside(x + way) - statics.distance_inside(x)) <= ROOM_TO_MOVE / 2
 
 
 def _panda() -> pk.PepperModel:
@@ -127,18 +130,15 @@ def _problems(count: int, seed: int):
         yield q[free.free(q)][:2]
 
 
-@pytest.mark.parametrize(
-    ("count", "seed"), [(16, 0), pytest.param(400, 1, marks=pytest.mark.thousand)], ids=["few", "many"]
-)
-def test_retime_never_refuses_what_was_planned_with_a_load(count, seed):
+def test_retime_never_refuses_what_was_planned_with_a_load():
     solved, carried = 0, {"payload": {"left": 0.8}, "balance": 0.02}
-    for number, (start, goal) in enumerate(_problems(count, seed)):
+    for number, (start, goal) in enumerate(_problems(16, 0)):
         plan = pk.plan(PEPPER, start, goal, TABLE, seed=number, **carried)
         if plan.success:
             solved += 1
             certificate = pk.retime(PEPPER, plan, **carried).check(PEPPER, scene=TABLE, **carried)
             assert certificate.success, certificate.report()
-    assert solved > 0.6 * count
+    assert solved > 9
 
 
 def test_without_the_load_the_same_problems_are_refused():

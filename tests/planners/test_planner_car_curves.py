@@ -66,9 +66,8 @@ def test_the_car_goes_where_it_points():
         assert np.abs(moved[:, 2]).max() <= step / 0.5 * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("end", "backward", "length"),
-    [
+def test_known_curves():
+    for end, backward, length in [
         ((3.0, 0.0, 0.0), False, 3.0),
         ((-3.0, 0.0, 0.0), True, 3.0),
         ((0.0, 2.0, math.pi), False, math.pi),
@@ -76,10 +75,10 @@ def test_the_car_goes_where_it_points():
         ((0.0, 0.0, 0.0), False, 0.0),
         ((1.0, 1.0, math.pi / 2), True, math.pi / 2),
         ((0.0, 0.0, math.pi), True, math.pi),  # three arcs of sixty degrees
-    ],
-)
-def test_known_curves(end, backward, length):
-    assert car_curve((0.0, 0.0, 0.0), end, 1.0, backward=backward).length == pytest.approx(length, abs=1e-9)
+    ]:
+        assert car_curve((0.0, 0.0, 0.0), end, 1.0, backward=backward).length == pytest.approx(
+            length, abs=1e-9
+        )
 
 
 def test_going_backward_the_same_way_is_as_long():

@@ -131,6 +131,9 @@ async function follow() {
 async function touched() {
   const found = { bumper: [], head_touch: [], hand_touch: [] };
   const kinds = { bumper: "Bumper", head_touch: "HeadTouch", hand_touch: "HandTouch" };
+  const touched = { bumper: ["bumper", 2], head_touch: ["button", 2], hand_touch: ["hand", 3] };
+  const both = ([name, [key, id]]) =>
+    [0, 1].every((state) => found[name].map((text) => JSON.parse(text)).some((m) => m[key] === id && m.state === state));
   for (const [name, kind] of Object.entries(kinds)) {
     publisher(`/${name}`, `naoqi_bridge_msgs/msg/${kind}`).subscribe((message) => {
       const text = JSON.stringify(message);
@@ -139,7 +142,7 @@ async function touched() {
   }
   await sleep(0.5);
   console.log("listening");
-  await until(() => Object.values(found).every((states) => states.length >= 2), 60);
+  await until(() => Object.entries(touched).every(both), 120);
   return Object.fromEntries(Object.entries(found).map(([name, states]) => [name, states.sort().map((s) => JSON.parse(s))]));
 }
 

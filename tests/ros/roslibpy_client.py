@@ -127,7 +127,11 @@ def touched(ros):
         topic.subscribe(lambda message, name=topic.name[1:]: found[name].add(tuple(message.items())))
     time.sleep(0.5)
     print("listening", flush=True)
-    until(lambda: all(len(states) >= 2 for states in found.values()), 60.0)
+    touched = {"bumper": ("bumper", 2), "head_touch": ("button", 2), "hand_touch": ("hand", 3)}
+    wanted = [
+        (name, {key: sensor, "state": state}) for name, (key, sensor) in touched.items() for state in (0, 1)
+    ]
+    until(lambda: all(entry in map(dict, list(found[name])) for name, entry in wanted), 120.0)
     return {name: sorted(map(dict, states), key=str) for name, states in found.items()}
 
 

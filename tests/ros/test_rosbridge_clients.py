@@ -168,6 +168,6 @@ def test_a_client_that_dies_in_mid_motion_stops_the_robot(served, client, caplog
     while abs(body.command_rate("HeadYaw")) > 1e-9 and time.monotonic() < deadline:
         time.sleep(0.02)
     stopped = body.measured("HeadYaw")
-    assert abs(stopped) < 1.0  # far from the goal
+    assert stopped < 1.8  # before the goal
     assert "connection lost, goal of /Head_controller/follow_joint_trajectory canceled" in caplog.text
     assert not list(body.tasks)
