@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from pepper_kin.viewer.browser import find_chromium, screenshot
+    from pepper_kin.viewer.browser import find_chromium
+    from pepper_kin.viewer.browser_session import screenshot
     from pepper_kin.viewer.camera import Viewpoint
     from pepper_kin.viewer.drawable import Drawable, marker
     from pepper_kin.viewer.joint_motion import Ghost, JointMotion, Note
@@ -45,7 +46,8 @@ __all__ = [
 __getattr__, __dir__ = lazily(
     __name__,
     {
-        "browser": "find_chromium screenshot",
+        "browser": "find_chromium",
+        "browser_session": "screenshot",
         "camera": "Viewpoint",
         "drawable": "Drawable marker",
         "joint_motion": "Ghost JointMotion Note",

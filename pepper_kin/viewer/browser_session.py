@@ -1,10 +1,11 @@
-"""One headless Chromium that draws many pictures of one page, steered through a pair of pipes."""
+"""Pictures of a page by one headless Chromium, steered through a pair of pipes."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
 import json
+import math
 import os
 import select
 import shutil
@@ -17,7 +18,8 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import urlencode
 
-from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError
+from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS, find_chromium
 from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
@@ -45,6 +47,7 @@ class BrowserSession:
         html_path: A page as written by `save_motion_page`.
         size: Width and height of the pictures [pixel].
         view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+        panel: Whether title, controls and plots are shown.
         timeout: Longest wait for any one answer [s].
 
     Raises:
@@ -58,9 +61,10 @@ class BrowserSession:
         size: tuple[int, int],
         *,
         view: CameraView | Viewpoint = "three-quarter",
+        panel: bool = False,
         timeout: float = 60.0,
     ) -> None:
-        options = {"panel": "0"} | view_options(view)
+        options = {"panel": str(int(panel))} | view_options(view)
         self._address = f"{Path(html_path).resolve().as_uri()}#{urlencode(options)}"
         self._size, self._timeout = size, timeout
         self._count, self._received, self._session = 0, b"", ""
@@ -87,6 +91,11 @@ class BrowserSession:
         """Return the page's picture at a time of its motion [s], as PNG."""
         found = self._evaluate(_CAPTURE % float(at_time))
         return base64.b64decode(str(found).partition(",")[2])
+
+    def whole_picture(self, at_time: float) -> bytes:
+        """Return the whole page at a time of its motion [s], with its panels, as PNG."""
+        self.picture(at_time)
+        return base64.b64decode(self._ask("Page.captureScreenshot")["data"])
 
     def span(self) -> tuple[float, float]:
         """Return the times of the motion's first and last frame [s]."""
@@ -158,7 +167,7 @@ class BrowserSession:
         try:
             os.write(self._to_browser, json.dumps(command).encode() + b"\0")
         except BrokenPipeError as error:
-            raise InfeasibleError("picture", "the browser has ended", _ADVICE) from error
+            raise self._ended() from error
         deadline = time.monotonic() + self._timeout
         while True:
             message = json.loads(self._next_message(deadline))
@@ -171,6 +180,10 @@ class BrowserSession:
             answer: dict[str, Any] = message["result"]
             return answer
 
+    def _ended(self) -> InfeasibleError:
+        code = self._browser.wait(self._timeout)
+        return InfeasibleError("picture", f"the browser ended with code {code}", _ADVICE)
+
     def _next_message(self, deadline: float) -> bytes:
         parts = [self._received]
         while b"\0" not in parts[-1]:
@@ -181,7 +194,50 @@ class BrowserSession:
                 )
             part = os.read(self._from_browser, 1 << 20)
             if not part:
-                raise InfeasibleError("picture", "the browser has ended", _ADVICE)
+                raise self._ended()
             parts.append(part)
         message, _, self._received = b"".join(parts).partition(b"\0")
         return message
+
+
+def screenshot(
+    html_path: str | Path,
+    png_path: str | Path,
+    size: tuple[int, int] = (1280, 800),
+    at_time: float | None = None,
+    *,
+    view: CameraView | Viewpoint = "three-quarter",
+    panel: bool = False,
+    timeout: float = 120.0,
+) -> Path:
+    """Save a picture of a motion page.
+
+    Args:
+        html_path: A page as written by `save_motion_page`.
+        png_path: The picture to write; it appears when it is whole.
+        size: Width and height [pixel].
+        at_time: Time of the motion to show [s]; None shows its start.
+        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+        panel: Whether title, controls and plots are in the picture.
+        timeout: Longest wait for the browser [s].
+
+    Returns:
+        The path of the picture.
+
+    Raises:
+        MissingDependencyError: No Chromium is installed.
+        InvalidValueError: The page does not exist, or the size is not two positive whole numbers.
+        UnknownNameError: There is no such view.
+        InfeasibleError: The browser gave no picture.
+        FileFormatError: The picture cannot be written.
+    """
+    if not Path(html_path).is_file():
+        raise InvalidValueError("html_path", html_path, "an existing page")
+    if len(size) != 2 or not all(isinstance(length, int) and 0 < length <= 8192 for length in size):
+        raise InvalidValueError("size", size, "width and height in pixels, each in 1 ... 8192")
+    if at_time is not None and not math.isfinite(at_time):
+        raise InvalidValueError("at_time", at_time, "a finite time [s]")
+    with BrowserSession(html_path, size, view=view, panel=panel, timeout=timeout) as session:
+        time = session.span()[0] if at_time is None else at_time
+        picture = session.whole_picture(time) if panel else session.picture(time)
+    return atomic_file.write_bytes(png_path, picture)

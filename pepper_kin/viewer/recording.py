@@ -7,7 +7,6 @@ import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.drawable import Color, Drawable
-from pepper_kin.viewer.drawing import draw_commands, link_path, meshcat_bundle
+from pepper_kin.viewer.drawing import draw_commands, link_path
 from pepper_kin.viewer.ghost import GHOST_COLOR
 from pepper_kin.viewer.joint_motion import Ghost, Note
 from pepper_kin.viewer.motion_frames import MotionFrames, limited_series, motion_frames
+from pepper_kin.viewer.page_template import filled_page
 from pepper_kin.viewer.touching import TouchSpan
 
 _SCRIPTS = ("stage.js", "motion.js", "axes.js", "plots.js", "panel.js")
@@ -111,7 +111,9 @@ def write_frames_page(
         "notes": [asdict(note) for note in notes],
         "buffers": buffers.contents,
     }
-    return atomic_file.write_text(path, _page(title, content))
+    # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return atomic_file.write_text(path, filled_page("page", _SCRIPTS, title=html.escape(title), content=text))
 
 
 class _Buffers:
@@ -187,28 +189,3 @@ def _css(color: Color) -> str:
     """Return a color as style sheets write it, without its opacity."""
     red, green, blue = (round(255 * channel) for channel in color[:3])
     return f"rgb({red}, {green}, {blue})"
-
-
-def _page(title: str, content: dict[str, Any]) -> str:
-    """Fill the template; every part is escaped for the place where it lands."""
-    folder = files("pepper_kin.viewer") / "page"
-    parts = {
-        "title": html.escape(title),
-        "style": (folder / "page.css").read_text(encoding="utf-8"),
-        "meshcat": _inside_script(meshcat_bundle()),
-        "scripts": "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS),
-        # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.
-        "content": json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-    }
-    template = (folder / "page.html").read_text(encoding="utf-8")
-    split = template.split("{{")
-    filled = [split[0]]
-    for part in split[1:]:
-        name, rest = part.split("}}", 1)
-        filled += [parts[name], rest]
-    return "".join(filled)
-
-
-def _inside_script(code: str) -> str:
-    r"""Return JavaScript that cannot end its own script element: in strings and patterns `<\/` means `</`."""
-    return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")

@@ -19,7 +19,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_poses
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.viewer.browser import screenshot
+from pepper_kin.viewer.browser_session import screenshot
 from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.ghost import ghost_link, ghost_of

@@ -1,4 +1,4 @@
-"""Pictures by the browser's command line, and what is said when there is no browser."""
+"""Pictures by a browser, and what is said when there is no browser."""
 
 import sys
 
@@ -35,6 +35,10 @@ def test_pictures_show_the_chosen_time_and_repeat_to_the_pixel(chromium_path, pa
     late = screenshot(page, tmp_path / "late.png", (320, 240), 2.0, view="front")
     again = screenshot(page, tmp_path / "again.png", (320, 240), 0.0, view="front")
     assert Image.open(early).size == (320, 240)
+    whole = screenshot(page, tmp_path / "whole.png", (640, 480), 0.0, view="front", panel=True)
+    assert Image.open(whole).size == (640, 480)
+    panel = np.asarray(Image.open(whole).convert("RGB"))[-90:]  # the slider and the button are blue
+    assert ((panel[..., 2].astype(int) - panel[..., 0]) > 150).any()
     np.testing.assert_array_equal(np.asarray(Image.open(early)), np.asarray(Image.open(again)))
     # Seen from the front, the robot's left (+y) is on the right; the cube slides from -y to +y.
     assert red_center(early)[0] < 140
@@ -63,8 +67,8 @@ def test_the_environment_names_the_browser(monkeypatch):
     ("script", "timeout", "message"),
     [
         ("exit 3", 60.0, "ended with code 3"),
-        ("exit 0", 60.0, "wrote nothing"),
-        ("exec sleep 30", 1.0, "longer than 1 s"),
+        ("exit 0", 60.0, "ended with code 0"),
+        ("exec sleep 30", 1.0, "did not answer in 1 s"),
     ],
 )
 def test_a_browser_that_fails_leaves_no_picture(page, tmp_path, monkeypatch, script, timeout, message):

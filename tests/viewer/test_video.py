@@ -138,7 +138,7 @@ def test_without_a_chromium_the_message_says_so(page, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("script", "timeout", "message"),
-    [("exit 0", 60.0, "has ended"), ("exec sleep 30", 1.0, "did not answer in 1 s")],
+    [("exit 0", 60.0, "ended with code 0"), ("exec sleep 30", 1.0, "did not answer in 1 s")],
 )
 def test_a_browser_that_fails_leaves_no_film(page, tmp_path, monkeypatch, script, timeout, message):
     program = tmp_path / "browser"

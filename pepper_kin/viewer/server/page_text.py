@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import html
-from functools import lru_cache
-from importlib.resources import files
 
-from pepper_kin.viewer.drawing import meshcat_bundle
+from pepper_kin.viewer.page_template import filled_page
 
 _SCRIPTS = (
     "stage.js",
@@ -25,18 +23,6 @@ _SCRIPTS = (
 )
 
 
-@lru_cache(maxsize=1)
-def _parts() -> dict[str, str]:
-    folder = files("pepper_kin.viewer") / "page"
-    bundle = meshcat_bundle()
-    return {
-        "template": (folder / "live.html").read_text(encoding="utf-8"),
-        "style": (folder / "live.css").read_text(encoding="utf-8"),
-        "meshcat": bundle.replace("</script", "<\\/script").replace("<!--", "<\\!--"),
-        "scripts": "\n".join((folder / name).read_text(encoding="utf-8") for name in _SCRIPTS),
-    }
-
-
 def page_text(title: str, nonce: str) -> str:
     """Return the page.
 
@@ -44,13 +30,7 @@ def page_text(title: str, nonce: str) -> str:
         title: Its title.
         nonce: What marks its own scripts, so that no other may run.
     """
-    parts = {**_parts(), "title": html.escape(title), "nonce": html.escape(nonce)}
-    split = parts["template"].split("{{")
-    filled = [split[0]]
-    for part in split[1:]:
-        name, rest = part.split("}}", 1)
-        filled += [parts[name], rest]
-    return "".join(filled)
+    return filled_page("live", _SCRIPTS, title=html.escape(title), nonce=html.escape(nonce))
 
 
 def content_policy(nonce: str, host: str) -> str:
