@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 from weakref import WeakKeyDictionary
 
@@ -68,20 +67,17 @@ class Collisions:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself, None checks nothing.
         margin: Distance to the scene that is kept [m].
+
+    Attributes:
+        loads: What is attached to the robot with a mass.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, margin: float = 0.0) -> None:
         self.pepper = pepper
         self.scene, self.margin = scene, margin
+        self.loads = () if scene is None or not scene.attached else loads_of(pepper, scene)
         self._raised: BaseException | None = None
         self._kept: tuple[Any, ...] = ()
-
-    @cached_property
-    def loads(self) -> Loads:
-        """What is attached to the robot with a mass."""
-        if self.scene is None or not self.scene.attached:
-            return ()
-        return loads_of(self.pepper, self.scene)
 
     @property
     def considered(self) -> bool:

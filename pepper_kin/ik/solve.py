@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.closest import closest
@@ -139,7 +140,7 @@ def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) 
         return
     buffers = ready.buffers()
     around.tests(buffers.signals)
-    _ = ready.solve
+    _ = solve_rows.native
     ready.spare.append(buffers)
 
 

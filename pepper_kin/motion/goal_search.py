@@ -434,7 +434,7 @@ def _arrays_of(ready: CompiledTasks) -> _Kept:
         return _spare.setdefault(ready, []).pop()
     except IndexError:
         buffers, most = ready.buffers(), 1 + max(ROUNDS)
-        n, size = ready.tables.effort.size, buffers.answer.size
+        n, size = ready.tables.effort.size, buffers.answers.shape[1]
         return buffers, (
             np.empty((BLOCK, ready.width)), np.empty((BLOCK, size)), np.empty((most, n)), np.empty(most),
             np.empty(most, np.int64), np.empty((BLOCK, n)), np.empty((1 + GOALS, n)), np.empty((GOALS, n)),

@@ -142,7 +142,7 @@ def test_box_program_against_scipy(seed, k):
     gradient = generator.normal(size=k)
     low, high = -generator.uniform(0, 0.5, k), generator.uniform(0, 0.5, k)
     step = np.zeros(k)
-    assert solve_box(matrix, gradient, low, high, step, np.zeros(k, np.int64), np.zeros((k, k + 1)))
+    assert solve_box(matrix, gradient, low, high, step, np.zeros(k, np.int64), np.zeros((k, k + 1)), False)
     root = np.linalg.cholesky(matrix).T
     other = lsq_linear(root, -np.linalg.solve(root.T, gradient), (low - 1e-13, high + 1e-13), tol=1e-14)
 

@@ -25,6 +25,7 @@ def solve_box(
     step: Floats1,
     state: Ints1,
     factor: Floats2,
+    once: bool,
 ) -> bool:
     """Find the minimum of g^T x + x^T H x / 2 within low <= x <= high.
 
@@ -40,6 +41,7 @@ def solve_box(
         step: x, written, shape (k,) [rad or m].
         state: FREE, LOW or HIGH for each joint, read and written, shape (k,).
         factor: Workspace, shape (k, k + 1).
+        once: Whether the joints stay as they are marked: those beyond a bound are left there.
 
     Returns:
         Whether the matrix was positive definite and a solution was found.
@@ -49,6 +51,8 @@ def solve_box(
     for _ in range(MOST_ROUNDS):
         if not solve_free(matrix, gradient, low, high, step, state, factor):
             return False
+        if once:
+            return True
         wrong, last = 0, -1
         for i in range(k):
             if _change(matrix, gradient, low, high, step, state, i) != state[i]:

@@ -1,4 +1,4 @@
-"""Search for a configuration that touches nothing, where the nearest solution does."""
+"""Second stage of a search: the nearest solution touches something, or the targets are out of reach."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import math
 import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import (
+    CAUTIOUS_STEPS,
     SMALL_GAIN,
+    CollisionTests,
+    SolverProblem,
     Workspace,
     descend,
     evaluate,
+    fraction_of_tolerance,
     is_free,
     is_over,
     make_workspace,
@@ -19,17 +23,25 @@ from pepper_kin.core.inverse_kinematics.search import (
     CANDIDATES,
     COLLISION,
     ITERATIONS,
+    LIMITS,
     RESTARTS,
     SEARCH_GAIN,
     SOLVED,
+    STATUS,
+    STOP,
     UNREACHABLE,
     Search,
+    SearchOptions,
+    TaskTables,
     is_held,
     is_met,
     keep,
     make_problem,
+    make_search,
     motion,
     set_bounds,
+    set_row,
+    status_of,
     write_shifted,
     write_start,
     write_straightened,
@@ -62,6 +74,9 @@ so many, and at most so many without a gain (iterated local search: Lourenco, Ma
 
 GAINED = 1e-3
 """A smaller gain, as a part of the cost, is none: half of it as a part of the weighted distance."""
+
+STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
+"""Starts and steps for the question whether the joints without limits would reach the target."""
 
 FREE, MET, HELD, NEARNESS = range(4)
 """Places in a judgment; of two configurations the better is larger in the first of these in which they
@@ -261,3 +276,126 @@ def clear_solution(search: Search, workspace: Workspace, met: bool, answer: Floa
     if met:
         _descend_clear(search, workspace, best, answer)
     return SOLVED if _is_solved(best) else COLLISION
+
+
+@compiled
+def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1, answer: Floats1) -> bool:
+    """Whether the same joints meet the tasks once their limits are taken away.
+
+    Args:
+        search: The search with limits.
+        workspace: Its workspace, overwritten.
+        moves: Whether each joint of `tables.joints` moves (0 or 1), shape (n,).
+        answer: The best configuration so far, see `solve_rows`, shape (n + t + EXTRA,).
+    """
+    bounded, tests, options = search.problem, search.tests, search.options
+    m, n = bounded.joints.size, bounded.reference.size
+    low, high = np.empty(m), np.empty(m)
+    for i in range(m):
+        low[i] = -math.inf if moves[i] > 0 else bounded.low[i]
+        high[i] = math.inf if moves[i] > 0 else bounded.high[i]
+    problem = SolverProblem(
+        bounded.kernel, bounded.work, bounded.task_joints, bounded.joints, low, high, bounded.scale,
+        bounded.reference, bounded.tolerance, bounded.stop_when_met, bounded.clock, bounded.deadline,
+        bounded.signals,
+    )  # fmt: skip
+    free = Search(search.tables, options, tests, problem, search.torque, search.costs, search.start)
+    for number in range(min(STARTS_WITHOUT_LIMITS, options.restarts) + 2):
+        if workspace.stop[0] != 0 or is_over(problem, workspace):
+            return False
+        if number == 0:
+            workspace.inputs[:n] = answer[:n]
+        elif number == 1:
+            workspace.inputs[:n] = problem.reference
+        else:
+            write_start(free, workspace, number - 2, -1)
+        steps = min(STEPS_WITHOUT_LIMITS, options.max_iterations)
+        descend(problem, tests, workspace, steps, SMALL_GAIN, 0, 0.0)
+        if is_met(problem, workspace):
+            return True
+    return False
+
+
+@compiled(
+    "void(TaskTables, float64[:, ::1], SearchOptions, CollisionTests, float64[:, ::1], float64[:, ::1], "
+    "int64, int64)"
+)
+def finish_rows(
+    tables: TaskTables,
+    bounds: Floats2,
+    options: SearchOptions,
+    tests: CollisionTests,
+    inputs: Floats2,
+    answers: Floats2,
+    begin: int,
+    end: int,
+) -> None:
+    """Go on with the rows that `solve_rows` has left touching something or out of reach.
+
+    The arguments are those of `solve_rows`, which has written `answers`.
+    """
+    n, t = tables.effort.size, options.tolerance.size
+    search = make_search(tables, options, tests)
+    workspace = make_workspace(inputs[begin], search.problem, tests)
+    for row in range(begin, end):
+        answer = answers[row]
+        status = int(answer[n + t + STATUS])
+        if status != COLLISION and not (status == UNREACHABLE and options.thorough):
+            continue
+        set_row(search, workspace, bounds, inputs[row])
+        if status == COLLISION:
+            met = fraction_of_tolerance(answer[n:], options.tolerance) <= 1.0
+            if options.thorough:
+                status = search_among_obstacles(search, workspace, bounds, met, answer)
+            else:
+                status = clear_solution(search, workspace, met, answer)
+        if (
+            status == UNREACHABLE
+            and options.thorough
+            and _is_met_without_limits(search, workspace, bounds[2], answer)
+        ):
+            status = LIMITS
+        status = status_of(workspace, status)
+        answer[n + t + STATUS] = status
+        if status == STOP:
+            break
+
+
+@compiled(
+    "int64(TaskTables, float64[:, ::1], SearchOptions, CollisionTests, float64[::1], float64[::1], boolean)"
+)
+def descend_row(
+    tables: TaskTables,
+    bounds: Floats2,
+    options: SearchOptions,
+    tests: CollisionTests,
+    inputs: Floats1,
+    reference: Floats1,
+    clear: bool,
+) -> int:
+    """Descend from the start in a row of input, which becomes the result; returns the steps proposed.
+
+    Args:
+        tables: The robot and tasks.
+        bounds: See `solve_rows`, shape (3, n).
+        options: Its tolerances and number of steps count.
+        tests: Of collisions.
+        inputs: A row of input, see `Workspace.inputs`, shape (n + t + ...,).
+        reference: q_ref of the posture term, and positions of the joints that may not move, shape (n,).
+        clear: Whether to keep clear of collisions; then joints move that no task depends on, too.
+    """
+    n, work = tables.effort.size, np.empty(tables.work_size)
+    problem = make_problem(tables, options, n if clear else tables.task_joints, work, reference)
+    set_bounds(problem, bounds)
+    workspace = make_workspace(inputs, problem, tests)
+    steps = descend(
+        problem,
+        tests,
+        workspace,
+        options.max_iterations,
+        SMALL_GAIN,
+        0 if clear else CAUTIOUS_STEPS,
+        FIRM_CLEARING[0] if clear else 0.0,
+    )
+    inputs[:] = workspace.inputs
+    return steps

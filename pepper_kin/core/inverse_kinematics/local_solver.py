@@ -9,7 +9,7 @@ import numpy as np
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.core.collision.gjk import FREE as SURELY_FREE
 from pepper_kin.core.collision.gjk import TIE
-from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box, solve_free
+from pepper_kin.core.inverse_kinematics.box_step import FREE, HIGH, LOW, solve_box
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.interrupts import PULSE, STOPPED, interrupted
 from pepper_kin.kernels.intrinsics import call_four, call_kernel
@@ -378,10 +378,7 @@ def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bo
     """Write the configuration to try; return whether there is one."""
     matrix, gradient, step = workspace.matrix, workspace.gradient, workspace.step
     least, most, state, factor = workspace.least, workspace.most, workspace.state, workspace.factor
-    if cautious:
-        good = solve_free(matrix, gradient, least, most, step, state, factor)
-    else:
-        good = solve_box(matrix, gradient, least, most, step, state, factor)
+    good = solve_box(matrix, gradient, least, most, step, state, factor, cautious)
     for i in range(step.size):
         q = workspace.inputs[problem.joints[i]] + min(max(step[i], least[i]), most[i])
         workspace.trial[problem.joints[i]] = min(max(q, problem.low[i]), problem.high[i])

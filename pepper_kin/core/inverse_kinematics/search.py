@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.inverse_kinematics.local_solver import (
+    REFLECTIONS,
+    TIMED_OUT,
     CollisionTests,
     SolverProblem,
     Workspace,
@@ -296,3 +298,29 @@ def set_bounds(problem: SolverProblem, bounds: Floats2) -> None:
         fixed, q0 = bounds[2, i] == 0.0, problem.reference[problem.joints[i]]
         problem.low[i] = q0 if fixed else bounds[0, i]
         problem.high[i] = q0 if fixed else bounds[1, i]
+
+
+@compiled
+def make_search(tables: TaskTables, options: SearchOptions, tests: CollisionTests) -> Search:
+    """Return a search in which the joints of the tasks move; `set_row` sets its problem."""
+    n = tables.effort.size
+    problem = make_problem(tables, options, tables.task_joints, np.empty(tables.work_size), np.empty(n))
+    costs = np.empty((options.restarts + 2) * (REFLECTIONS + 1))
+    return Search(tables, options, tests, problem, np.empty(n), costs, np.empty(n))
+
+
+@compiled
+def set_row(search: Search, workspace: Workspace, bounds: Floats2, row: Floats1) -> None:
+    """Set the problem of a row of input, see `Workspace.inputs`; `bounds` are those of `solve_rows`."""
+    search.problem.reference[:] = row[: search.start.size]
+    workspace.inputs[:] = row
+    workspace.trial[:] = row
+    set_bounds(search.problem, bounds)
+
+
+@compiled(lean=True)
+def status_of(workspace: Workspace, status: int) -> int:
+    """Return a status, or which of TIME and STOP has kept it from being SOLVED."""
+    if workspace.stop[0] == 0 or status == SOLVED:
+        return status
+    return TIME if workspace.stop[0] == TIMED_OUT else STOP

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any
@@ -14,7 +14,6 @@ import numpy as np
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.batch import kernel
 from pepper_kin.core.clock import CLOCK
-from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import SearchBudget, joints_used, scale_of
@@ -41,14 +40,17 @@ class SearchBuffers:
         inputs: Input of `solve_rows`, shape (1, width).
         answers: Its output, shape (1, n + t + EXTRA).
         row: The row of `inputs`, shape (width,).
-        answer: The row of `answers`, shape (n + t + EXTRA,).
+        start: q0 in it, shape (n,).
+        q: The solution in `answers`, shape (n,).
+        outcome: The numbers behind it, see `EXTRA`, shape (EXTRA,).
         tolerance: Squared tolerances, shape (t,).
         signals: See `interrupt_table`.
     """
 
     def __init__(self, width: int, n: int, tasks: int, signals: np.ndarray) -> None:
         self.inputs, self.answers = np.empty((1, width)), np.empty((1, n + tasks + EXTRA))
-        self.row, self.answer, self.tolerance = self.inputs[0], self.answers[0], np.empty(tasks)
+        self.row, self.tolerance = self.inputs[0], np.empty(tasks)
+        self.start, self.q, self.outcome = self.row[:n], self.answers[0, :n], self.answers[0, -EXTRA:]
         self.signals = signals
         self._key: tuple[SearchBudget, bool, int] | None = None
         self._options: SearchOptions | None = None
@@ -57,8 +59,7 @@ class SearchBuffers:
         """Return the options of a search; those of the last one where nothing has changed."""
         key = (budget, stop_when_met, dimension)
         if key != self._key or self._options is None:
-            n = self.answer.size - self.tolerance.size - EXTRA
-            first, advance = unit_points(dimension, n, budget.seed)
+            first, advance = unit_points(dimension, self.q.size, budget.seed)
             self._options = SearchOptions(
                 self.tolerance, first, advance, budget.restarts, budget.max_iterations, budget.thorough,
                 stop_when_met, CLOCK, budget.deadline, self.signals,
@@ -89,11 +90,6 @@ class CompiledTasks:
     python: PythonTasks | None
     _kernels: tuple[Kernel, ...]
     spare: list[SearchBuffers] = field(default_factory=list)
-
-    @property
-    def solve(self) -> Callable[..., None]:
-        """The function `solve_rows` as it is called fastest; planning does without, and without its code."""
-        return solve_rows.native
 
     def buffers(self) -> SearchBuffers:
         """Return buffers to use; append them to `spare` afterwards."""

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.inverse_kinematics.multi_start import descend_row
-from pepper_kin.core.inverse_kinematics.search import CANDIDATES, EXTRA, STATUS, STOP
+from pepper_kin.core.inverse_kinematics.collision_free_search import descend_row, finish_rows
+from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
+from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
+from pepper_kin.core.inverse_kinematics.search import (
+    CANDIDATES,
+    COLLISION,
+    EXTRA,
+    STATUS,
+    STOP,
+    UNREACHABLE,
+    SearchOptions,
+    TaskTables,
+)
 from pepper_kin.ik.collisions import NO_TESTS, Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, squared_tolerance, unit_points
 from pepper_kin.ik.problem import Problem, SearchBudget
@@ -31,6 +43,19 @@ STATUSES = (
     IKStatus.TIMED_OUT,
 )
 """By the number that the compiled search writes."""
+
+
+def _finish(
+    tables: TaskTables, bounds: Array, options: SearchOptions, tests: CollisionTests, inputs: Array,
+    answers: Array, begin: int, end: int,
+) -> None:  # fmt: skip
+    """Go on with the rows that `solve_rows` has left; loading the code for it is not searching."""
+    start = time.perf_counter()
+    finish = finish_rows.native
+    spent = time.perf_counter() - start
+    if spent > 1e-4:
+        options = options._replace(deadline=options.deadline + spent)
+    finish(tables, bounds, options, tests, inputs, answers, begin, end)
 
 
 def search_compiled(
@@ -54,9 +79,9 @@ def search_compiled(
     Raises:
         Exception: what a task in Python, or the handler of a signal, has raised.
     """
-    n, ready = q0.size, compiled_tasks(pepper, tasks)
+    ready = compiled_tasks(pepper, tasks)
     buffers = ready.buffers()
-    buffers.row[:n] = q0
+    buffers.start[:] = q0
     finite = ready.read(tasks, buffers.row, buffers.tolerance)
     options = buffers.options(budget, finite, ready.tables.task_joints)
     tests, tables = NO_TESTS, ready.tables
@@ -65,10 +90,13 @@ def search_compiled(
         if collisions.loads:
             tables = tables._replace(gravity=collisions.holding(tables.gravity, buffers.signals))
     bounds = ready.bounds if movable is None else ready.bounds_of(movable)
-    ready.solve(tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
-    q = buffers.answer[:n].copy()
+    solve_rows.native(tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
+    status, iterations, used = buffers.outcome.tolist()
+    if status == COLLISION or (status == UNREACHABLE and budget.thorough):
+        _finish(tables, bounds, options, tests, buffers.inputs, buffers.answers, 0, 1)
+        status, iterations, used = buffers.outcome.tolist()
+    q = buffers.q.copy()
     q.setflags(write=False)
-    status, iterations, used = buffers.answer[-EXTRA:].tolist()
     if status == STOP:
         ready.check(buffers)
         if collisions is not None:
@@ -101,16 +129,16 @@ class FastSolver(TaskSolver):
             budget: Its steps and deadline count.
             clear: Whether to keep clear of collisions; the start has to be free.
         """
-        problem, n = self._problem, start.size
+        problem = self._problem
         ready = compiled_tasks(problem.pepper, problem.tasks)
         buffers = ready.buffers()
         finite = ready.read(problem.tasks, buffers.row, buffers.tolerance)
-        buffers.row[:n] = problem.clip(start)
+        buffers.start[:] = problem.clip(start)
         options = buffers.options(budget, finite, ready.tables.task_joints)
         tests = collisions.tests(buffers.signals) if clear else NO_TESTS
         bounds = ready.bounds_of(problem.movable)
         descend_row(ready.tables, bounds, options, tests, buffers.row, problem.q0.copy(), clear)
-        q: Array = buffers.row[:n].copy()
+        q: Array = buffers.start.copy()
         ready.check(buffers)
         collisions.check()
         ready.spare.append(buffers)
@@ -173,9 +201,11 @@ class BatchSearch:
         tests = collisions.tests(self._buffers.signals)
         tables, *others = self._fixed
         tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
-        self._ready.solve(tables, *others, tests, self._inputs, self._answers, begin, end)
-        stopped = self._answers[begin:end, sum(self._sizes) + STATUS] == STOP
-        if stopped.any():
+        status = self._answers[begin:end, sum(self._sizes) + STATUS]
+        solve_rows.native(tables, *others, tests, self._inputs, self._answers, begin, end)
+        if np.isin(status, (COLLISION, UNREACHABLE)).any() and not (status == STOP).any():
+            _finish(tables, *others, tests, self._inputs, self._answers, begin, end)
+        if (status == STOP).any():
             self._ready.check(self._buffers)
             collisions.check()
 
