@@ -22,7 +22,7 @@ from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.path_search import PathSearch, run
 from pepper_kin.motion.plan_request import moves_base
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import RESOLUTION, checked_margin, checked_timeout, path_problem
+from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
 from pepper_kin.planners.deadline import load_code
@@ -72,7 +72,7 @@ def simplify_path(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    checked_timeout(timeout)
+    check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
     check_seed(seed)
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
