@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
@@ -110,21 +108,10 @@ def _authored(pepper: PepperModel, score: Score, side: str, amplitude: float, te
         curve = PchipInterpolator(time, rest[j] + np.array(way))
         for power, divisor in enumerate((1.0, 1.0, 2.0, 6.0)):
             # From the inside of each piece: at a key the second derivative jumps.
-            coefficients[:, power, j] = _at_starts(curve, times, power) / divisor
+            derivative = curve.derivative(power) if power else curve
+            coefficients[:, power, j] = derivative(times[:-1]) / divisor
     scale = tempo ** np.arange(4)
     return Trajectory(pepper.joint_names, times / tempo, coefficients * scale[:, None], pepper.joint_units)
-
-
-def _at_starts(curve: Any, times: Array, power: int) -> Array:
-    """Return a derivative of a piecewise cubic at the start of each interval, as it is inside it, shape (k,).
-
-    Args:
-        curve: The piecewise cubic, of one joint's position [rad or m].
-        times: The ends of all intervals [s], shape (k + 1,), rising.
-        power: Which derivative; 0 for the position.
-    """
-    derivative = curve.derivative(power) if power else curve
-    return np.asarray(derivative(times[:-1]))
 
 
 def _mirror(joint: str) -> tuple[str, float]:

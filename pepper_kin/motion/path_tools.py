@@ -14,7 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed
+from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed, check_whole
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.goals import STAYS, free_joints
@@ -22,7 +22,7 @@ from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.path_search import PathSearch, run
 from pepper_kin.motion.plan_request import moves_base
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
-from pepper_kin.motion.problem import RESOLUTION, checked_margin, checked_timeout, path_problem
+from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
 from pepper_kin.planners.deadline import load_code
@@ -72,7 +72,7 @@ def simplify_path(
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
-    checked_timeout(timeout)
+    check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
     check_seed(seed)
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
@@ -153,24 +153,19 @@ def interpolate_path(
     if (step is None) == (count is None):
         amount = "neither" if step is None else "both"
         raise InvalidValueError("step and count", amount, "exactly one of them")
+    number = 0 if count is None else check_whole("count", count, 2, _MOST_POINTS)
     if isinstance(path, PlannedPath):
         path = planned_curve(path)
     if isinstance(path, PiecewiseCubic):
         curve = CubicPath(path.breaks, path.coefficients)
-        return _even_on_curve(curve, _count(count)) if step is None else _dense_on_curve(curve, step)
+        return _even_on_curve(curve, number) if step is None else _dense_on_curve(curve, step)
     points = as_finite(path, "way-points", (None, None))
     if len(points) < 2:
         raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
     if step is not None:
         return _dense_on_curve(polyline(points), step)
     line = planners.Path(points)
-    return line(np.linspace(0.0, line.length, _count(count)))
-
-
-def _count(count: int | None) -> int:
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or not 2 <= count <= _MOST_POINTS:
-        raise InvalidValueError("count", count, f"a whole number from 2 to {_MOST_POINTS}")
-    return int(count)
+    return line(np.linspace(0.0, line.length, number))
 
 
 def _even_on_curve(curve: CubicPath, count: int) -> Array:

@@ -236,7 +236,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
         InvalidValueError: for a start of wrong shape or with NaN, a margin or timeout that is none.
         LimitError: for a start outside the joint limits.
     """
-    checked_timeout(timeout)
+    check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
     q_start = as_joint_vector(pepper, start, "start")
     check_examined(pepper, q_start, "start")
@@ -274,12 +274,3 @@ def checked_margin(margin: float) -> float:
     if not 0.0 <= as_real(margin) < math.inf:
         raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")
     return float(margin)
-
-
-def checked_timeout(timeout: float) -> float:
-    """Return a time budget [s].
-
-    Raises:
-        InvalidValueError: for what is none.
-    """
-    return check_positive("timeout", timeout, "[s]")

@@ -31,7 +31,7 @@ from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_choice, check_positive
+from pepper_kin.model.joint_vectors import check_choice, check_positive, check_whole
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.editing import joined
@@ -143,7 +143,7 @@ def retime(
         refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
         _refuse_missing(pepper, curve.coefficients, acceleration_limits)
         _refuse_unbounded(curve.coefficients, limits)
-    count = _intervals(gridpoints)
+    count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
     try:
         timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
     except TooLongError as error:
@@ -194,16 +194,6 @@ def _drives(pepper: PepperModel, coefficients: Array) -> bool:
         return False
     places = [pepper.joint_index(joint) for joint in BASE_JOINTS]
     return bool(np.any(coefficients[:, 1:, places]))
-
-
-def _intervals(gridpoints: int) -> int:
-    if (
-        isinstance(gridpoints, bool)
-        or not isinstance(gridpoints, (int, np.integer))
-        or not (2 <= gridpoints <= _MOST_POINTS)
-    ):
-        raise InvalidValueError("gridpoints", gridpoints, f"a whole number from 2 to {_MOST_POINTS:,}")
-    return int(gridpoints)
 
 
 def _too_long(duration: float, shares: tuple[float, float, float | None]) -> InfeasibleError:

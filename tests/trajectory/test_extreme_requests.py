@@ -60,7 +60,7 @@ def test_small_numbers_give_a_motion_or_an_error_of_the_library(pepper, points, 
 
 def test_grids_without_end_are_refused(pepper, points):
     for gridpoints in [1, 0, -5, 10**9, 2.5, True]:
-        with pytest.raises(InvalidValueError, match=r"gridpoints: got .*, expected a whole number"):
+        with pytest.raises(InvalidValueError, match=r"gridpoints: got .*, expected an integer"):
             pk.retime(pepper, points, gridpoints=gridpoints)
 
 
