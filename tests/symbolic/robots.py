@@ -48,10 +48,14 @@ def load_example(place):
 
 @cache
 def loaded(name):
-    """Return a robot, the same one at each call."""
+    """Return a robot, the same one at each call; the odd one has the inertia of gears, which URDF lacks."""
     if name in PEPPERS:
         return pk.load_pepper(*PEPPERS[name])
-    return pk.load_robot(ODD) if name == "odd" else load_example(OTHERS[name])
+    if name in OTHERS:
+        return load_example(OTHERS[name])
+    odd = pk.load_robot(ODD)
+    odd.pinocchio_model.armature[:] = [0.1, 0.2, 0.05, 0.3, 0.15, 0.25]
+    return odd
 
 
 NAMES = (*PEPPERS, *OTHERS, "odd")
