@@ -14,7 +14,14 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import planners
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError, did_you_mean, shortened
+from pepper_kin.exceptions import (
+    InfeasibleError,
+    InvalidValueError,
+    LimitError,
+    UnknownNameError,
+    did_you_mean,
+    shortened,
+)
 from pepper_kin.naoqi import NaoqiError, Robot, RobotConnectionError
 
 ROOT = Path(__file__).parents[1]
@@ -142,6 +149,8 @@ def test_errors_travel_between_processes_with_their_sentence():
         UnknownNameError("joint", "Tail", ["HeadYaw"]),
         RobotConnectionError("tcp://robot:9559", "connect: nobody listens"),
         NaoqiError("ALMotion", "wakeUp", "no"),
+        LimitError("start", "HeadYaw", 3.0, -2.0, 2.0),
+        InfeasibleError("trajectory", "too heavy", "lift less"),
     ]:
         arrived = pickle.loads(pickle.dumps(error))
         assert type(arrived) is type(error)

@@ -1,35 +1,20 @@
-from importlib import metadata
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-import pepper_kin as pk
+sys.path.insert(0, str(Path(__file__).parents[1] / "symbolic"))
 
-PEPPERS = {f"pepper-{b}-{h}": (b, h) for b in ("fixed", "planar") for h in ("locked", "mimic", "independent")}
-OTHERS = {
-    "panda": "panda_description/urdf/panda.urdf",
-    "romeo": "romeo_description/urdf/romeo_small.urdf",
-    "talos": "talos_data/robots/talos_reduced.urdf",
-}
-_KEPT = {}
+from robots import NAMES, loaded
 
 
-def loaded(name):
-    if name in PEPPERS:
-        return pk.load_pepper(*PEPPERS[name])
-    if name not in _KEPT:
-        share = "cmeel.prefix/share/example-robot-data/robots"
-        place = metadata.distribution("example-robot-data").locate_file(f"{share}/{OTHERS[name]}")
-        _KEPT[name] = pk.load_robot(place)
-    return _KEPT[name]
-
-
-@pytest.fixture(scope="session", params=[*PEPPERS, *OTHERS])
+@pytest.fixture(scope="session", params=NAMES)
 def robot(request):
     return loaded(request.param)
 
 
-@pytest.fixture(scope="session", params=["pepper-fixed-locked", "panda"])
+@pytest.fixture(scope="session", params=["pepper-fixed-locked", "panda", "odd"])
 def small_robot(request):
     return loaded(request.param)
 

@@ -149,6 +149,8 @@ def test_targets_are_copies_and_read_only():
 
 
 def test_bad_numbers_are_refused_by_name():
+    pepper, wheels = pk.load_pepper(), pk.ik.CenterOfMassOverWheels
+    hands, apart = ("LArm_effector", "RArm_effector"), transform((0.0, 0.25, 0.0), (0.1, -0.2, 0.3))
     for make, words in [
         (lambda: pk.ik.Point("left", (0, 0, 0)), ["direction of left hand", "not zero"]),
         (lambda: pk.ik.FrameOrientation("torso", np.ones((3, 3))), ["orientation of torso", "orthonormal"]),
@@ -157,6 +159,22 @@ def test_bad_numbers_are_refused_by_name():
         (lambda: pk.ik.LookAt((1, 0, 1), weight=math.inf), ["weight of gaze", "finite"]),
         (lambda: pk.ik.LookAt((1, 0, 1), tolerance=-1), ["tolerance of gaze", "above 0 [rad]"]),
         (lambda: pk.ik.JointPosture((1, 1), joints=("HeadYaw", "HeadYaw")), ["joints of posture", "once"]),
+        (lambda: pk.ik.RelativePose(*hands[:1] * 2, apart), ["frame and reference", "two different frames"]),
+        (lambda: pk.ik.RelativePose(*hands, np.ones((4, 4))), ["target of LArm", "last row"]),
+        (lambda: pk.ik.RelativePose(*hands, apart, without="both"), ["without", "'both'", "'position'"]),
+        (lambda: pk.ik.RelativePose(*hands, apart, hard="yes"), ["hard of LArm", "'yes'", "True or False"]),
+        (lambda: pk.ik.CenterOfMass((0, 0), hard=1), ["hard of center of mass", "True or False"]),
+        (
+            lambda: wheels(0.2).error(pepper, pepper.neutral()),
+            ["margin of center of mass", "0.2000 m", "at most"],
+        ),
+        (lambda: wheels(contacts=((0, 0), (0, 1), (1, 0))), ["contacts", "counter-clock"]),
+        (lambda: wheels(contacts=((0, 0), (1, 0))), ["contacts", "k >= 3"]),
+        (lambda: pk.ik.BasePlacement(), ["placement of base", "neither"]),
+        (lambda: pk.ik.BasePlacement((0, 0), hard=None), ["hard of position of base", "None"]),
+        (lambda: pk.ik.BasePlacement((0, 0), tolerance=0), ["tolerance of position of base", "[m]"]),
+        (lambda: pk.ik.JointValue(["HeadYaw"], 0.1), ["joint", "['HeadYaw']", "name of one joint"]),
+        (lambda: pk.ik.JointValue("HeadYaw", 0.1, hard="no"), ["hard of HeadYaw", "'no'"]),
     ]:
         with pytest.raises(InvalidValueError) as caught:
             make()

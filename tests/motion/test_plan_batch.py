@@ -2,14 +2,13 @@
 
 import inspect
 import itertools
-import pickle
 
 import numpy as np
 import pinocchio
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.motion import PlanProblem, PlanStatus, plan_batch
 from pepper_kin.motion.planning_process import UnansweredError, helpers
 
@@ -141,20 +140,6 @@ def test_what_hangs_on_the_robot_counts_in_each_problem(pepper):
         assert_same(made, problem.solve())
         assert [load.mass for load in made.loads] == ([pytest.approx(mass)] if fits else [])
         assert fits or "TORQUE_LIMIT" in made.status.name
-
-
-def test_errors_travel_with_their_attributes():
-    errors = (
-        LimitError("start", "HeadYaw", 3.0, -2.0, 2.0),
-        UnknownNameError("joint", "x", ("a", "b")),
-        InfeasibleError("trajectory", "too heavy", "lift less"),
-        InvalidValueError("margin", -1, "0 or more"),
-    )
-    for error in errors:
-        copy = pickle.loads(pickle.dumps(error))
-        assert type(copy) is type(error)
-        assert str(copy) == str(error)
-        assert vars(copy) == vars(error)
 
 
 def test_tasks_that_cannot_travel_are_solved_here(pepper, helper):

@@ -171,11 +171,6 @@ def send_goal(name, type, data):
     return {"accepted": True}
 
 
-def keep(name, other):
-    """Let another name stand for the goal sent last."""
-    goals[other] = goals[name]
-
-
 def cancel(name):
     future = goals[name][0].cancel_goal_async()
     until(future.done)
