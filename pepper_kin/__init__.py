@@ -72,45 +72,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_PACKAGES = (
-    "base_placement",
-    "batch",
-    "collision",
-    "dynamics",
-    "exceptions",
-    "files",
-    "identification",
-    "ik",
-    "jobs",
-    "kernels",
-    "kinematics",
-    "model",
-    "motion",
-    "planners",
-    "servo",
-    "status",
-    "symbolic",
-    "trajectory",
-    "twin",
-    "viewer",
-)
-_NAMES = {
-    "PepperKinError": "exceptions",
-    "PepperModel": "model",
-    "Scene": "collision",
-    "Trajectory": "trajectory",
-    "Twin": "twin",
-    "TwinBatch": "twin",
-    "Viewer": "viewer",
-    "load_pepper": "model",
-    "load_robot": "model",
-    "pose": "model",
-    "PlanProblem": "motion",
-    "plan": "motion",
-    "plan_batch": "motion",
-    "retime": "trajectory",
-}
-
 __all__ = [
     "PepperKinError",
     "PepperModel",
@@ -148,4 +109,4 @@ __all__ = [
     "viewer",
 ]
 
-__getattr__, __dir__ = lazily(__name__, {**_NAMES, **{name: name for name in _PACKAGES}})
+__getattr__, __dir__ = lazily(__name__)

@@ -2,35 +2,57 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from types import ModuleType
 from typing import Any
 
 
-def lazily(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazily(
+    package: str, homes: Mapping[str, str] | None = None
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return a package's `__getattr__` and `__dir__`.
 
     Args:
         package: Its `__name__`.
         homes: The module that each name is found in, below the package unless it begins with `pepper_kin.`; a
-            name whose home is itself is that module.
+            name whose home is itself is that module.  If omitted, names are found where the package's own
+            source imports them from under `if TYPE_CHECKING:`.
     """
 
+    @cache
+    def known() -> Mapping[str, str]:
+        return _homes_in_source(package) if homes is None else homes
+
     def get(name: str) -> Any:
-        if name not in homes:
+        if name not in known():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        home = homes[name]
+        home = known()[name]
         module = importlib.import_module(home if home.startswith("pepper_kin.") else f"{package}.{home}")
         value = module if home == name else getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 
     def names() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *homes})
+        return sorted({*vars(sys.modules[package]), *known()})
 
     return get, names
+
+
+def _homes_in_source(package: str) -> dict[str, str]:
+    """Return where a package imports names from for type checking; modules of its own are themselves."""
+    loader: Any = sys.modules[package].__loader__
+    homes = {}
+    for block in ast.parse(loader.get_source(package)).body:
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING":
+            for found in block.body:
+                assert isinstance(found, ast.ImportFrom)
+                names = [alias.name for alias in found.names]
+                homes.update({name: name if found.module == package else str(found.module) for name in names})
+    return homes
 
 
 class _Later(ModuleType):

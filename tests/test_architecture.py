@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pepper_kin import _PACKAGES, __version__
+import pepper_kin as pk
+from pepper_kin import __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
@@ -282,7 +283,7 @@ def test_heavy_libraries_are_not_loaded_by_importing_the_package():
 
 
 PACKAGES = (
-    *(package for package in _PACKAGES if package != "exceptions"),
+    *(name for name in pk.__all__ if name in {*ORDER, "planners"} - {"exceptions"}),
     "cli",
     "naoqi.commands",
     "ros.command",

@@ -31,31 +31,6 @@ if TYPE_CHECKING:
     from pepper_kin.paper.check import PaperCheck, check_paper
     from pepper_kin.paper.files import save_paper_check
 
-_MODULES = {
-    "DynamicsCheck": "dynamics_check",
-    "DynamicsCheckRow": "dynamics_check",
-    "MadeGesture": "gesture_job",
-    "PaperCheck": "pepper_kin.paper.check",
-    "PhysicsCheck": "physics_check",
-    "ReachOutcome": "reaching",
-    "WarmUp": "warming",
-    "check_dynamics": "dynamics_checking",
-    "check_paper": "pepper_kin.paper.check",
-    "check_physics": "physics_check",
-    "demo_scene": "demo",
-    "make_gesture": "gesture_job",
-    "reach": "reaching",
-    "load_motion": "motion_file",
-    "run_demo": "demo",
-    "warm_up": "warming",
-    "save_export": "export_files",
-    "save_gesture": "result_files",
-    "save_library_gesture": "gesture_job",
-    "save_outcome": "result_files",
-    "save_paper_check": "pepper_kin.paper.files",
-    "scene_beside": "motion_file",
-}
-
 __all__ = [
     "DynamicsCheck",
     "DynamicsCheckRow",
@@ -81,4 +56,4 @@ __all__ = [
     "warm_up",
 ]
 
-__getattr__, __dir__ = lazily(__name__, _MODULES)
+__getattr__, __dir__ = lazily(__name__)

@@ -58,27 +58,4 @@ __all__ = [
     "states_of_run",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "Broker": "broker",
-        "Covered": "coverage_table",
-        "FollowOptions": "following",
-        "Host": "host",
-        "Mirror": "mirror",
-        "NaoqiError": "errors",
-        "NotSimulatedError": "errors",
-        "RefusedByRobotError": "errors",
-        "Robot": "robot",
-        "RobotConnectionError": "errors",
-        "RobotMotionResult": "following",
-        "RobotMotionStatus": "pepper_kin.supervision",
-        "RobotState": "robot_state",
-        "RunLog": "run_log",
-        "ScriptResult": "scripts",
-        "UnusableStateError": "pepper_kin.supervision",
-        "coverage": "coverage_table",
-        "run_script": "scripts",
-        "states_of_run": "mirror",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -118,7 +118,6 @@ class ALAnimatedSpeech(Module):
         super().__init__(broker)
         self._mode = 2
         self._words: dict[str, list[str]] = {}
-        self._tags: dict[str, list[str]] = {}
 
     def say(self, text: str, configuration: Any = None) -> None:
         """Say a text with gestures ("^start(animations/Stand/Gestures/Hey_1) Hello"); blocks."""

@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.body import Body
-from pepper_kin.naoqi.effectors import CHAIN_JOINTS, space_pose, standing_pepper
+from pepper_kin.naoqi.effectors import CHAIN_JOINTS, commanded_posture, space_pose
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES, HEAD, LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
@@ -124,11 +124,9 @@ def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, A
         body: The robot, which may have moved.
         point: In the world [m], shape (3,).
     """
-    pepper = standing_pepper()
     inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
     place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]
-    q = pepper.joint_vector({name: body.commanded(name) for name in pepper.joint_names})
-    return pepper, np.clip(q, pepper.lower_limits, pepper.upper_limits), place
+    return (*commanded_posture(body), place)
 
 
 class ALTracker(Module):

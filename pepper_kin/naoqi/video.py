@@ -172,13 +172,7 @@ class ALVideoDevice(Module):
         """Return whether there is a camera with this index."""
         return cameraIndex in CAMERAS
 
-    openCamera = isCameraOpen
-
-    closeCamera = isCameraOpen
-
-    startCamera = isCameraOpen
-
-    stopCamera = isCameraOpen
+    openCamera = closeCamera = startCamera = stopCamera = isCameraOpen
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
         """Keep a parameter of a camera; pictures do not change."""

@@ -59,30 +59,4 @@ __all__ = [
     "play_bag",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "TransportError": "errors",
-        "CLOCK": "qos",
-        "LATCHED": "qos",
-        "RELIABLE": "qos",
-        "SENSOR_DATA": "qos",
-        "TRANSFORMS": "qos",
-        "QoS": "qos",
-        "ActionServer": "transport",
-        "GoalHandle": "transport",
-        "GoalResult": "transport",
-        "GoalStatus": "transport",
-        "Publisher": "transport",
-        "ServerGoal": "transport",
-        "Transport": "transport",
-        "BagRecorder": "bag_topics",
-        "play_bag": "bag_topics",
-        "FollowResult": "client",
-        "RobotClient": "client",
-        "RobotNode": "node",
-        "LocalTransport": "transports.local",
-        "RosbridgeServer": "transports.rosbridge",
-        "RosbridgeClient": "transports.rosbridge_client",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
+    from pepper_kin.viewer import server  # noqa: F401
     from pepper_kin.viewer.browser import find_chromium
     from pepper_kin.viewer.browser_session import screenshot
     from pepper_kin.viewer.camera import Viewpoint
@@ -43,22 +44,4 @@ __all__ = [
     "screenshot",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "find_chromium": "browser",
-        "screenshot": "browser_session",
-        "Viewpoint": "camera",
-        "Drawable": "drawable",
-        "marker": "drawable",
-        "Ghost": "joint_motion",
-        "JointMotion": "joint_motion",
-        "Note": "joint_motion",
-        "save_reach_html": "reach_page",
-        "save_motion_page": "recording",
-        "render_motion": "rendering",
-        "save_video": "video",
-        "Viewer": "viewer",
-        "server": "server",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

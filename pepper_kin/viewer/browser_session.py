@@ -8,12 +8,12 @@ import json
 import math
 import os
 import select
+import shutil
 import signal
 import subprocess
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from urllib.parse import urlencode
 
@@ -81,9 +81,7 @@ class BrowserSession:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def picture(self, at_time: float) -> bytes:
@@ -110,6 +108,11 @@ class BrowserSession:
             if pipe is not None:
                 pipe.close()
         self._profile.cleanup()
+        for _ in range(40):  # a helper that is being killed may have written something meanwhile
+            if not os.path.exists(self._profile.name):
+                break
+            time.sleep(0.05)
+            shutil.rmtree(self._profile.name, ignore_errors=True)
 
     def _start(self, chromium: str) -> None:
         """Start the browser; it reads commands from its descriptor 3 and answers on its descriptor 4."""

@@ -28,14 +28,4 @@ __all__ = [
     "RosbridgeServer",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "DEFAULT_PORT": "rosbridge",
-        "CycloneTransport": "cyclonedds",
-        "LocalTransport": "local",
-        "RclpyTransport": "rclpy",
-        "RosbridgeClient": "rosbridge_client",
-        "RosbridgeServer": "rosbridge",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -19,12 +19,4 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "Access": "pepper_kin.servers.access",
-        "serve": "serving",
-        "DEFAULT_PORT": "server",
-        "ViewerServer": "server",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)
