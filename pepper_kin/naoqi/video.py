@@ -160,10 +160,6 @@ class ALVideoDevice(Module):
         self._active = self._known("setActiveCamera", "camera", arguments[-1], CAMERAS)
         return True
 
-    def getCameraIndexes(self) -> list[int]:
-        """Return the indices of the cameras."""
-        return list(CAMERAS)
-
     def getCameraName(self, cameraIndex: int) -> str:
         """Return the name of a camera."""
         return LENSES[self._known("getCameraName", "cameraIndex", cameraIndex, CAMERAS)]
