@@ -72,16 +72,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_NAMES = {
-    "collision": "Scene",
-    "exceptions": "PepperKinError",
-    "model": "PepperModel load_pepper load_robot pose",
-    "motion": "PlanProblem plan plan_batch",
-    "trajectory": "Trajectory retime",
-    "twin": "Twin TwinBatch",
-    "viewer": "Viewer",
-}
-
 __all__ = [
     "PepperKinError",
     "PepperModel",
@@ -119,6 +109,4 @@ __all__ = [
     "viewer",
 ]
 
-_PACKAGES = tuple(name for name in __all__ if name not in " ".join(_NAMES.values()).split())
-
-__getattr__, __dir__ = lazily(__name__, {name: f"{name} {_NAMES.get(name, '')}" for name in _PACKAGES})
+__getattr__, __dir__ = lazily(__name__)

@@ -2,36 +2,59 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from types import ModuleType
 from typing import Any
 
 
-def lazily(package: str, names_of: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def lazily(
+    package: str, names_of: Mapping[str, str] | None = None
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return a package's `__getattr__` and `__dir__`.
 
     Args:
         package: Its `__name__`.
         names_of: Module -> the names in it, separated by blanks.  It is below the package unless it begins
-            with `pepper_kin.`; its own name stands for the module itself.
+            with `pepper_kin.`; its own name stands for the module itself.  If omitted, names are found where
+            the package's own source imports them from under `if TYPE_CHECKING:`.
     """
-    homes = {name: home for home, names in names_of.items() for name in names.split()}
+
+    @cache
+    def homes() -> dict[str, str]:
+        if names_of is None:
+            return _homes_in_source(package)
+        return {name: home for home, names in names_of.items() for name in names.split()}
 
     def get(name: str) -> Any:
-        if name not in homes:
+        if name not in homes():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        home = homes[name]
+        home = homes()[name]
         module = importlib.import_module(home if home.startswith("pepper_kin.") else f"{package}.{home}")
         value = module if home == name else getattr(module, name)
         setattr(sys.modules[package], name, value)
         return value
 
     def listed() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *homes})
+        return sorted({*vars(sys.modules[package]), *homes()})
 
     return get, listed
+
+
+def _homes_in_source(package: str) -> dict[str, str]:
+    """Return where a package imports names from for type checking; modules of its own are themselves."""
+    loader: Any = sys.modules[package].__loader__
+    homes = {}
+    for block in ast.parse(loader.get_source(package)).body:
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING":
+            for found in block.body:
+                assert isinstance(found, ast.ImportFrom)
+                names = [alias.name for alias in found.names]
+                homes.update({name: name if found.module == package else str(found.module) for name in names})
+    return homes
 
 
 class _Later(ModuleType):

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 import pepper_kin as pk
-from pepper_kin.cli.terminal import FAILED, Json, progress
+from pepper_kin.cli.terminal import FAILED, Json, print_found, print_json, progress
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_file, check_folder, make_folder, write_text
 
@@ -36,7 +36,7 @@ def dynamics(
     pepper = pk.load_pepper() if urdf is None else pk.load_robot(urdf)
     with progress("checking dynamics") as report:
         found = pk.jobs.check_dynamics(pepper, states=states, seed=seed, progress=report)
-    print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
+    print_found(found, as_json)
     if not found.success:
         raise typer.Exit(FAILED)
 
@@ -58,7 +58,7 @@ def model(
         summary = {"audit": found.to_dict()}
         if difference is not None:
             summary["comparison"] = difference.to_dict()
-        print(json.dumps(summary, indent=2))
+        print_json(summary)
     else:
         print(found.report())
         if difference is not None:
@@ -93,7 +93,7 @@ def paper(
         check_folder(output)
     with progress("replaying the paper's movements") as report:
         found = pk.jobs.check_paper(seed=seed, progress=report)
-    print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
+    print_found(found, as_json)
     if output is not None:
         for path in pk.jobs.save_paper_check(found, output).values():
             print(f"wrote {path}", file=sys.stderr)
@@ -115,11 +115,13 @@ def physics(
         check_folder(output)
     with progress("running both engines") as report:
         found = pk.jobs.check_physics(seed=seed, progress=report)
-    numbers = json.dumps(found.as_dict(), indent=2)
-    print(numbers if as_json else found.report())
+    print_found(found, as_json)
     if output is not None:
         make_folder(output)
-        for name, text in (("physics.txt", found.report()), ("physics.json", numbers)):
+        for name, text in (
+            ("physics.txt", found.report()),
+            ("physics.json", json.dumps(found.as_dict(), indent=2)),
+        ):
             print(f"wrote {write_text(output / name, text + chr(10))}", file=sys.stderr)
     if not found.success:
         raise typer.Exit(FAILED)
@@ -147,7 +149,7 @@ def log(
         check_file(path)
     with progress("replaying logs") as report:
         found = pk.identification.check_logs(files, share=share, progress=report)
-    print(json.dumps(found.as_dict(), indent=2) if as_json else found.report())
+    print_found(found, as_json)
     if plot is not None:
         print(f"wrote {pk.identification.save_replay_picture(found.replays, plot)}", file=sys.stderr)
     if page is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,6 +18,7 @@ from pepper_kin.cli.terminal import (
     Json,
     complete_gesture,
     one_of,
+    print_found,
     print_json,
     print_written,
     progress,
@@ -43,7 +44,7 @@ def warm_up(
     """
     with progress("machine code") as on_progress:
         made = pk.jobs.warm_up(native, on_progress)
-    _print(made, as_json)
+    print_found(made, as_json)
 
 
 @app.command()
@@ -110,7 +111,7 @@ def gesture(
         replayed = pk.twin.replay(pepper, name)
         if output is not None:
             pk.jobs.save_gesture(replayed, output)
-        _print(replayed, as_json)
+        print_found(replayed, as_json)
         return
     made = pk.jobs.make_gesture(
         pepper,
@@ -121,7 +122,7 @@ def gesture(
     )
     if output is not None:
         pk.jobs.save_library_gesture(made, output)
-    _print(made, as_json)
+    print_found(made, as_json)
     if not made.certificate.success:
         raise typer.Exit(FAILED)
 
@@ -133,10 +134,3 @@ def _refuse_options(gesture: str, **options: object) -> None:
             raise InvalidValueError(
                 f"--{option}", value, f"to be omitted: {gesture!r} is replayed as published"
             )
-
-
-def _print(found: Any, as_json: bool) -> None:
-    if as_json:
-        print_json(found.as_dict())
-    else:
-        print(found.report())

@@ -90,6 +90,14 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=2))
 
 
+def print_found(found: Any, as_json: bool) -> None:
+    """Print what a job found: its report, or its values as JSON."""
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        print(found.report())
+
+
 def discard_output() -> None:
     """Send to nowhere what is left to print: Python would try again as it ends, and complain."""
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -56,20 +56,4 @@ __all__ = [
     "warm_up",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "dynamics_check": "DynamicsCheck DynamicsCheckRow",
-        "gesture_job": "MadeGesture make_gesture save_library_gesture",
-        "pepper_kin.paper.check": "PaperCheck check_paper",
-        "physics_check": "PhysicsCheck check_physics",
-        "reaching": "ReachOutcome reach",
-        "warming": "WarmUp warm_up",
-        "dynamics_checking": "check_dynamics",
-        "demo": "demo_scene run_demo",
-        "motion_file": "load_motion scene_beside",
-        "export_files": "save_export",
-        "result_files": "save_gesture save_outcome",
-        "pepper_kin.paper.files": "save_paper_check",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

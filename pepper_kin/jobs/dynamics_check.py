@@ -98,26 +98,15 @@ class DynamicsCheck:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; an error that is no finite number becomes None."""
-        return {
-            "robot": self.robot,
-            "joints": self.joints,
-            "frame": self.frame,
-            "states": self.states,
-            "seed": self.seed,
-            "success": self.success,
-            "failures": list(self.failures),
-            "rows": [
-                {
-                    "quantity": row.quantity,
-                    "against": row.against,
-                    "limit": row.limit,
-                    "errors": {k: e if math.isfinite(e) else None for k, e in row.errors.items()},
-                    "success": row.success,
-                    "note": row.note,
-                }
-                for row in self.rows
-            ],
-        }
+        rows = [
+            {
+                **vars(row),
+                "errors": {form: e if math.isfinite(e) else None for form, e in row.errors.items()},
+                "success": row.success,
+            }
+            for row in self.rows
+        ]
+        return {**vars(self), "success": self.success, "failures": list(self.failures), "rows": rows}
 
     def _line(self, row: DynamicsCheckRow) -> tuple[str, ...]:
         cells = []

@@ -58,19 +58,4 @@ __all__ = [
     "states_of_run",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "broker": "Broker",
-        "coverage_table": "Covered coverage",
-        "following": "FollowOptions RobotMotionResult",
-        "host": "Host",
-        "mirror": "Mirror states_of_run",
-        "errors": "NaoqiError NotSimulatedError RefusedByRobotError RobotConnectionError",
-        "robot": "Robot",
-        "pepper_kin.supervision": "RobotMotionStatus UnusableStateError",
-        "robot_state": "RobotState",
-        "run_log": "RunLog",
-        "scripts": "ScriptResult run_script",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

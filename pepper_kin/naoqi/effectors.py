@@ -121,6 +121,18 @@ def tasks_for(effector: str, pose: Array, mask: int) -> list[ik.Task]:
     return tasks
 
 
+def commanded_posture(body: Body, start: dict[str, float] | None = None) -> tuple[PepperModel, Array]:
+    """Return the model on which angles are found, and its commanded posture within limits, shape (n,).
+
+    Args:
+        body: The robot; joints that are limp may sag beyond the limits.
+        start: Joint -> angle in place of the command [rad].
+    """
+    pepper, given = standing_pepper(), start or {}
+    q = pepper.joint_vector({name: given.get(name, body.commanded(name)) for name in pepper.joint_names})
+    return pepper, np.clip(q, pepper.lower_limits, pepper.upper_limits)
+
+
 def find_angles(body: Body, targets: dict[str, tuple[Array, int]], start: dict[str, float]) -> Candidate:
     """Return the angles that bring effectors to poses.
 
@@ -129,10 +141,8 @@ def find_angles(body: Body, targets: dict[str, tuple[Array, int]], start: dict[s
         targets: Effector -> pose in the world [m], shape (4, 4), and axis mask.
         start: Joint -> angle to begin with [rad].
     """
-    pepper = standing_pepper()
+    pepper, q = commanded_posture(body, start)
     footprint = np.linalg.inv(body.frame_pose("base_footprint", False))
-    q = pepper.joint_vector({name: start.get(name, body.commanded(name)) for name in pepper.joint_names})
-    q = np.clip(q, pepper.lower_limits, pepper.upper_limits)
     joints = [joint for effector in targets for joint in CHAIN_JOINTS[effector]]
     tasks = [
         task

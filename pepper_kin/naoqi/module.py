@@ -81,8 +81,7 @@ class Module:
     def __init_subclass__(cls) -> None:
         """Give a module its simple methods."""
         if "name" in vars(cls):
-            for name, method in simple_methods(cls.name).items():
-                setattr(cls, name, method)
+            _add_simple_methods(cls)
 
     @property
     def body(self) -> Body:
@@ -108,9 +107,6 @@ class Module:
 
     # Methods of every module, with the names that the robot gives them.
 
-    def exit(self) -> None:
-        """Leave the broker; the twin's modules stay."""
-
     def pCall(self, method: str, *arguments: Any) -> int:
         """Call a method beside the caller; return its number for `wait`."""
         return self.broker.post(functools.partial(getattr(self, method), *arguments))
@@ -118,10 +114,6 @@ class Module:
     def version(self) -> str:
         """Return the version of NAOqi."""
         return VERSION
-
-    def ping(self) -> bool:
-        """Return True."""
-        return True
 
     def getMethodList(self) -> list[str]:
         """Return the names of all methods."""
@@ -156,10 +148,6 @@ class Module:
     def stop(self, id: int) -> None:
         """Stop a call that was posted."""
         self.broker.stop_call(int(id))
-
-    def getBrokerName(self) -> str:
-        """Return the name of the broker."""
-        return "naoqi"
 
     def getUsage(self, name: str) -> str:
         """Return how a method is called."""
@@ -212,3 +200,11 @@ class Module:
         if not 0.0 < number <= 1.0:
             raise self.fail(method, f"{quantity}: got {number:g}, expected a number above 0 and at most 1")
         return number
+
+
+def _add_simple_methods(kind: type[Module]) -> None:
+    for name, method in simple_methods(kind.name).items():
+        setattr(kind, name, method)
+
+
+_add_simple_methods(Module)

@@ -17,16 +17,6 @@ from pepper_kin.naoqi.tables import table
 
 BREATHING_CHAINS = ("Body", "Legs", "Arms", "LArm", "RArm", "Head")
 
-BREATH = {
-    "LShoulderPitch": 0.03,
-    "RShoulderPitch": 0.03,
-    "LElbowRoll": -0.03,
-    "RElbowRoll": 0.03,
-    "HeadPitch": 0.015,
-    "HipPitch": 0.01,
-}
-"""How far joints move when the robot breathes with amplitude 1 [rad]."""
-
 
 class ConfigurationMethods(Module):
     """The methods of ALMotion for tasks, configuration, collision protection and breathing."""
@@ -289,14 +279,15 @@ class ConfigurationMethods(Module):
 
     def _breathe(self) -> None:
         """Move the joints of breathing chains that no task has, once a cycle."""
+        breath: dict[str, float] = table("motion")["breath"]
         chains = [chain for chain, on in self._breathing.items() if on]
-        joints = {j for chain in chains for j in CHAINS[chain] if j in BREATH}
+        joints = {j for chain in chains for j in CHAINS[chain] if j in breath}
         if not joints and not self._breath_before:
             return
         phase = 2.0 * math.pi * self._breath["Bpm"] / 60.0 * self.body.time.now
         share = 0.5 * (1.0 - math.cos(phase)) * self._breath["Amplitude"]
         busy = self.body.tasks.booked
-        for joint, far in BREATH.items():
+        for joint, far in breath.items():
             before = self._breath_before.pop(joint, 0.0)
             now = share * far if joint in joints and joint not in busy else 0.0
             if joint in busy:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from pepper_kin import ik
-from pepper_kin.naoqi.effectors import as_pose, find_angles, space_pose, standing_pepper
+from pepper_kin.naoqi.effectors import as_pose, commanded_posture, find_angles, space_pose
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
@@ -47,9 +45,7 @@ class WholeBodyMethods(Module):
         method = "wbGoToBalance"
         self.robot_refuses(method, WHOLE_BODY)
         self.number(method, "duration", duration)
-        pepper = standing_pepper()
-        q = pepper.joint_vector({name: self.body.commanded(name) for name in pepper.joint_names})
-        q = np.clip(q, pepper.lower_limits, pepper.upper_limits)  # limp joints may sag beyond
+        pepper, q = commanded_posture(self.body)
         result = ik.solve(pepper, [ik.CenterOfMassOverWheels(0.05)], q, joints=list(LEG), collisions=False)
         if not result.success:
             raise self.fail(method, result.advice)

@@ -40,7 +40,7 @@ class ALNavigation(Module):
             raise self.fail(
                 method, f"the target is {math.hypot(*place):.3g} m away, expected at most {FARTHEST:g} m"
             )
-        return self._go(Pose(*self.body.base_pose(False)).moved(*place, theta))
+        return self._go(Pose(*self.body.base_pose(False)).moved(place[0], place[1], theta))
 
     def navigateToInMap(self, target: Any) -> bool:
         """Go to a place in the world, around obstacles; blocks; return whether it arrived."""

@@ -8,14 +8,8 @@ from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import HANDS
 from pepper_kin.naoqi.module import Module
 
-POSTURES = {
-    "Stand": "Stand",
-    "StandInit": "StandInit",
-    "StandZero": "StandZero",
-    "Crouch": "Crouch",
-    "Rest": "Rest",
-}
-"""Posture of NAOqi -> posture of the model."""
+POSTURES = ("Stand", "StandInit", "StandZero", "Crouch", "Rest")
+"""Postures of NAOqi, which the model has under the same names."""
 
 OF_NAO = ("LyingBack", "LyingBelly", "Sit", "SitRelax")
 """Postures that NAO takes and Pepper cannot."""
@@ -51,11 +45,11 @@ class ALRobotPosture(Module):
     def getPosture(self) -> str:
         """Return the name of the posture that the body is in, or "Unknown"."""
         with self.body.time.lock:
-            nearest = min(POSTURES, key=lambda name: self._difference(POSTURES[name]))
-            return nearest if self._difference(POSTURES[nearest]) < NEAR else "Unknown"
+            nearest = min(POSTURES, key=self._difference)
+            return nearest if self._difference(nearest) < NEAR else "Unknown"
 
     def _posture(self, method: str, name: object) -> str | None:
-        known = {key.lower(): value for key, value in POSTURES.items()}
+        known = {posture.lower(): posture for posture in POSTURES}
         found = known.get(str(name).lower())
         if found is None and name not in OF_NAO:
             raise self.fail(method, f"postureName: got {quoted(name)}, expected one of {', '.join(POSTURES)}")

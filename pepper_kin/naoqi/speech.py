@@ -116,9 +116,7 @@ class ALAnimatedSpeech(Module):
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
-        self._mode = 2
         self._words: dict[str, list[str]] = {}
-        self._tags: dict[str, list[str]] = {}
 
     def say(self, text: str, configuration: Any = None) -> None:
         """Say a text with gestures ("^start(animations/Stand/Gestures/Hey_1) Hello"); blocks."""
@@ -139,18 +137,18 @@ class ALAnimatedSpeech(Module):
 
     def _mode_of(self, configuration: Any) -> int:
         if isinstance(configuration, dict):
-            return MODES.get(str(configuration.get("bodyLanguageMode", "")), self._mode)
-        return self._mode
+            return MODES.get(str(configuration.get("bodyLanguageMode", "")), self.getBodyLanguageMode())
+        return int(self.getBodyLanguageMode())
 
     def setBodyTalkEnabled(self, enable: bool) -> None:
         """Say whether speech comes with gestures."""
-        self._mode = 2 if enable else 0
+        self.kept["mode",] = 2 if enable else 0
 
     setBodyLanguageEnabled = setBodyTalkEnabled
 
     def isBodyTalkEnabled(self) -> bool:
         """Return whether speech comes with gestures."""
-        return self._mode > 0
+        return bool(self.getBodyLanguageMode() > 0)
 
     isBodyLanguageEnabled = isBodyTalkEnabled
 
@@ -161,21 +159,17 @@ class ALAnimatedSpeech(Module):
             raise self.fail(
                 "setBodyLanguageModeFromStr", f"got {quoted(stringBodyLanguageMode)}, expected one of {known}"
             )
-        self._mode = MODES[stringBodyLanguageMode]
+        self.kept["mode",] = MODES[stringBodyLanguageMode]
 
     def setBodyLanguageMode(self, bodyLanguageMode: int) -> None:
         """Choose 0 (disabled), 1 (random) or 2 (contextual)."""
         if bodyLanguageMode not in MODES.values():
             raise self.fail("setBodyLanguageMode", f"got {quoted(bodyLanguageMode)}, expected 0, 1 or 2")
-        self._mode = int(bodyLanguageMode)
+        self.kept["mode",] = int(bodyLanguageMode)
 
     def getBodyLanguageModeToStr(self) -> str:
         """Return "disabled", "random" or "contextual"."""
-        return next(name for name, value in MODES.items() if value == self._mode)
-
-    def getBodyLanguageMode(self) -> int:
-        """Return 0 (disabled), 1 (random) or 2 (contextual)."""
-        return self._mode
+        return next(name for name, value in MODES.items() if value == self.getBodyLanguageMode())
 
     def addTagsToWords(self, tagsToWords: Any) -> None:
         """Keep which words have which tags: {tag: [word, ...]}."""

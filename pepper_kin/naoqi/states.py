@@ -19,20 +19,12 @@ class ALAutonomousLife(Module):
 
     name = "ALAutonomousLife"
 
-    def __init__(self, broker: Any) -> None:
-        super().__init__(broker)
-        self._state = "disabled"
-
     def setState(self, state: str) -> None:
         """Set "solitary", "interactive", "safeguard" or "disabled"."""
         if state not in LIFE:
             raise self.fail("setState", f"state: got {quoted(state)}, expected one of {', '.join(LIFE)}")
-        self._state = state
+        self.kept["state",] = state
         self.broker.memory.raiseEvent("AutonomousLife/State", state)
-
-    def getState(self) -> str:
-        """Return the state."""
-        return self._state
 
     def switchFocus(self, activity: str, *_: Any) -> None:
         """Refuse: no activity is installed."""

@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.body import Body
-from pepper_kin.naoqi.effectors import CHAIN_JOINTS, space_pose, standing_pepper
+from pepper_kin.naoqi.effectors import CHAIN_JOINTS, commanded_posture, space_pose
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES, HEAD, LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
@@ -124,11 +124,9 @@ def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, A
         body: The robot, which may have moved.
         point: In the world [m], shape (3,).
     """
-    pepper = standing_pepper()
     inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
     place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]
-    q = pepper.joint_vector({name: body.commanded(name) for name in pepper.joint_names})
-    return pepper, np.clip(q, pepper.lower_limits, pepper.upper_limits), place
+    return (*commanded_posture(body), place)
 
 
 class ALTracker(Module):
@@ -143,7 +141,6 @@ class ALTracker(Module):
         super().__init__(broker)
         self._targets: dict[str, Any] = {}
         self._places: dict[str, Array] = {}
-        self._mode, self._effector = "Head", "None"
         self._task: TrackTask | None = None
         self._relative = [-1.0, 0.0, 0.0, 0.1, 0.1, 0.3]
 
@@ -230,7 +227,7 @@ class ALTracker(Module):
             known = ", ".join(self._targets) or "(none)"
             raise self.fail("track", f"{quoted(pTarget)} is not registered; registered: {known}")
         self.stopTracker()
-        self._task = TrackTask(self, pTarget, self._effector)
+        self._task = TrackTask(self, pTarget, self.getEffector())
         self.body.do(self._task)
 
     def stopTracker(self) -> None:
@@ -275,27 +272,15 @@ class ALTracker(Module):
         """Choose what moves: "Head", "BodyRotation", "WholeBody", "Move"."""
         if pMode not in MODES:
             raise self.fail("setMode", f"mode: got {quoted(pMode)}, expected one of {', '.join(MODES)}")
-        self._mode = pMode
-
-    def getMode(self) -> str:
-        """Return what moves."""
-        return self._mode
-
-    def getAvailableModes(self) -> list[str]:
-        """Return the modes."""
-        return list(MODES)
+        self.kept["mode",] = pMode
 
     def setEffector(self, pEffector: str) -> None:
         """Choose what points at the target: "None", "LArm", "RArm", "Arms"."""
         if pEffector not in ARMS:
             raise self.fail("setEffector", f"got {quoted(pEffector)}, expected {', '.join(ARMS)}")
-        self._effector = pEffector
+        self.kept["effector",] = pEffector
         if self._task is not None:
             self.track(self._task.target)
-
-    def getEffector(self) -> str:
-        """Return what points at the target."""
-        return self._effector
 
     def setRelativePosition(self, target: Any) -> None:
         """Set where the base stays, [distance X, Y, angle, thresholds] from the target."""
@@ -313,7 +298,7 @@ class ALTracker(Module):
         """Forget targets and settings."""
         self.stopTracker()
         self._targets.clear()
-        self._mode, self._effector = "Head", "None"
+        self.kept.update({("mode",): "Head", ("effector",): "None"})
 
 
 MODULES = (ALTracker,)

@@ -160,10 +160,6 @@ class ALVideoDevice(Module):
         self._active = self._known("setActiveCamera", "camera", arguments[-1], CAMERAS)
         return True
 
-    def getCameraIndexes(self) -> list[int]:
-        """Return the indices of the cameras."""
-        return list(CAMERAS)
-
     def getCameraName(self, cameraIndex: int) -> str:
         """Return the name of a camera."""
         return LENSES[self._known("getCameraName", "cameraIndex", cameraIndex, CAMERAS)]
@@ -172,13 +168,7 @@ class ALVideoDevice(Module):
         """Return whether there is a camera with this index."""
         return cameraIndex in CAMERAS
 
-    openCamera = isCameraOpen
-
-    closeCamera = isCameraOpen
-
-    startCamera = isCameraOpen
-
-    stopCamera = isCameraOpen
+    openCamera = closeCamera = startCamera = stopCamera = isCameraOpen
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
         """Keep a parameter of a camera; pictures do not change."""

@@ -59,17 +59,4 @@ __all__ = [
     "play_bag",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "errors": "TransportError",
-        "qos": "CLOCK LATCHED RELIABLE SENSOR_DATA TRANSFORMS QoS",
-        "transport": "ActionServer GoalHandle GoalResult GoalStatus Publisher ServerGoal Transport",
-        "bag_topics": "BagRecorder play_bag",
-        "client": "FollowResult RobotClient",
-        "node": "RobotNode",
-        "transports.local": "LocalTransport",
-        "transports.rosbridge": "RosbridgeServer",
-        "transports.rosbridge_client": "RosbridgeClient",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

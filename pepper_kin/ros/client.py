@@ -21,7 +21,7 @@ from pepper_kin.ros.goal_motion import NEAR, STATE_TIMEOUT, STOP_TIME, GoalMotio
 from pepper_kin.ros.joint_trajectory import message_of, seconds
 from pepper_kin.ros.message_parts import duration_message
 from pepper_kin.ros.qos import RELIABLE
-from pepper_kin.ros.transport import Transport
+from pepper_kin.ros.transport import Closable, Transport
 from pepper_kin.ros_messages import message_type
 from pepper_kin.supervision import (
     Clock,
@@ -69,7 +69,7 @@ class FollowResult:
         return f"{self.message} {self.status.advice}"
 
 
-class RobotClient:
+class RobotClient(Closable):
     """A robot, or a simulated one, that is reached through a transport.
 
     Args:
@@ -105,12 +105,6 @@ class RobotClient:
         self._subscription = transport.subscribe(
             topic, "sensor_msgs/msg/JointState", RELIABLE, self._on_joint_states
         )
-
-    def __enter__(self) -> RobotClient:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop motions under way, wait for their end, and listen no more."""

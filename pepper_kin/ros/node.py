@@ -35,7 +35,7 @@ SENSOR_RATE, ODOMETRY_RATE, STATE_RATE = 10.0, 15.0, 50.0
 """Messages a second [Hz]."""
 
 
-class RobotNode:
+class RobotNode(Closable):
     """A simulated Pepper as ROS 2 sees it: names, frames and rates of naoqi_driver2 and ros2_control.
 
     Args:
@@ -94,12 +94,6 @@ class RobotNode:
             self.close()
             raise
         body.listeners.append(self._on_cycle)
-
-    def __enter__(self) -> RobotNode:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def now(self) -> float:

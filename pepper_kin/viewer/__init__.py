@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
+    from pepper_kin.viewer import server  # noqa: F401
     from pepper_kin.viewer.browser import find_chromium
     from pepper_kin.viewer.browser_session import screenshot
     from pepper_kin.viewer.camera import Viewpoint
@@ -43,19 +44,4 @@ __all__ = [
     "screenshot",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "browser": "find_chromium",
-        "browser_session": "screenshot",
-        "camera": "Viewpoint",
-        "drawable": "Drawable marker",
-        "joint_motion": "Ghost JointMotion Note",
-        "reach_page": "save_reach_html",
-        "recording": "save_motion_page",
-        "rendering": "render_motion",
-        "video": "save_video",
-        "viewer": "Viewer",
-        "server": "server",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

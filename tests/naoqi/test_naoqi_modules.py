@@ -44,6 +44,29 @@ def test_the_table_in_the_docs_is_the_table(broker):
         assert f"| {module} | {len(rows)} | {done} |" in page
 
 
+def test_every_row_of_the_simple_methods_is_a_method_that_keeps_what_is_set(broker):
+    text = (ROOT / "pepper_kin/naoqi/data/simple_methods.csv").read_text("utf-8")
+    rows = list(csv.DictReader(text.splitlines()))
+    kept = {}
+    for row in rows:
+        module = broker.module("ALMotion" if row["module"] == "ALModule" else row["module"])
+        assert row["method"] in module.getMethodList()
+        assert module.getMethodHelp(row["method"]) == row["doc"]
+        if row["does"] == "call":
+            assert callable(getattr(type(module), row["place"]))
+        if row["does"] in ("set", "confirm"):
+            kept[row["module"], row["place"]] = row
+    for row in rows:
+        setter = kept.get((row["module"], row["place"])) if row["does"] == "get" else None
+        if setter is not None:
+            module, key = broker.module(row["module"]), ["x"] * row["parameters"].count(";")
+            key += ["x"] if row["parameters"] else []
+            value = {"bool": False, "str": "other", "number": 0.25, "any": [1]}[setter["value"]]
+            answer = getattr(module, setter["method"])(*key, value)
+            assert answer is (True if setter["does"] == "confirm" else None)
+            assert getattr(module, row["method"])(*key) == value
+
+
 def test_memory_keeps_data_and_calls_subscribers(broker):
     memory, got = broker.memory, []
     memory.insertData("a/b", [1, "two"])

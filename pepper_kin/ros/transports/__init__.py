@@ -28,13 +28,4 @@ __all__ = [
     "RosbridgeServer",
 ]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "rosbridge": "DEFAULT_PORT RosbridgeServer",
-        "cyclonedds": "CycloneTransport",
-        "local": "LocalTransport",
-        "rclpy": "RclpyTransport",
-        "rosbridge_client": "RosbridgeClient",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -19,11 +19,4 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_PORT", "Access", "ViewerServer", "serve"]
 
-__getattr__, __dir__ = lazily(
-    __name__,
-    {
-        "pepper_kin.servers.access": "Access",
-        "serving": "serve",
-        "server": "DEFAULT_PORT ViewerServer",
-    },
-)
+__getattr__, __dir__ = lazily(__name__)
