@@ -20,7 +20,7 @@ from pepper_kin.core.inverse_kinematics.proximity import near_rows
 from pepper_kin.core.inverse_kinematics.verdict import verdict
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.ik.fast.proximity_table import proximity_block
+from pepper_kin.ik.fast.proximity_table import proximity_memory
 from pepper_kin.kernels.interrupts import STOPPED
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel
@@ -197,7 +197,7 @@ class _Blocks:
         if checker.supported:
             validity = checker.compiled(checker.pepper.neutral(), np.arange(checker.pepper.n))
             block, address = validity.new_memory(), cast("Any", verdict).address
-        near, kept = proximity_block(checker.exact, MARGIN)
+        near, kept = proximity_memory(checker.exact, MARGIN)
         self._kept = validity, block, near, kept
         self.tests = CollisionTests(
             address, block.ctypes.data, block.size, 0, cast("Any", near_rows).address, near.ctypes.data

@@ -10,7 +10,7 @@ from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.near_pairs import pairs_within
 from pepper_kin.core.inverse_kinematics.proximity import near_rows
 from pepper_kin.ik import IKStatus
-from pepper_kin.ik.fast.proximity_table import proximity_block
+from pepper_kin.ik.fast.proximity_table import proximity_memory
 
 PEPPER = pk.load_pepper()
 LOW, HIGH = PEPPER.lower_limits, PEPPER.upper_limits
@@ -64,7 +64,7 @@ def test_near_shapes_are_those_that_coal_measures(seed):
         .add_sphere("ball", 0.1, (0.4, 0.3, 1.0))
     )
     checker = checker_for(PEPPER, scene)
-    block, touching = proximity_block(checker, APART, 64), 0
+    block, touching = proximity_memory(checker, APART, 64), 0
     for q in generator.uniform(LOW, HIGH, (100, PEPPER.n)):
         _, shortages, depths = rows_at(q, block)
         expected = pairs_within(checker, q, APART)
@@ -81,7 +81,7 @@ def test_near_shapes_are_those_that_coal_measures(seed):
 
 def test_slopes_are_derivatives_of_the_shortages():
     generator = np.random.default_rng(1)
-    block, looked_at = proximity_block(checker_for(PEPPER, random_scene(generator)), APART, 64), 0
+    block, looked_at = proximity_memory(checker_for(PEPPER, random_scene(generator)), APART, 64), 0
     for q in generator.uniform(LOW, HIGH, (60, PEPPER.n)):
         slopes, shortages, _ = rows_at(q, block)
         for joint in range(PEPPER.n):

@@ -10,22 +10,11 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.joint_table import joint_table
-from pepper_kin.collision.fast.solids import HULL, Solid
 from pepper_kin.collision.fast.structure import Structure, structure_of
-from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.solids import HalfSpace
-from pepper_kin.core.collision.distances import (
-    FIRST,
-    HALF,
-    KIND,
-    PLACE,
-    PLANE,
-    RADIUS,
-    REACH,
-    SHAPE,
-    NearTable,
-)
-from pepper_kin.core.collision.layout import BOX
+from pepper_kin.core.collision.distances import CARRIER, COUNT, FIRST, PLANE, SHAPE, NearTable
+from pepper_kin.core.collision.layout import BOX, HULL, OTHER
+from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, ROW
 from pepper_kin.model import PepperModel, kept_for_robot
 
 MOST_VERTICES = 64
@@ -48,18 +37,39 @@ def near_table(checker: CollisionChecker) -> NearTable:
 
 
 def _make_table(pepper: PepperModel, structure: Structure) -> NearTable:
-    (shapes, vertices), (objects, more) = _shapes(structure.solids), _shapes(structure.objects)
-    objects = objects.copy()
-    objects[:, FIRST] += len(vertices)
-    planes = [isinstance(item.geometry, HalfSpace) for item in structure.items]
-    objects[planes, KIND], objects[planes, REACH] = PLANE, np.inf
-    shapes, vertices = np.concatenate([shapes, objects]), np.concatenate([vertices, more])
+    moving, count = structure.moving, len(structure.solids)
+    rows = np.concatenate([moving.rows, structure.object_rows])
+    shapes, vertices, place = np.zeros((len(rows), SHAPE)), [np.zeros((0, 3))], 0
+    shapes[:, :ROW] = rows
+    shapes[:count, CARRIER] = [solid.joint for solid in moving.solids]
+    special = {count + o: solid for o, solid in structure.special.items()}
+    for k, solid in (dict(enumerate(moving.solids)) | special).items():
+        if len(solid.vertices):  # what is held as a cloud is its hull here
+            corners = _outermost(solid.vertices)
+            shapes[k, KIND], shapes[k, FIRST], shapes[k, COUNT] = HULL, place, len(corners)
+            vertices.append(corners)
+            place += len(corners)
+    planes = [count + o for o, item in enumerate(structure.items) if isinstance(item.geometry, HalfSpace)]
+    shapes[planes, KIND], shapes[planes, BOUNDING] = PLANE, np.inf
     first, second = _pairs(structure).T
     segments = (shapes[:, KIND] == BOX) & (shapes[:, HALF] == 0) & (shapes[:, HALF + 1] == 0)
     swapped = segments[second] & ~segments[first]
     pairs = np.column_stack([np.where(swapped, second, first), np.where(swapped, first, second), swapped])
-    reaches = shapes[first, REACH] + shapes[second, REACH]
-    return NearTable(*_tree(pepper), shapes, vertices, pairs, reaches, np.zeros(len(pairs)))
+    reaches = shapes[first, BOUNDING] + shapes[second, BOUNDING]
+    keep = np.zeros(len(pairs))
+    return NearTable(*_tree(pepper), shapes, np.concatenate(vertices), pairs, reaches, keep)
+
+
+def among(table: NearTable, chosen: NDArray) -> NearTable:
+    """Return a table of some of the pairs: a mask, shape (m,), or places."""
+    return table._replace(pairs=table.pairs[chosen], reaches=table.reaches[chosen], keep=table.keep[chosen])
+
+
+def movable(table: NearTable) -> NearTable:
+    """Return a table of the pairs that move against each other, without what only coal knows."""
+    shapes, (first, second) = table.shapes, table.pairs[:, :2].T
+    carriers, known = shapes[:, CARRIER], shapes[:, KIND] != OTHER
+    return among(table, known[first] & known[second] & (carriers[first] != carriers[second]))
 
 
 def _pairs(structure: Structure) -> NDArray[np.int64]:
@@ -73,21 +83,6 @@ def _pairs(structure: Structure) -> NDArray[np.int64]:
         found.append(np.stack(np.meshgrid(members, places + count, indexing="ij"), axis=-1).reshape(-1, 2))
     pairs = np.concatenate(found).astype(np.int64)
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
-
-
-@kept_within(MOST_BYTES / 4, bytes_of)
-def _shapes(solids: tuple[Solid, ...]) -> tuple[Array, Array]:
-    """Return the rows of solids, shape (k, SHAPE), and the vertices of hulls, shape (v, 3)."""
-    rows, vertices, place = np.zeros((len(solids), SHAPE)), [np.zeros((0, 3))], 0
-    for row, solid in zip(rows, solids, strict=True):
-        kind = HULL if len(solid.vertices) else solid.kind  # what is held as a cloud is its hull here
-        corners = _outermost(solid.vertices)
-        row[:PLACE], row[PLACE:5] = (kind, solid.joint), solid.position
-        row[5:HALF], row[HALF:RADIUS] = solid.rotation.T.ravel(), solid.half
-        row[RADIUS:] = solid.radius, solid.bounding_radius, place, len(corners)
-        vertices.append(corners)
-        place += len(corners)
-    return rows, np.concatenate(vertices)
 
 
 def _outermost(vertices: Array) -> Array:

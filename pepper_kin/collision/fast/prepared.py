@@ -48,7 +48,6 @@ from pepper_kin.core.collision.records import (
     PLACED_PART,
     POSE,
 )
-from pepper_kin.core.collision.scene_rows import ROW
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.moving_tree import moving_tree
@@ -195,7 +194,7 @@ def _constants(
 ) -> dict[int, Array]:
     """Return the sections of constants."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
-    rows = np.array([solid.row for solid in structure.solids]).reshape(-1, ROW)
+    rows = structure.moving.rows
     balls, axes = tables.balls.copy(), sum(map(len, structure.classes)) + MET * len(members) + 1
     balls[:, BALL.columns.outer] += rounding.placed[tables.ball_bodies] + rounding.comparing()
     balls[:, BALL.columns.inner] -= rounding.placed[tables.ball_bodies] + rounding.comparing()

@@ -100,11 +100,6 @@ class Structure:
         return self.moving.decided and _are_decided(self.special.values())
 
     @cached_property
-    def objects(self) -> tuple[Solid, ...]:
-        """The scene's objects as compiled code sees them."""
-        return tuple(map(_solid_of_object, self.items))
-
-    @cached_property
     def _simple(self) -> list[tuple[float, float, float, float] | None]:
         return [simple_shape(item.geometry) for item in self.items]
 

@@ -12,19 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.core.array_memory import floats_of, rows_of, words_of
 from pepper_kin.core.collision.gjk import nearest_in_hull
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
+from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, PLACE, RADIUS, ROW
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
-from pepper_kin.core.kinematic_tree import compose
+from pepper_kin.core.kinematic_tree import JOINT, compose
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 PLANE = 5
 """Kind of a half-space, beside those of `layout`: it ends at the upper face of its box."""
 
-KIND, CARRIER, PLACE, HALF, RADIUS, REACH, FIRST, COUNT, SHAPE = 0, 1, 2, 14, 17, 18, 19, 20, 21
-"""Columns of a shape, and their number: kind, joint, pose of the core there (12), half lengths (3), radius,
-reach from the center with it (infinite for PLANE), first vertex and number of vertices of HULL."""
+CARRIER, FIRST, COUNT, SHAPE = ROW, ROW + 1, ROW + 2, ROW + 3
+"""Columns of a shape behind those of `scene_rows`, and their number: the joint that carries it, first vertex
+and number of vertices of HULL.  The bounding radius of PLANE is infinite."""
 
 MEETING = 1e-6
 """Cores nearer than this meet: they are parted along axes of the separating axis theorem [m]."""
@@ -88,11 +90,22 @@ class NearPoints(NamedTuple):
     work: Floats1
 
 
+@compiled
+def table_of(memory: Floats1, place: int) -> NearTable:
+    """Return the table whose arrays' addresses and sizes begin at a place of a memory, see `memory_of`."""
+    joints, pairs = rows_of(memory, place, JOINT), words_of(memory, place + 8)
+    return NearTable(
+        joints, rows_of(memory, place + 2, joints.shape[0] - 1), rows_of(memory, place + 4, SHAPE),
+        rows_of(memory, place + 6, 3), pairs.reshape((pairs.size // 3, 3)), floats_of(memory, place + 10),
+        floats_of(memory, place + 12),
+    )  # fmt: skip
+
+
 def near_points(table: NearTable, most: int, undecided: int) -> NearPoints:
     """Return memory for results of at most so many pairs, and so many that are undecided."""
     return NearPoints(
         np.empty(most, np.int64), np.empty(most), np.empty((most, 2, 3)), np.empty((most, 3)),
-        np.empty(undecided, np.int64), table.shapes[:, PLACE:HALF].copy(), np.empty((3, 3)),
+        np.empty(undecided, np.int64), table.shapes[:, PLACE:ROW].copy(), np.empty((3, 3)),
         np.empty(SCRATCH + len(table.shapes)),
     )  # fmt: skip
 
@@ -279,7 +292,7 @@ def measure(
             for k in range(3):
                 p[k], q[k] = pose[k] + along * pose[9 + k], other[k] + across * other[9 + k]
         else:
-            along, _ = nearest_to_box(pose, first[HALF + 2], other, second[HALF:RADIUS])
+            along, _ = nearest_to_box(pose, first[HALF + 2], other, second[HALF:PLACE])
             for k in range(3):
                 p[k], q[k] = pose[k] + along * pose[9 + k], other[k]
             for axis in range(3):
@@ -310,10 +323,10 @@ def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1,
         height = -second[HALF + 2]
         for i in range(3):
             height += (pose[i] - other[i]) * other[9 + i]
-        return height - first[REACH] < reach + SLACK
+        return height - first[BOUNDING] < reach + SLACK
     if not is_segment(first):
         return True
-    apart = nearest_to_box(pose, first[HALF + 2], other, second[HALF:RADIUS])[1]
+    apart = nearest_to_box(pose, first[HALF + 2], other, second[HALF:PLACE])[1]
     return not apart - first[RADIUS] - second[RADIUS] >= reach + SLACK
 
 
@@ -327,7 +340,7 @@ def _is_known(shape: Floats1) -> bool:
 def _turn(table: NearTable, poses: Floats2, k: int, turned: Floats1, placed: Floats2) -> None:
     """Write the axes of a core, whose center is written, once; `turned`, shape (s,), marks it."""
     if turned[k] == 0.0 and table.shapes[k, CARRIER] > 0.0:
-        compose(poses[int(table.shapes[k, CARRIER])], table.shapes[k, PLACE:HALF], placed[k])
+        compose(poses[int(table.shapes[k, CARRIER])], table.shapes[k, PLACE:ROW], placed[k])
     turned[k] = 1.0
 
 
@@ -355,7 +368,9 @@ def find_near(
     for k in range(shapes.shape[0]):
         shape, pose = shapes[k], poses[int(shapes[k, CARRIER])]
         for i in range(3 if shape[CARRIER] > 0.0 else 0):
-            placed[k, i] = pose[i] + shape[2] * pose[3 + i] + shape[3] * pose[6 + i] + shape[4] * pose[9 + i]
+            placed[k, i] = pose[i]
+            for j in range(3):
+                placed[k, i] += shape[PLACE + j] * pose[3 + 3 * j + i]
     near, scratch, turned = result.near, result.work, result.work[SCRATCH:]
     for k in range(turned.size):
         turned[k] = 0.0

@@ -10,9 +10,9 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import store_single
 from pepper_kin.kernels.signatures import Floats2, Floats3, Singles2
 
-ROW = 20
-"""Numbers of a solid: kind, radius, bounding radius, whether it is filled, distance of the core's farthest
-corner, half lengths, center, x, y and z axis."""
+KIND, RADIUS, BOUNDING, FILLED, CORNER, HALF, PLACE, ROW = 0, 1, 2, 3, 4, 5, 8, 20
+"""Numbers of a solid, and how many they are: kind, radius, bounding radius, whether it is filled, distance of
+the core's farthest corner, half lengths (3), pose of the core: center, x, y and z axis (12)."""
 
 BALL, BAR, ROUND, BLOCK = 0, 1, 2, 3
 """Simple shapes with their sizes: a sphere (radius), a capsule and a cylinder (radius, length) and a

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from pepper_kin.core.collision.distances import SHAPE, NearPoints, NearTable, find_near, write_slopes
-from pepper_kin.core.kinematic_tree import JOINT, place_joints
+from pepper_kin.core.array_memory import MEMORY_SIZE, floats_of, rows_of, words_of
+from pepper_kin.core.collision.distances import NearPoints, NearTable, find_near, table_of, write_slopes
+from pepper_kin.core.kinematic_tree import place_joints
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.signatures import Floats1, Floats2
 
 RANGE = 4
 """Numbers of a dependent range: two joints, place in the tables, number of rows; the tables hold positions of
@@ -24,16 +25,16 @@ FULL = 3
 LEAST_ANGLE = 0.005
 """A joint shall keep this from the ends of a dependent range [rad]."""
 
+ROBOT_JOINTS, LEVER, APART, NEAR_TABLE = range(4)
 (
-    ROBOT_JOINTS, LEVER, APART, JOINTS, ABOVE, SHAPES, VERTICES, PAIRS, REACHES, KEEP, FULL_MAP, RANGES,
-    TABLES, Q_FULL, POSES, AXES, GRADIENT, FOUND, DISTANCES, POINTS, NORMALS, UNDECIDED, PLACED, NEAR, WORK,
-    END,
-) = (0, 1, 2, *range(3, 49, 2))  # fmt: skip
-"""Places in a block: three numbers, then address and size of each array."""
+    FULL_MAP, RANGES, TABLES, Q_FULL, POSES, AXES, GRADIENT, FOUND, DISTANCES, POINTS, NORMALS, UNDECIDED,
+    PLACED, NEAR, WORK,
+) = range(17, 47, 2)  # fmt: skip
+"""Places in a memory, see `memory_of`: three numbers, then the arrays, those of a `NearTable` first."""
 
 
 class _Surroundings(NamedTuple):
-    """What a block holds.
+    """What a memory holds.
 
     Attributes:
         near: The shapes and pairs.
@@ -59,43 +60,21 @@ class _Surroundings(NamedTuple):
 
 
 @compiled
-def _floats(memory: Floats1, place: int) -> Floats1:
-    return floats_at(int(memory[place]), int(memory[place + 1]))
-
-
-@compiled
-def _rows(memory: Floats1, place: int, columns: int) -> Floats2:
-    values = _floats(memory, place)
-    return values.reshape((values.size // columns, columns))
-
-
-@compiled
-def _words(memory: Floats1, place: int) -> Ints1:
-    return words_at(int(memory[place]), int(memory[place + 1]))
-
-
-@compiled
 def _surroundings(memory: Floats1) -> _Surroundings:
-    joints, pairs = _rows(memory, JOINTS, JOINT), _words(memory, PAIRS)
-    near = NearTable(
-        joints, _rows(memory, ABOVE, joints.shape[0] - 1), _rows(memory, SHAPES, SHAPE),
-        _rows(memory, VERTICES, 3), pairs.reshape((pairs.size // 3, 3)), _floats(memory, REACHES),
-        _floats(memory, KEEP),
-    )  # fmt: skip
     return _Surroundings(
-        near, _rows(memory, FULL_MAP, FULL), _rows(memory, RANGES, RANGE), _floats(memory, TABLES),
-        _floats(memory, Q_FULL), _rows(memory, POSES, 12), _rows(memory, AXES, 3), _floats(memory, GRADIENT),
-        memory[LEVER],
+        table_of(memory, NEAR_TABLE), rows_of(memory, FULL_MAP, FULL), rows_of(memory, RANGES, RANGE),
+        floats_of(memory, TABLES), floats_of(memory, Q_FULL), rows_of(memory, POSES, 12),
+        rows_of(memory, AXES, 3), floats_of(memory, GRADIENT), memory[LEVER],
     )  # fmt: skip
 
 
 @compiled
 def _near_points(memory: Floats1) -> NearPoints:
-    points = _floats(memory, POINTS)
+    points = floats_of(memory, POINTS)
     return NearPoints(
-        _words(memory, FOUND), _floats(memory, DISTANCES), points.reshape((points.size // 6, 2, 3)),
-        _rows(memory, NORMALS, 3), _words(memory, UNDECIDED), _rows(memory, PLACED, 12),
-        _rows(memory, NEAR, 3), _floats(memory, WORK),
+        words_of(memory, FOUND), floats_of(memory, DISTANCES), points.reshape((points.size // 6, 2, 3)),
+        rows_of(memory, NORMALS, 3), words_of(memory, UNDECIDED), rows_of(memory, PLACED, 12),
+        rows_of(memory, NEAR, 3), floats_of(memory, WORK),
     )  # fmt: skip
 
 
@@ -107,7 +86,7 @@ def _range_fault(s: _Surroundings, k: int, q: Floats1, row: Floats1) -> float:
     shorter one counts.
 
     Args:
-        s: The tables of a block.
+        s: The tables.
         k: The range.
         q: Configuration, shape (n,) [rad or m].
         row: Zeros, shape (>= n,); receives the slope of the joint that has to move [m/rad].
@@ -149,9 +128,9 @@ def near_rows(configuration: int, result: int, count: int, memory_address: int) 
         configuration: Address of q, shape (n,) [rad or m].
         result: Address of the rows, shape (count, n + 2) [m/rad or 1, then m].
         count: Rows at most.
-        memory_address: Address of a block, shape (END,), whose last arrays are written.
+        memory_address: Address of a memory, shape (MEMORY_SIZE,), whose last arrays are written.
     """
-    memory = floats_at(memory_address, END)
+    memory = floats_at(memory_address, MEMORY_SIZE)
     s, near, n, apart = _surroundings(memory), _near_points(memory), int(memory[ROBOT_JOINTS]), memory[APART]
     q, rows = floats_at(configuration, n), floats_at(result, count * (n + 2)).reshape((count, n + 2))
     for k in range(s.q_full.size):

@@ -9,29 +9,8 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene, checker_for
-from pepper_kin.collision.fast.near_table import near_table
-from pepper_kin.core.collision.distances import (
-    CARRIER,
-    HALF,
-    KIND,
-    RADIUS,
-    REACH,
-    SCRATCH,
-    SHAPE,
-    NearTable,
-    write_slopes,
-)
-from pepper_kin.core.collision.layout import BOX, CLOUD, HULL, OTHER
-from pepper_kin.core.kernel_batch import evaluate_batch
-from pepper_kin.core.kinematic_tree import JOINT
-from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
-from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
-from pepper_kin.motion.optimization.moving import Moving, whole_states
-from pepper_kin.motion.optimization.near_rows import NearRows, NearWorkspace, find_near_rows, place_axes
-from pepper_kin.motion.optimization.term_memory import (
+from pepper_kin.collision.fast.near_table import among, movable, near_table
+from pepper_kin.core.array_memory import (
     MEMORY_SIZE,
     floats_of,
     memory_of,
@@ -39,6 +18,17 @@ from pepper_kin.motion.optimization.term_memory import (
     take,
     words_of,
 )
+from pepper_kin.core.collision.distances import CARRIER, SCRATCH, NearTable, table_of, write_slopes
+from pepper_kin.core.collision.layout import BOX, CLOUD, HULL
+from pepper_kin.core.collision.nearest_pairs import NearestPairs, NearestWorkspace, find_nearest, place_axes
+from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, PLACE, RADIUS
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
+from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.planners.optimization import KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, add_row
 
 INFLUENCE = 0.08
@@ -83,7 +73,7 @@ def _prepared(
     if only_moving:
         carried = table.above[table.shapes[:, CARRIER].astype(int)]
         apart = carried[table.pairs[:, 0]] != carried[table.pairs[:, 1]]
-        table = _among(table, (apart & (columns != 0).any(axis=1)).any(axis=1))
+        table = among(table, (apart & (columns != 0).any(axis=1)).any(axis=1))
     address, scratch = 0, 0
     if poses:
         scratch = poses.work_size
@@ -101,19 +91,11 @@ def _prepared(
 def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
     """Return the pairs that move against each other, and what they keep; clouds and meshes as their boxes."""
     table = near_table(checker_for(pepper, scene))
-    shapes, (first, second) = table.shapes.copy(), table.pairs[:, :2].T
+    shapes = table.shapes.copy()
     boxed = np.isin(shapes[:, KIND], (HULL, CLOUD))
     shapes[boxed, KIND] = BOX
-    shapes[boxed, REACH] = np.linalg.norm(shapes[boxed, HALF:RADIUS], axis=1) + shapes[boxed, RADIUS]
-    carriers, known = shapes[:, CARRIER], shapes[:, KIND] != OTHER
-    table = table._replace(shapes=shapes, keep=np.full(len(table.pairs), margin))
-    return _among(table, known[first] & known[second] & (carriers[first] != carriers[second]))
-
-
-def _among(table: NearTable, chosen: Array) -> NearTable:
-    """Return a table of some of the pairs, a mask of shape (m,)."""
-    places = np.flatnonzero(chosen)
-    return table._replace(pairs=table.pairs[places], reaches=table.reaches[places], keep=table.keep[places])
+    shapes[boxed, BOUNDING] = np.linalg.norm(shapes[boxed, HALF:PLACE], axis=1) + shapes[boxed, RADIUS]
+    return movable(table._replace(shapes=shapes, keep=np.full(len(table.pairs), margin)))
 
 
 @kept_for_robot(most=16)
@@ -180,32 +162,21 @@ class ClearanceTerm(FlooredTerm):
 
 
 @compiled
-def _table_in(memory: Floats1) -> NearTable:
-    tree, pairs, shapes = floats_of(memory, _TREE), words_of(memory, _PAIRS), floats_of(memory, _SHAPES)
-    joints, vertices = tree.size // JOINT, floats_of(memory, _VERTICES)
-    return NearTable(
-        tree.reshape((joints, JOINT)), floats_of(memory, _ABOVE).reshape((joints, joints - 1)),
-        shapes.reshape((shapes.size // SHAPE, SHAPE)), vertices.reshape((vertices.size // 3, 3)),
-        pairs.reshape((pairs.size // 3, 3)), floats_of(memory, _REACHES), floats_of(memory, _KEEP),
-    )  # fmt: skip
-
-
-@compiled
-def _search_near(
+def _find_nearest(
     memory: Floats1, q: Floats1, count: int, most: int, influence: float
-) -> tuple[Floats4, NearRows, NearWorkspace]:
+) -> tuple[Floats4, NearestPairs, NearestWorkspace]:
     """Return the poses and the nearest pairs at positions of the moving joints, and the workspace used.
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
-    n, frames, table = int(memory[_N]), int(memory[_FRAMES]), _table_in(memory)
+    n, frames, table = int(memory[_N]), int(memory[_FRAMES]), table_of(memory, _TREE)
     scratch, used = floats_of(memory, _WORKSPACE), np.zeros(1, np.int64)
     size, joints = table.shapes.shape[0], table.joints.shape[0]
     poses = take(scratch, used, count * frames * _POSE)
     whole, work = take(scratch, used, count * n), take(scratch, used, int(memory[_WORK]) + 8)
     words = words_at(take(scratch, used, 8).ctypes.data, 8)
     last = take(scratch, used, q.size)
-    near_workspace = NearWorkspace(
+    near_workspace = NearestWorkspace(
         take(scratch, used, 12 * frames * count).reshape((frames, 12, count)),
         take(scratch, used, 12 * size * count).reshape((size, 12, count)),
         take(scratch, used, 3 * count).reshape((3, count)), take(scratch, used, 24).reshape((2, 12)),
@@ -213,7 +184,7 @@ def _search_near(
         take(scratch, used, 12 * joints).reshape((joints, 12)),
         take(scratch, used, 3 * joints).reshape((joints, 3)), take(scratch, used, joints - 1),
     )  # fmt: skip
-    near = NearRows(
+    near = NearestPairs(
         take(scratch, used, count * most).reshape((count, most)),
         words_at(take(scratch, used, count * most).ctypes.data, count * most).reshape((count, most)),
         take(scratch, used, 9 * count * most).reshape((count, most, 3, 3)),
@@ -227,7 +198,7 @@ def _search_near(
         whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
         flat = poses.reshape((count, _POSE * frames))
         evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
-    find_near_rows(placed, table, influence, near, near_workspace)
+    find_nearest(placed, table, influence, near, near_workspace)
     memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
     for i in range(q.size):
         last[i] = q[i]
@@ -246,7 +217,7 @@ def _are_equal(first: Floats1, second: Floats1) -> bool:
 def least_distance(memory: Floats1, q: Floats2, influence: float) -> float:
     """Return the least distance beyond the margin at positions, shape (K, k), if below some; else that."""
     memory[_KNOWN] = 0.0
-    near, least = _search_near(memory, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
+    near, least = _find_nearest(memory, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
     for k in range(q.shape[0]):
         least = min(least, near.distance[k, 0])
     memory[_KNOWN] = 0.0
@@ -272,11 +243,11 @@ def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
 
 @compiled
 def _write_slopes(
-    memory: Floats1, poses: Floats4, near: NearRows, scratch: NearWorkspace, slopes: Floats1
+    memory: Floats1, poses: Floats4, near: NearestPairs, scratch: NearestWorkspace, slopes: Floats1
 ) -> None:
     """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
     floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
-    table, moving, gradient = _table_in(memory), words_of(memory, _JOINTS).size, scratch.gradient
+    table, moving, gradient = table_of(memory, _TREE), words_of(memory, _JOINTS).size, scratch.gradient
     most, origins, axes = near.distance.shape[1], scratch.poses, scratch.axes
     for k in range(near.found.size):
         floor = floors[k] if k < floors.size else 0.0
@@ -306,7 +277,7 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
     most = min(MOST_PAIRS, floats_of(memory, _KEEP).size)
-    poses, near, scratch = _search_near(memory, floats_at(states, count * moving), count, most, INFLUENCE)
+    poses, near, scratch = _find_nearest(memory, floats_at(states, count * moving), count, most, INFLUENCE)
     if what != VALUES and what != ROWS:
         return _move_floors(memory, near.distance, what)
     values, sign = floats_at(result, count * most), memory[_SIGN]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.array_memory import set_array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1
-from pepper_kin.motion.optimization.term_memory import set_array
 from pepper_kin.planners.optimization import BarrierBound, CompiledTerm
 
 

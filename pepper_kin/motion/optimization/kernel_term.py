@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.kernel_batch import evaluate_batch
-from pepper_kin.kernels import Kernel
-from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_batch, floats_at, words_at
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
-from pepper_kin.motion.optimization.moving import Moving, whole_states
-from pepper_kin.motion.optimization.term_memory import (
+from pepper_kin.core.array_memory import (
     MEMORY_SIZE,
     floats_of,
     memory_of,
@@ -19,6 +13,12 @@ from pepper_kin.motion.optimization.term_memory import (
     take,
     words_of,
 )
+from pepper_kin.core.kernel_batch import evaluate_batch
+from pepper_kin.kernels import Kernel
+from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_batch, floats_at, words_at
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.planners.optimization import KINDS, ROWS, BarrierBound, CompiledTerm
 
 _N, _OUTPUTS, _VALUES, _SLOPES, _VALUES_WORK, _SLOPES_WORK = range(6)

@@ -9,13 +9,13 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
+from pepper_kin.core.array_memory import MEMORY_SIZE, floats_of, memory_of, words_of
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.kernels.signatures import Floats1
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving
-from pepper_kin.motion.optimization.term_memory import MEMORY_SIZE, floats_of, memory_of, words_of
 from pepper_kin.planners.optimization import KINDS, ROWS, START, TIGHTEN, VALUES
 
 INFLUENCE = 0.3

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from pepper_kin.core.collision.distances import CARRIER, HALF, KIND, PLACE, RADIUS, REACH, NearTable, measure
+from pepper_kin.core.collision.distances import CARRIER, NearTable, measure
 from pepper_kin.core.collision.layout import CYLINDER
+from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, PLACE, RADIUS
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
 
 
-class NearRows(NamedTuple):
+class NearestPairs(NamedTuple):
     """The nearest pairs at K states, R of each.
 
     Attributes:
@@ -28,7 +29,7 @@ class NearRows(NamedTuple):
     found: Ints1
 
 
-class NearWorkspace(NamedTuple):
+class NearestWorkspace(NamedTuple):
     """Workspace of the search at K states.
 
     Attributes:
@@ -57,8 +58,8 @@ class NearWorkspace(NamedTuple):
 
 
 @compiled(lean=True)
-def find_near_rows(
-    poses: Floats4, table: NearTable, influence: float, near: NearRows, scratch: NearWorkspace
+def find_nearest(
+    poses: Floats4, table: NearTable, influence: float, near: NearestPairs, scratch: NearestWorkspace
 ) -> None:
     """Write the nearest pairs at each state.
 
@@ -82,8 +83,8 @@ def find_near_rows(
     for p in range(len(pairs)):
         a, b, gap = pairs[p, 0], pairs[p, 1], table.keep[p]
         one, other = shapes[a], shapes[b]
-        balls, ours = one[REACH] + other[REACH] + gap, one[REACH] + other[RADIUS] + gap
-        theirs, radii = one[RADIUS] + other[REACH] + gap, one[RADIUS] + other[RADIUS] + gap
+        balls, ours = one[BOUNDING] + other[BOUNDING] + gap, one[BOUNDING] + other[RADIUS] + gap
+        theirs, radii = one[RADIUS] + other[BOUNDING] + gap, one[RADIUS] + other[RADIUS] + gap
         if _are_far(table, scratch, a, b, (balls + influence, ours + influence, theirs + influence)):
             continue
         for k in range(states):
@@ -106,7 +107,7 @@ def find_near_rows(
 
 @compiled(lean=True)
 def _are_far(
-    table: NearTable, scratch: NearWorkspace, a: int, b: int, widths: tuple[float, float, float]
+    table: NearTable, scratch: NearestWorkspace, a: int, b: int, widths: tuple[float, float, float]
 ) -> bool:
     """Write the squared distances of two shapes at all states; return whether one shows that they are far."""
     balls, ours, theirs = widths
@@ -133,7 +134,7 @@ def _fetch(shape: Floats1, core: Floats2, k: int, pose: Floats1) -> None:
 
 
 @compiled(lean=True)
-def _insert(near: NearRows, k: int, apart: float, p: int, points: Floats2) -> None:
+def _insert(near: NearestPairs, k: int, apart: float, p: int, points: Floats2) -> None:
     """Put a pair in its place among the nearest of a state."""
     distance, most = near.distance, near.distance.shape[1]
     place = min(near.found[k], most - 1)
@@ -222,7 +223,7 @@ def _outside_solid(
 
 
 @compiled(lean=True)
-def _place_cores(poses: Floats4, table: NearTable, scratch: NearWorkspace) -> None:
+def _place_cores(poses: Floats4, table: NearTable, scratch: NearestWorkspace) -> None:
     """Write the cores of all shapes in the world, states side by side."""
     frames, cores = scratch.frames, scratch.cores
     states, count = poses.shape[0], frames.shape[0]

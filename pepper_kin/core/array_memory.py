@@ -1,4 +1,4 @@
-"""Memory of compiled terms: numbers, and the addresses of arrays."""
+"""Memory of compiled functions: numbers, and the addresses of arrays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.kernels.signatures import Floats1, Ints1
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 MEMORY_SIZE = 48
 """Most numbers of such a memory."""
@@ -19,7 +19,7 @@ def memory_of(numbers: list[float], arrays: list[np.ndarray]) -> tuple[Array, li
     Addresses are below 2^53, and so are exact.
 
     Args:
-        numbers: Whatever the term needs.
+        numbers: Whatever the function needs.
         arrays: Of float64 or int64, of any shape.
 
     Returns:
@@ -61,3 +61,10 @@ def floats_of(memory: Floats1, place: int) -> Floats1:
 def words_of(memory: Floats1, place: int) -> Ints1:
     """Return the array of int64 whose address is at a place of a memory."""
     return words_at(int(memory[place]), int(memory[place + 1]))
+
+
+@compiled
+def rows_of(memory: Floats1, place: int, columns: int) -> Floats2:
+    """Return the array of float64 whose address is at a place of a memory, with so many columns."""
+    values = floats_of(memory, place)
+    return values.reshape((values.size // columns, columns))
