@@ -226,7 +226,8 @@ def search_among_obstacles(
 ) -> int:
     """Continue the search where the configuration that was found touches something; return the status.
 
-    First with the joints on which the tasks depend, then with all that may move: they may be in the way.
+    First with the joints on which the tasks depend, then with all that may move: they may be in the way.  A
+    search that is not thorough is one descent.
 
     Args:
         search: The search; `start` is overwritten.
@@ -241,9 +242,12 @@ def search_among_obstacles(
     if met:
         workspace.inputs[:n] = search.start
         _descend_clear(search, workspace, best, answer)
-        _search_round(search, workspace, min(STARTS, options.restarts), number, best, answer)
+        if options.thorough:
+            _search_round(search, workspace, min(STARTS, options.restarts), number, best, answer)
         if _is_solved(best):
             return SOLVED
+    if not options.thorough:
+        return COLLISION
     problem = make_problem(tables, options, n, search.problem.work, search.problem.reference)
     set_bounds(problem, bounds)
     wide = Search(tables, options, search.tests, problem, search.torque, search.costs, search.start)
@@ -263,19 +267,6 @@ def search_among_obstacles(
     if _is_solved(best):
         return SOLVED
     return COLLISION if met else UNREACHABLE
-
-
-@compiled
-def clear_solution(search: Search, workspace: Workspace, met: bool, answer: Floats1) -> int:
-    """Descend once from a configuration that touches something; returns the status.
-
-    Arguments and shapes as of `search_among_obstacles`.
-    """
-    best = np.full(4, -math.inf)
-    workspace.inputs[: search.start.size] = answer[: search.start.size]
-    if met:
-        _descend_clear(search, workspace, best, answer)
-    return SOLVED if _is_solved(best) else COLLISION
 
 
 @compiled
@@ -345,10 +336,7 @@ def finish_rows(
         set_row(search, workspace, bounds, inputs[row])
         if status == COLLISION:
             met = fraction_of_tolerance(answer[n:], options.tolerance) <= 1.0
-            if options.thorough:
-                status = search_among_obstacles(search, workspace, bounds, met, answer)
-            else:
-                status = clear_solution(search, workspace, met, answer)
+            status = search_among_obstacles(search, workspace, bounds, met, answer)
         if (
             status == UNREACHABLE
             and options.thorough

@@ -199,12 +199,12 @@ class BatchSearch:
         """
         collisions = Collisions(*self._world)  # blocks of memory of this thread
         tests = collisions.tests(self._buffers.signals)
-        tables, *others = self._fixed
+        tables, bounds, options = self._fixed
         tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
         status = self._answers[begin:end, sum(self._sizes) + STATUS]
-        solve_rows.native(tables, *others, tests, self._inputs, self._answers, begin, end)
+        solve_rows.native(tables, bounds, options, tests, self._inputs, self._answers, begin, end)
         if np.isin(status, (COLLISION, UNREACHABLE)).any() and not (status == STOP).any():
-            _finish(tables, *others, tests, self._inputs, self._answers, begin, end)
+            _finish(tables, bounds, options, tests, self._inputs, self._answers, begin, end)
         if (status == STOP).any():
             self._ready.check(self._buffers)
             collisions.check()
