@@ -140,7 +140,10 @@ class _Cache:
         part = self._found(symbol)
         if part is None:
             return None
-        returned, called = pickle.loads(part.types)
+        try:
+            returned, called = pickle.loads(part.types)
+        except (ImportError, AttributeError):  # a record among the types has moved to another module
+            return None
         libraries = []
         for module, name, kinds, kind in called:
             callee = reduce(getattr, name.split("."), importlib.import_module(module))

@@ -293,3 +293,22 @@ def test_of_two_processes_one_is_killed_and_the_other_ends_well(tmp_path, run_mo
     first.wait()
     assert second.wait(120) == 0
     assert run_module(tmp_path)[0] == "False"
+
+
+def test_code_for_a_record_that_has_moved_to_another_module_is_made_again(tmp_path, child):
+    (tmp_path / "kept.py").write_text(
+        "from pepper_kin.kernels import compiled\n\n"
+        "@compiled\ndef half(pair):\n    return 0.5 * pair.a\n\n"
+        "@compiled\ndef sum_of(pair):\n    return half(pair) + pair.b\n"
+    )
+    for module in ["first", "second"]:
+        (tmp_path / f"{module}.py").write_text(
+            "from typing import NamedTuple\nclass Pair(NamedTuple):\n    a: float\n    b: float\n"
+        )
+        (tmp_path / "own.py").write_text(
+            f"from kept import sum_of\nfrom {module} import Pair\nfrom pepper_kin.kernels import compiled\n\n"
+            "@compiled('float64(float64)')\ndef call(x):\n    return sum_of(Pair(x, 1.0))\n"
+        )
+        variables = {"PYTHONPATH": tmp_path, "PEPPER_KIN_CACHE": tmp_path / "cache"}
+        assert child("import own; print(own.call(3.0))", **variables).stdout.strip() == "2.5"
+        (tmp_path / f"{module}.py").unlink()
