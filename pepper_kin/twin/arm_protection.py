@@ -39,12 +39,12 @@ class ProtectedArm:
     """An arm and what it is kept from.
 
     Attributes:
-        joints: Places of its joints in the model, without the hand's.
+        joints: Places of its joints in the model, without the hand's, shape (k,).
         from_body: Whether it is kept from the robot's other links.
         from_scene: Whether it is kept from the scene.
     """
 
-    joints: Sequence[int]
+    joints: NDArray[np.intp]
     from_body: bool = True
     from_scene: bool = True
 
@@ -55,7 +55,7 @@ class ProtectedArm:
             near: Pairs of bodies.
             objects: Names of the scene's objects.
         """
-        moved = near.movers[:, list(self.joints)].any(axis=1)
+        moved = near.movers[:, self.joints].any(axis=1)
         if not objects:
             return np.asarray(moved & self.from_body)
         outside = np.array([bool(objects.intersection(names)) for names in near.names], dtype=bool)
@@ -103,34 +103,34 @@ class ArmProtection:
             for arm in self.arms.values()
             if self.active
             and (arm.from_body or (arm.from_scene and scene is not None))
-            and free.isdisjoint(arm.joints)
+            and (not free or free.isdisjoint(arm.joints.tolist()))
         ]
         if not arms or np.array_equal(before, wanted):
             return wanted
-        joints = [joint for arm in arms for joint in arm.joints]
-        most = self.pepper.velocity_limits[joints] * self.cycle
-        low = np.maximum(before[joints] - most, np.minimum(self.pepper.lower_limits[joints], before[joints]))
-        high = np.minimum(before[joints] + most, np.maximum(self.pepper.upper_limits[joints], before[joints]))
-        start, result = wanted.copy(), wanted.copy()
-        start[joints], result[joints] = before[joints], np.clip(wanted[joints], low, high)
-        way = REACH * float(np.abs(result - start).sum()) / DAMPING
+        joints = np.concatenate([arm.joints for arm in arms])
+        now, most = before[joints], self.pepper.velocity_limits[joints] * self.cycle
+        low = np.maximum(now - most, np.minimum(self.pepper.lower_limits[joints], now))
+        high = np.minimum(now + most, np.maximum(self.pepper.upper_limits[joints], now))
+        aim, start, result = wanted[joints], wanted.copy(), wanted.copy()
+        end = np.minimum(np.maximum(aim, low), high)
+        start[joints], result[joints] = now, end
+        way = REACH * float(np.abs(end - now).sum()) / DAMPING
         objects = frozenset(scene.objects) if scene is not None else frozenset()
         near = near_pairs(self.pepper, start, min(KEPT + way, LOOK), scene)
         if not len(near):
             return result
-        counts = np.any([arm.concerned(near, objects) for arm in arms], axis=0)
-        rows, left = near.gradients[np.ix_(counts, joints)], KEPT - near.distances[counts]
+        counts = np.logical_or.reduce([arm.concerned(near, objects) for arm in arms])
+        rows, left = near.gradients[:, joints][counts], KEPT - near.distances[counts]
         least = np.where(left < 0.0, DAMPING * left, left)
-        if (rows @ (result - start)[joints] >= least).all():
+        if (rows @ (end - now) >= least).all():
             return result
-        low = np.maximum(low, before[joints] - SLIDING * most)
-        high = np.minimum(high, before[joints] + SLIDING * most)
-        identity, aim, base = np.eye(len(joints)), -wanted[joints], rows @ before[joints]
-        clear = solve_program(identity, aim, low, high, rows, least + base)
+        low, high = np.maximum(low, now - SLIDING * most), np.minimum(high, now + SLIDING * most)
+        identity, base = np.eye(len(joints)), rows @ now
+        clear = solve_program(identity, -aim, low, high, rows, least + base)
         if clear is None:
-            clear = solve_program(identity, aim, low, high, rows, np.minimum(least, 0.0) + base)
-        result[joints] = before[joints] if clear is None else clear
-        moved = (result - start)[joints]
+            clear = solve_program(identity, -aim, low, high, rows, np.minimum(least, 0.0) + base)
+        result[joints] = now if clear is None else clear
+        moved = result[joints] - now
         curved = 0.5 * REACH * float(np.abs(moved).sum()) ** 2  # by what distances may differ from lines
         if (rows @ moved - left).min() + KEPT - curved < TOUCH:
             self._hold(arms, near, start, result, scene)
@@ -173,8 +173,9 @@ def arm_protection(pepper: PepperModel, cycle: float) -> ArmProtection:
         cycle: Time from one posture to the next [s].
     """
     names = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
-    arms = {
-        f"{side}Arm": [pepper.joint_index(side + name) for name in names if side + name in pepper.joint_names]
-        for side in "LR"
-    }
-    return ArmProtection(pepper, cycle, {arm: ProtectedArm(joints) for arm, joints in arms.items() if joints})
+    arms = {}
+    for side in "LR":
+        known = [side + name for name in names if side + name in pepper.joint_names]
+        if known:
+            arms[f"{side}Arm"] = ProtectedArm(np.array([pepper.joint_index(name) for name in known]))
+    return ArmProtection(pepper, cycle, arms)
