@@ -2,8 +2,8 @@
 
 For each joint |twin - robot| without the stretches that no actuator explains, the delay that is left, and of
 all readings rms(twin - robot) / rms(command - robot), beside the kinematic model (no latency, lag or
-backlash, the full speed).  Logs are tables as `pepper-kin check log` takes them; docs/validation.md names the
-source of ours.
+backlash, the full speed; its arms are kept off the body, too).  Logs are tables as `pepper-kin check log`
+takes them; docs/validation.md names the source of ours.
 
 python benchmarks/reality.py [FOLDER] [--packaged] [--json] [--data]
 
@@ -54,6 +54,16 @@ def summary(replays, ideal):
         "named_squares": float((error[named] ** 2).sum() / (error**2).sum()),
         "named_readings": float(named.mean()),
     }
+
+
+def changes(fit):
+    """Return by quantity the largest change of a joint's value over its interval without a person."""
+    found = {}
+    for quantity in DIGITS:
+        low, high = fit.response.intervals[quantity].T
+        values = [getattr(one, quantity) - getattr(fit.response, quantity) for one in fit.without.values()]
+        found[quantity] = float(np.nanmax(np.abs(values).max(axis=0) / (high - low)))
+    return found
 
 
 def data(fit):
@@ -114,6 +124,7 @@ def main():
     )
     if fit is not None:
         print(f"fit with each person left out: {fitting:.0f} s of processor time\n{fit.report()}\n")
+        print("largest change / interval when a person is left out:", changes(fit), "\n")
     print(identification.report_of(replays))
     for person, numbers in {"all": found, **persons}.items():
         worst = ", ".join(f"{q} {1e3 * value:.1f}" for q, value in numbers["worst"].items())

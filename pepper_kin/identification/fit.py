@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.replay import (
+    CYCLE,
     SETTLE,
     SPREAD,
     best_round_trip,
+    command_path,
     gravity_droop,
     holding_torque,
     joint_path,
+    kept_off,
     read_at,
     times_of,
 )
@@ -25,7 +28,7 @@ from pepper_kin.identification.robot_log import RobotLog
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.joint_response import RESPONSE_QUANTITIES, JointResponse, joint_response
 
-START = {"speed_share": 0.85, "latency": 0.02, "lag": 0.08, "backlash": 0.002, "compliance": 0.0}
+START = {"speed_share": 0.95, "latency": 0.04, "lag": 0.09, "backlash": 0.002, "compliance": 0.0}
 """Where the search begins."""
 
 STEPS = {"speed_share": 0.01, "latency": 0.004, "lag": 0.004, "backlash": 5e-4, "compliance": 1e-4}
@@ -40,11 +43,15 @@ RANGES = {
 }
 """Where the search stays."""
 
-SHARES = np.arange(0.5, 1.3, 0.02)
+SHARES = np.arange(0.6, 1.4, 0.02)
 """Shares of the speed among which a search begins: the error has several minima over it."""
 
 DROOP = 0.006
 """Gravity must move a joint by more than this [rad]: less cannot be separated from backlash."""
+
+KEPT_OFF, AROUND = 0.004, 0.6
+"""Readings are left out while the protection moves a joint of the arm by more than this [rad], and for so
+long before and after [s]."""
 
 ROUNDS = 3
 RESAMPLES = 2000
@@ -113,12 +120,13 @@ def fit_actuators(
     """Fit how joints follow `setAngles` to logs.
 
     For each joint the sum of log(1 + (e / 20 mrad)^2) is least, e the twin's angle minus the robot's: what
-    no actuator explains hardly counts (Cauchy's distribution).  Gauss-Newton steps with those weights; one
-    latency for all joints, and each log's round trip, in turns with them.  Intervals: persons are drawn with
-    replacement, and each draw takes one Gauss-Newton step from the common fit (Andrews, Econometrica 70,
-    2002); at least 1.96 standard deviations by the jackknife over persons.  A compliance whose interval
-    holds 0 or the end of its range, or by which gravity moves the joint by less than 6 mrad from the 5th to
-    the 95th percentile of its torques, is not determined: it is taken as 0.
+    no actuator explains hardly counts (Cauchy's distribution), and arms that are kept off the body do not.
+    Gauss-Newton steps with those weights; one latency for all joints, and each log's round trip, in turns
+    with them.  Intervals: persons are drawn with replacement, and each draw takes one Gauss-Newton step
+    from the common fit (Andrews, Econometrica 70, 2002); at least 1.96 standard deviations by the jackknife
+    over persons. A compliance whose interval holds 0 or the end of its range, or by which gravity moves the
+    joint by less than 6 mrad from the 5th to the 95th percentile of its torques, is not determined: it is
+    taken as 0.
 
     Args:
         pepper: The robot.
@@ -137,7 +145,7 @@ def fit_actuators(
             raise UnknownNameError("quantity of a response", quantity, RESPONSE_QUANTITIES)
     joints = _checked(pepper, logs)
     response = _start(joints, start)
-    problem = _Problem(pepper, tuple(logs), dict.fromkeys(joints, chosen), {})
+    problem = _Problem(pepper, tuple(logs), dict.fromkeys(joints, chosen), {}, _used(pepper, logs, response))
     problem = problem._replace(trips=_best_trips(problem, response))
     response, problem, without = _solved(problem, response, ROUNDS)
     response = _with_intervals(problem, response, without, seed)
@@ -151,7 +159,7 @@ def fit_actuators(
         response, problem, without = _solved(problem._replace(free=free_now), response, 1)
         response = _with_intervals(problem, response, without, seed)
     persons = tuple(sorted({log.person for log in logs}))
-    counted = sum((_judged(log).sum(axis=0) for log in logs), np.zeros(len(joints), dtype=np.int64))
+    counted = sum((problem.use[id(log)].sum(axis=0) for log in logs), np.zeros(len(joints), dtype=np.int64))
     trips = {log.name: problem.trips[id(log)] for log in logs}
     return Fit(response, without, trips, persons, counted)
 
@@ -164,12 +172,14 @@ class _Problem(NamedTuple):
         logs: Its logs.
         free: Joint -> quantities that are fitted.
         trips: Identity of a log -> its round trip [s].
+        use: Identity of a log -> which readings count, shape (T, n).
     """
 
     pepper: PepperModel
     logs: tuple[RobotLog, ...]
     free: dict[str, tuple[str, ...]]
     trips: dict[int, float]
+    use: dict[int, NDArray[np.bool_]]
 
 
 def _solved(
@@ -257,8 +267,21 @@ def _start(joints: tuple[str, ...], start: JointResponse | None) -> JointRespons
     return JointResponse(joints, **values, intervals={}, sources=("fitted",) * len(joints))
 
 
-def _judged(log: RobotLog) -> NDArray[np.bool_]:
-    return log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
+def _used(
+    pepper: PepperModel, logs: Sequence[RobotLog], response: JointResponse
+) -> dict[int, NDArray[np.bool_]]:
+    """Return which readings of each log count: not those of arms that are kept off the body."""
+    used, around = {}, np.ones(2 * round(AROUND / CYCLE) + 1)
+    for log in logs:
+        use = log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
+        commands = np.array([command_path(pepper, log, response, joint) for joint in log.joint_names])
+        moved = np.abs(kept_off(pepper, log, commands) - commands) > KEPT_OFF
+        cycles = np.clip(((log.time - log.begin) / CYCLE).astype(int), 0, commands.shape[1] - 1)
+        for side in "LR":
+            arm = [j for j, joint in enumerate(log.joint_names) if joint.startswith(side)]
+            use[:, arm] &= (np.convolve(moved[arm].any(axis=0), around, "same") < 0.5)[cycles][:, None]
+        used[id(log)] = use
+    return used
 
 
 def _best_trips(problem: _Problem, response: JointResponse) -> dict[int, float]:
@@ -267,7 +290,7 @@ def _best_trips(problem: _Problem, response: JointResponse) -> dict[int, float]:
     for log in problem.logs:
         paths = [joint_path(problem.pepper, log, response, joint) for joint in log.joint_names]
         rigid = log.measured - gravity_droop(problem.pepper, log, response, paths)
-        found[id(log)] = best_round_trip(log, paths, rigid, _judged(log))
+        found[id(log)] = best_round_trip(log, paths, rigid, problem.use[id(log)])
     return found
 
 
@@ -276,10 +299,10 @@ def _data(problem: _Problem, response: JointResponse) -> list[list[_Data]]:
     data: list[list[_Data]] = [[] for _ in response.joint_names]
     for log in problem.logs:
         paths = [joint_path(problem.pepper, log, response, joint) for joint in log.joint_names]
-        torque, judged = holding_torque(problem.pepper, log, paths), _judged(log)
+        torque, used = holding_torque(problem.pepper, log, paths), problem.use[id(log)]
         for j in range(len(log.joint_names)):
             times = times_of(log, j, problem.trips[id(log)])
-            data[j].append(_Data(log, times, log.measured[:, j], torque[:, j], judged[:, j]))
+            data[j].append(_Data(log, times, log.measured[:, j], torque[:, j], used[:, j]))
     return data
 
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from pepper_kin import dynamics
 from pepper_kin.arrays import Array, FrozenArrays
-from pepper_kin.core.simulation.target_following import follow_targets, read_path
+from pepper_kin.core.simulation.target_following import follow_targets, read_path, respond
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.identification.robot_log import RobotLog
 from pepper_kin.identification.stretches import Stretch, Tolerance, find_stretches
 from pepper_kin.model import PepperModel
+from pepper_kin.twin.arm_protection import arm_protection
 from pepper_kin.twin.joint_response import JointResponse, joint_response
 
 CYCLE = 0.02
@@ -26,6 +27,9 @@ SETTLE = 4.0
 
 ROUND_TRIPS = np.arange(0.0, 0.0201, 0.0005)
 """Times of a call to the robot and back among which the log's is looked for [s]."""
+
+LATE = 0.04
+"""Part of what a row takes beyond the median of the rows that its calls to the robot take longer each."""
 
 FAST = 0.2
 """A joint moves fast at this share of the speed that it was sent with."""
@@ -152,8 +156,8 @@ def replay(
 ) -> Replay:
     """Give a log's commands to the twin and hold it beside the robot.
 
-    The twin takes the way of NAOqi's `setAngles`: targets within the limits, the interpolation with limited
-    speed in cycles of 20 ms, and the response of the joints, all in machine code.
+    The twin takes the way of NAOqi's `setAngles` in cycles of 20 ms: targets within the limits, the
+    interpolation with limited speed, the protection of the arms, and the response of the joints.
 
     Args:
         pepper: The robot.
@@ -174,7 +178,11 @@ def replay(
     for joint in log.joint_names:
         if joint not in pepper.joint_names:
             raise UnknownNameError(f"joint of {log.name}", joint, pepper.joint_names)
-    paths = [joint_path(pepper, log, response, joint) for joint in log.joint_names]
+    commands = np.array([command_path(pepper, log, response, joint) for joint in log.joint_names])
+    paths = [
+        joint_path(pepper, log, response, joint, path)
+        for joint, path in zip(log.joint_names, kept_off(pepper, log, commands), strict=True)
+    ]
     judged = log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
     droop = gravity_droop(pepper, log, response, paths)
     rigid = log.measured - droop  # where the joints would be without gravity
@@ -200,8 +208,8 @@ def replay(
     return Replay(log, twin, unexplained, judged, named, round_trip, stretches, shifted, moving)
 
 
-def joint_path(pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str) -> Array:
-    """Return where the twin's joint is at the ends of the cycles of a log [rad], shape (cycles,).
+def command_path(pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str) -> Array:
+    """Return the commands of the twin's joint at the ends of the cycles of a log [rad], shape (cycles,).
 
     The first cycle begins at `log.begin`, where the joint is at the first reading.
     """
@@ -214,6 +222,46 @@ def joint_path(pepper: PepperModel, log: RobotLog, response: JointResponse, join
     following = response.following(pepper, joint, log.share, CYCLE)
     start = float(np.clip(log.measured[0, j], lower, upper))
     follow_targets(times, targets, following, log.begin, start, path)
+    return np.clip(path, lower, upper)
+
+
+def kept_off(pepper: PepperModel, log: RobotLog, commands: Array) -> Array:
+    """Return commands by which the arms keep off the body [rad], shape (n, cycles); see `ArmProtection`.
+
+    Args:
+        pepper: The robot; its joints that the log lacks are in the posture Stand.
+        log: Its log.
+        commands: Of the log's joints at the ends of the cycles [rad], shape (n, cycles).
+    """
+    protection = arm_protection(pepper, CYCLE)
+    places = [pepper.joint_index(joint) for joint in log.joint_names]
+    stand = _stand(pepper)
+    allowed, kept = stand.copy(), commands.copy()
+    allowed[places] = commands[:, 0]
+    for k, command in enumerate(commands.T):
+        wanted = stand.copy()
+        wanted[places] = command
+        allowed = protection.allowed(allowed, wanted)
+        kept[:, k] = allowed[places]
+    return kept
+
+
+def joint_path(
+    pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str, commands: Array | None = None
+) -> Array:
+    """Return where the twin's joint is at the ends of the cycles of a log [rad], shape (cycles,).
+
+    Args:
+        pepper: The robot.
+        log: Its log.
+        response: How the joint follows.
+        joint: Its name.
+        commands: At the ends of the cycles [rad], shape (cycles,); those of `command_path` if omitted.
+    """
+    path = command_path(pepper, log, response, joint) if commands is None else commands.copy()
+    k = pepper.joint_index(joint)
+    start = float(np.clip(log.measured[0, log.index(joint)], pepper.lower_limits[k], pepper.upper_limits[k]))
+    respond(response.following(pepper, joint, log.share, CYCLE), start, path)
     return path
 
 
@@ -223,8 +271,10 @@ def read_at(path: Array, log: RobotLog, times: Array) -> Array:
 
 
 def times_of(log: RobotLog, j: int, round_trip: float) -> Array:
-    """Return when the joint in column j was read [s], shape (T,)."""
-    return np.asarray(log.time + round_trip * log.reading_order[j])
+    """Return when the joint in column j was read [s], shape (T,); in a row that took long, its calls did."""
+    took = np.diff(log.time, append=log.time[-1] + np.median(np.diff(log.time)))
+    longer = np.clip(took - np.median(took), -0.1, 0.4)
+    return np.asarray(log.time + (round_trip + LATE * longer) * log.reading_order[j])
 
 
 def gravity_droop(pepper: PepperModel, log: RobotLog, response: JointResponse, paths: list[Array]) -> Array:
@@ -247,10 +297,14 @@ def holding_torque(pepper: PepperModel, log: RobotLog, paths: list[Array]) -> Ar
 
 def whole_body(pepper: PepperModel, log: RobotLog, angles: Array) -> Array:
     """Return angles of a log's joints, shape (T, n of the log), with all others as in Stand [rad], (T, n)."""
-    stand = pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
-    q = np.tile(np.asarray(stand, dtype=float), (len(angles), 1))
+    q = np.tile(_stand(pepper), (len(angles), 1))
     q[:, [pepper.joint_index(joint) for joint in log.joint_names]] = angles
     return q
+
+
+def _stand(pepper: PepperModel) -> Array:
+    stand = pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
+    return np.array(stand, dtype=float)
 
 
 def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDArray[np.bool_]) -> float:

@@ -51,7 +51,7 @@ class Tolerance:
     """
 
     within: float = 0.02
-    timing: float = 0.06
+    timing: float = 0.04
     duration: float = 0.35
     readings: int = 2
 

@@ -12,10 +12,9 @@ from pepper_kin import collision, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.model import PepperModel, load_pepper
-from pepper_kin.naoqi.arm_protection import ArmProtection, ProtectedArm
 from pepper_kin.naoqi.head_range import HeadRange
 from pepper_kin.naoqi.joint_followers import JointFollowers
-from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS, HANDS, WHEELS
+from pepper_kin.naoqi.joint_names import ACTUATED, BODY, WHEELS
 from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
 from pepper_kin.naoqi.tasks import Task, Tasks
 from pepper_kin.twin import (
@@ -26,6 +25,7 @@ from pepper_kin.twin import (
     actuator_parameters,
     joint_response,
 )
+from pepper_kin.twin.arm_protection import arm_protection
 from pepper_kin.twin.base import BaseController, OmniBase, pepper_base, world_velocity
 
 ROWS = 4
@@ -50,11 +50,13 @@ class Body:
         scene: What stands around the robot, for its sensors and its checks of collision; the mass of what is
             attached to the robot counts.
         posture: Where it begins.
-        response: How the joints follow: "ideal" or "measured", see `joint_response`.
+        response: How the joints follow: "ideal", or as "measured" on a robot, see `joint_response`, with
+            servos as stiff as that robot's.
 
     Attributes:
         pepper: The model: planar base, hands of one joint each.
         command: Commanded positions in the model's order [rad, m or share], shape (n,).
+        reference: Those of them that the protection of the arms allows, shape (n,).
         controller: Of the base.
         time: The clock.
         tasks: What moves the joints.
@@ -92,20 +94,15 @@ class Body:
         self.listeners: list[Callable[[], object]] = []
         self.time = SimulatedTime(self._cycle, real_time)
         self.move_protected = True
-        self.protection = ArmProtection(
-            self.pepper,
-            {
-                arm: ProtectedArm([self.index[joint] for joint in CHAINS[arm] if joint not in HANDS])
-                for arm in ("LArm", "RArm")
-            },
-            active=mode == "robot",
-        )
+        self.protection = arm_protection(self.pepper, CYCLE)
+        self.protection.active = mode == "robot"
         self.head_range = HeadRange(self.pepper)
         self.security_distance = {"tangential": 0.1, "orthogonal": 0.4}
         self._looked_at, self._is_blocked = -LOOK_EVERY, False
-        self._last = self.command.copy()
+        self._last, self.reference = self.command.copy(), self.command.copy()
         self._rate = np.zeros(self.pepper.n)
-        parameters = actuator_parameters(self.pepper, "motor")
+        self._detail = "measured" if response == "measured" else "motor"
+        parameters = actuator_parameters(self.pepper, self._detail)
         self.response = joint_response(self.pepper, response)
         self._followers = JointFollowers(self.pepper, self.response, self.command, parameters.latency)
         self._followed_rate = np.zeros(self.pepper.n)
@@ -124,10 +121,10 @@ class Body:
         return {name: float(self.pepper.velocity_limits[k]) for name, k in self.index.items()}
 
     def commanded(self, name: str) -> float:
-        """Return the commanded angle of a joint; of a wheel its turn [rad]."""
+        """Return the commanded angle of a joint that is allowed; of a wheel its turn [rad]."""
         if name in WHEELS:
             return float(self.wheel_angles[WHEELS.index(name)])
-        return float(self.command[self.index[name]])
+        return float(self.reference[self.index[name]])
 
     def last_command(self, name: str) -> float:
         """Return the angle commanded in the last cycle, within the limits of speed [rad or share]."""
@@ -148,9 +145,8 @@ class Body:
         return self.stiffness[name] < WEAKEST
 
     def is_held(self, name: str) -> bool:
-        """Return whether a joint was kept from where it was sent: an arm's, or the pitch of the head."""
-        k = self.index[name]
-        return k in self.protection.held or (self.head_range.stopped and k == self.head_range.pitch)
+        """Return whether a joint was kept from where it was sent: the pitch of the head."""
+        return self.head_range.stopped and self.index[name] == self.head_range.pitch
 
     def clipped(self, name: str, value: float) -> float:
         """Return an angle within the limits of a joint [rad or share]."""
@@ -161,7 +157,7 @@ class Body:
         """Return the joint positions of the model, measured or commanded, shape (n,)."""
         if use_sensors:
             return np.array(self.state.position)
-        q = self.command.copy()
+        q = self.reference.copy()
         q[self._base] = self.controller.pose
         return q
 
@@ -257,8 +253,8 @@ class Body:
     def place_base(self, pose: Array) -> None:
         """Put the base somewhere at once: x, y [m], yaw [rad], shape (3,)."""
         self.controller.reset(pose)
-        self.command[self._base] = pose
-        self._last[self._base] = pose
+        for positions in (self.command, self._last, self.reference):
+            positions[self._base] = pose
         self._followers.put(self._base, pose)
         position = np.array(self.state.position)
         position[self._base] = pose
@@ -270,10 +266,11 @@ class Body:
         self.tasks.step(self)
         free |= self._unprotected()  # of tasks that have just begun; before, of those that have just ended
         self._limit_rates()
-        self.command = self.protection.allowed(self._last, self.command, self.scene, free)
+        self.reference = self.protection.allowed(self.reference, self.command, self.scene, free).copy()
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
         if limp:
-            self.command[limp] = self._last[limp] = self.state.position[limp]
+            for positions in (self.command, self._last, self.reference):
+                positions[limp] = self.state.position[limp]
             self._followers.put(limp, self.state.position[limp])
         if self._strength_due:
             self._set_strength()
@@ -308,7 +305,7 @@ class Body:
         """
         h = CYCLE / ROWS
         before = self._followers.position
-        way = self._followers.step(self.command) - before
+        way = self._followers.step(self.reference) - before
         rate = way / CYCLE
         share = (1.0 + np.arange(ROWS))[:, None] / ROWS
         position = before + share * way
@@ -329,7 +326,7 @@ class Body:
             self.wheel_angles += h * self.controller.base.wheel_speeds((twist + twist_before) / 2.0)
             twist_before = twist
         self._rate, self._followed_rate = (self.command - self._last) / CYCLE, rate
-        self.command[self._base] = self.controller.pose
+        self.command[self._base] = self.reference[self._base] = self.controller.pose
         self._followers.put(self._base, self.controller.pose)
         self._last = self.command.copy()
         return position, velocity, acceleration
@@ -343,7 +340,7 @@ class Body:
         """Give the twin actuators of the present stiffness, in its present state."""
         strength = {name: max(self.stiffness[name], WEAKEST) for name in self.index}
         state = self._twin.state
-        parameters = actuator_parameters(self.pepper, "motor").changed(strength=strength)
+        parameters = actuator_parameters(self.pepper, self._detail).changed(strength=strength)
         self._twin = self._twin_with(parameters)
         inside = np.clip(state.position, self.pepper.lower_limits, self.pepper.upper_limits)
         self._twin.reset(inside, state.velocity)

@@ -30,7 +30,8 @@ class Broker:
         real_time: Whether time passes by the wall clock, or only while somebody waits; then as fast as it
             goes.
         scene: What stands around the robot.
-        response: How the joints follow their commands: "ideal", or "measured" on a robot (late and lagging).
+        response: How the joints follow their commands: as "measured" on a robot, late and lagging, which
+            is usual in the mode of the robot, or "ideal", usual in that of the twin.
 
     Attributes:
         body: The simulated body.
@@ -47,11 +48,12 @@ class Broker:
         mode: str = "twin",
         real_time: bool = True,
         scene: Scene | None = None,
-        response: str = "ideal",
+        response: str | None = None,
     ) -> None:
         if mode not in MODES:
             raise InvalidValueError("mode", mode, f"one of {', '.join(MODES)}")
-        self.body = Body(mode=mode, real_time=real_time, scene=scene, response=response)
+        usual = "measured" if mode == "robot" else "ideal"
+        self.body = Body(mode=mode, real_time=real_time, scene=scene, response=response or usual)
         self.logged: list[tuple[float, str]] = []
         self.on_log: Callable[[float, str], object] | None = None
         self._began = time.time()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.simulation.target_following import SETTLED, speed_step
+from pepper_kin.core.simulation.target_following import time_to_target, way_to_target
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.trajectory import Trajectory
@@ -16,6 +16,8 @@ from pepper_kin.trajectory.key_curve import Key, curve_segments
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
+
+_SETTLED = 1e-4  # [rad or share]
 
 
 class CurveTask(Task):
@@ -61,7 +63,7 @@ class CurveTask(Task):
         """Return whether the limits of speed, and nothing else, still hold back a joint whose motor is on."""
         most = body.velocity_limits
         return any(
-            abs(end - body.last_command(joint)) > most[joint] * CYCLE + SETTLED
+            abs(end - body.last_command(joint)) > most[joint] * CYCLE + _SETTLED
             for joint, end in self._ends.items()
             if not body.is_limp(joint) and not body.is_held(joint)
         )
@@ -126,7 +128,7 @@ class TrajectoryTask(Task):
 class SpeedTask(Task):
     """Joints to targets with a share of their fastest speed (`setAngles`, `changeAngles`).
 
-    The speed rises and falls with the acceleration limits; see `speed_step`.
+    Each goes along a cubic in time; see `pepper_kin.core.simulation.target_following`.
 
     Args:
         name: Method that began it.
@@ -140,28 +142,34 @@ class SpeedTask(Task):
     ) -> None:
         super().__init__(name, targets, reactive=reactive)
         self.targets, self.share = dict(targets), share
-        self._speed: dict[str, float] = {}
-
-    def start(self, body: Body) -> None:
-        """Begin with the speeds of now."""
-        for joint in self.targets:
-            self._speed[joint] = body.command_rate(joint)
+        self._elapsed = 0.0
+        self._curves: dict[str, tuple[float, float, float, float, float]] = {}
 
     def step(self, body: Body) -> bool:
         """Move the commands of the joints that it still has."""
         going = False
         for joint in tuple(self.resources):
-            k = body.index[joint]
-            target = body.clipped(joint, self.targets[joint])
-            left = target - float(body.command[k])
-            if body.is_limp(joint):
+            if body.is_limp(joint) or self.share == 0.0:
+                self._curves.pop(joint, None)
+                going = going or self.share == 0.0
                 continue
-            fastest = self.share * float(body.response.speed_share[k] * body.pepper.velocity_limits[k])
-            strongest = float(body.pepper.acceleration_limits[k])
-            move, self._speed[joint], ahead = speed_step(left, self._speed[joint], fastest, strongest, CYCLE)
-            body.command[k] = body.command[k] + move if ahead else target
-            going = going or (ahead and not body.is_held(joint))
+            if joint not in self._curves:
+                self._curves[joint] = (self._elapsed, *self._curve(body, joint))
+            began, origin, way, speed, duration = self._curves[joint]
+            elapsed = self._elapsed + CYCLE - began
+            body.command[body.index[joint]] = origin + way_to_target(way, speed, duration, elapsed)
+            going = going or (elapsed < duration and not body.is_held(joint))
+        self._elapsed += CYCLE
         return going
+
+    def _curve(self, body: Body, joint: str) -> tuple[float, float, float, float]:
+        """Return origin, way, speed and duration of the cubic to a joint's target."""
+        k = body.index[joint]
+        origin, speed = float(body.command[k]), body.command_rate(joint)
+        way = body.clipped(joint, self.targets[joint]) - origin
+        fastest = self.share * float(body.response.speed_share[k] * body.pepper.velocity_limits[k])
+        duration = time_to_target(way, speed, fastest, float(body.pepper.acceleration_limits[k]))
+        return origin, way, speed, duration
 
 
 class StiffnessTask(Task):

@@ -17,6 +17,9 @@ OF_NAO = ("LyingBack", "LyingBelly", "Sit", "SitRelax")
 NEAR = 0.12
 """The largest difference of a joint from the posture that the body counts as being in [rad]."""
 
+ARRIVAL = 1.0
+"""Joints come after their commands by at most this [s]."""
+
 
 class ALRobotPosture(Module):
     """Postures: where the body is, and how it gets into another."""
@@ -32,7 +35,7 @@ class ALRobotPosture(Module):
         motion = self.broker.motion
         motion.killTasksUsingResources("JointActuators")
         motion.go_to_posture(posture, share, "goToPosture")
-        return self._difference(posture) < NEAR
+        return self.body.time.wait_until(lambda: self._difference(posture) < NEAR, ARRIVAL)
 
     applyPosture = goToPosture
 

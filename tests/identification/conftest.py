@@ -8,7 +8,14 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.identification import RobotLog, read_log
-from pepper_kin.identification.replay import holding_torque, joint_path, read_at
+from pepper_kin.identification.replay import (
+    command_path,
+    holding_torque,
+    joint_path,
+    kept_off,
+    read_at,
+    times_of,
+)
 
 JOINTS = ("LShoulderPitch", "LElbowRoll", "RShoulderPitch", "RElbowRoll", "HipPitch")
 REAL = Path(
@@ -43,11 +50,13 @@ def _made_log(pepper, response, *, seed=0, seconds=60.0, trip=0.006, person="", 
     log = RobotLog(f"made_{seed}", JOINTS, time, command, time, command, 0.15, order, person or f"p{seed}")
     first = np.vstack([middle, command[1:]])  # the path begins at the first reading
     log = RobotLog(log.name, JOINTS, time, command, time, first, 0.15, order, log.person)
-    paths = [joint_path(pepper, log, response, joint) for joint in JOINTS]
+    commands = np.array([command_path(pepper, log, response, joint) for joint in JOINTS])
+    kept = zip(JOINTS, kept_off(pepper, log, commands), strict=True)
+    paths = [joint_path(pepper, log, response, joint, path) for joint, path in kept]
     torque = holding_torque(pepper, log, paths)
     measured = np.column_stack(
         [
-            read_at(path, log, time + trip * order[j])
+            read_at(path, log, times_of(log, j, trip))
             - response.compliance[response.index(joint)] * torque[:, j]
             for j, (joint, path) in enumerate(zip(JOINTS, paths, strict=True))
         ]

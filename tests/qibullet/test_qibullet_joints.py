@@ -39,7 +39,7 @@ def test_a_share_of_the_speed_and_a_joint_that_was_made_slower(pepper, manager, 
             most[name] = max(most[name], abs(pepper.body.command_rate(name)))
     limits = pepper.body.velocity_limits
     for name, share in fastest.items():
-        assert most[name] == pytest.approx(share * limits[name], rel=1e-6)
+        assert most[name] == pytest.approx(share * limits[name], rel=1e-3)
 
 
 def test_velocities_are_how_fast_angles_change(pepper, steps):
@@ -52,7 +52,8 @@ def test_velocities_are_how_fast_angles_change(pepper, steps):
         measured.append(pepper.getAnglesVelocity("HeadYaw"))
     change = (pepper.getAnglesPosition("HeadYaw") - before) / (pepper.body.time.now - begun)
     assert change == pytest.approx(np.mean(measured), rel=0.03)
-    assert change == pytest.approx(0.2 * pepper.body.velocity_limits["HeadYaw"], rel=0.03)
+    fastest = 0.2 * pepper.body.velocity_limits["HeadYaw"]
+    assert 0.9 * fastest < change < fastest  # in the middle of a cubic
     finger, hand = pepper.getAnglesVelocity(["RFinger11", "RHand"])
     assert finger == pytest.approx(0.872665 * hand)
 
@@ -148,7 +149,7 @@ def test_links_are_where_bullet_has_them(tmp_path, manager, client):
             if name in pepper.link_dict and "hand" not in name:  # massless: driven by nothing in Bullet
                 state = bullet.getLinkState(body, info[0], computeForwardKinematics=1, physicsClientId=server)
                 place, quaternion = pepper.getLinkPosition(name)
-                np.testing.assert_allclose(place, state[4], atol=1e-5, err_msg=name)
+                np.testing.assert_allclose(place, state[4], atol=2e-5, err_msg=name)
                 assert abs(np.dot(quaternion, state[5])) == pytest.approx(1.0, abs=1e-6), name
                 checked += 1
         assert checked > 60

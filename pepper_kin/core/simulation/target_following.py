@@ -1,14 +1,15 @@
-"""A joint that is sent from target to target: speed-limited interpolation, lag and backlash.
+"""A joint that is sent from target to target: a cubic in time to each, lag and backlash.
 
-In cycles of h, a command c goes to the target g with a speed u that rises and falls with the acceleration a,
+A target at a distance D of a command that moves with the speed u is reached at rest after a time T, along
 
-    wanted = sign(g - c) min(v, sqrt(2 a |g - c|), |g - c| / h),
-    u' = u + clip(wanted - u, -a h, a h),   c' = c + h u',
+    c(t) = c(0) + u t + (3 D - 2 u T) (t / T)^2 + (u T - 2 D) (t / T)^3,
+    T = max(3 |D| / (2 v), sqrt(3 |D| / a), |u| / a):
 
-and takes the target's place where it is nearer than one move.  That is how `setAngles` of NAOqi is simulated.
-The servo's lag T and the backlash 2 b between motor and link follow:
+from rest, v is its largest speed, and a its largest mean |acceleration|, half of the first and the last.
+Each new target begins a new one, however near the last target is.  That is how a robot was seen to do
+`setAngles`.  In cycles of h, the servo's lag L and the backlash 2 b between motor and link follow:
 
-    x' = x + (1 - exp(-h / T)) (c' - x),   y' = clip(y, x' - b, x' + b).
+    x' = x + (1 - exp(-h / L)) (c' - x),   y' = clip(y, x' - b, x' + b).
 """
 
 from __future__ import annotations
@@ -19,18 +20,15 @@ from typing import NamedTuple
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
-SETTLED = 1e-4
-"""A command has arrived within this distance of its target [rad or m]."""
-
 
 class Following(NamedTuple):
     """How one joint follows its targets.
 
     Attributes:
         cycle: h [s].
-        fastest: v, of the interpolation [rad/s or m/s].
-        strongest: a, of the interpolation [rad/s^2 or m/s^2].
-        lag: T [s], 0 for none.
+        fastest: v [rad/s or m/s].
+        strongest: a [rad/s^2 or m/s^2].
+        lag: L [s], 0 for none.
         backlash: b, half the play [rad or m], 0 for none.
     """
 
@@ -41,55 +39,81 @@ class Following(NamedTuple):
     backlash: float
 
 
-@compiled("Tuple(float64, float64, boolean)(float64, float64, float64, float64, float64)")
-def speed_step(
-    left: float, speed: float, fastest: float, strongest: float, cycle: float
-) -> tuple[float, float, bool]:
-    """Return the move of one cycle [rad or m], the speed after it and whether the target is still ahead.
+@compiled("float64(float64, float64, float64, float64)")
+def time_to_target(way: float, speed: float, fastest: float, strongest: float) -> float:
+    """Return T [s].
 
     Args:
-        left: g - c, the way that is left [rad or m].
+        way: D [rad or m].
         speed: u [rad/s or m/s].
         fastest: v.
         strongest: a [rad/s^2 or m/s^2].
-        cycle: h [s].
     """
-    way = abs(left)
-    wanted = math.copysign(min(fastest, math.sqrt(2.0 * strongest * way), way / cycle), left)
-    speed += min(max(wanted - speed, -strongest * cycle), strongest * cycle)
-    move = speed * cycle
-    if way <= max(abs(move), SETTLED) and abs(speed) <= 2.0 * strongest * cycle:
-        return left, 0.0, False
-    return move, speed, True
+    steady = max(1.5 * abs(way) / fastest, math.sqrt(3.0 * abs(way) / strongest))
+    return max(steady, abs(speed) / strongest)
+
+
+@compiled("float64(float64, float64, float64, float64)")
+def way_to_target(way: float, speed: float, duration: float, time: float) -> float:
+    """Return c(t) - c(0) [rad or m]; D from T on.
+
+    Args:
+        way: D [rad or m].
+        speed: u [rad/s or m/s].
+        duration: T [s].
+        time: t [s].
+    """
+    if time >= duration:
+        return way
+    part, run = time / duration, speed * duration
+    return part * (run + part * (3.0 * way - 2.0 * run + part * (run - 2.0 * way)))
 
 
 @compiled("void(float64[::1], float64[::1], Following, float64, float64, float64[::1])")
 def follow_targets(
     times: Floats1, targets: Floats1, following: Following, begin: float, start: float, path: Floats1
 ) -> None:
-    """Write where a joint is at the ends of cycles.
+    """Write where the command of a joint is at the ends of cycles.
 
-    A target counts from the first cycle that begins at its time or later.
+    A target counts from the first cycle that begins at its time or later; u is that of the cycle before.
 
     Args:
         times: When targets are given, rising [s], shape (m,).
         targets: [rad or m], shape (m,).
-        following: How the joint follows them.
+        following: How the joint follows them; without lag and backlash.
         begin: Time of the first cycle's beginning [s].
         start: Where the joint rests at that time [rad or m].
         path: Receives the position at `begin + (k + 1) h`, shape (cycles,).
     """
-    cycle, backlash = following.cycle, following.backlash
-    share = 1.0 if following.lag <= 0.0 else 1.0 - math.exp(-cycle / following.lag)
-    command, servo, link, target, speed, given = start, start, start, start, 0.0, 0
+    cycle, given = following.cycle, 0
+    command, before, origin = start, start, start
+    way, speed, duration, first = 0.0, 0.0, 0.0, 0
     for k in range(path.size):
         now = begin + k * cycle + 1e-9
-        while given < times.size and times[given] <= now:
-            target = targets[given]
-            given += 1
-        move, speed, _ = speed_step(target - command, speed, following.fastest, following.strongest, cycle)
-        command += move
-        servo += share * (command - servo)
+        if given < times.size and times[given] <= now:
+            while given < times.size and times[given] <= now:
+                given += 1
+            origin, way, first = command, targets[given - 1] - command, k
+            speed = (command - before) / cycle
+            duration = time_to_target(way, speed, following.fastest, following.strongest)
+        before = command
+        command = origin + way_to_target(way, speed, duration, (k + 1 - first) * cycle)
+        path[k] = command
+
+
+@compiled("void(Following, float64, float64[::1])")
+def respond(following: Following, start: float, path: Floats1) -> None:
+    """Replace commands at the ends of cycles by where the joint is, with its lag and backlash.
+
+    Args:
+        following: How the joint follows.
+        start: Where it rests in the beginning [rad or m].
+        path: Commands [rad or m], shape (cycles,); changed.
+    """
+    share = 1.0 if following.lag <= 0.0 else 1.0 - math.exp(-following.cycle / following.lag)
+    servo, link, backlash = start, start, following.backlash
+    for k in range(path.size):
+        servo += share * (path[k] - servo)
         link = min(max(link, servo - backlash), servo + backlash)
         path[k] = link
 

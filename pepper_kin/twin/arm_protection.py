@@ -1,0 +1,181 @@
+"""Arms kept off the body and the scene, as a robot keeps them: at the nearest posture that is clear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import NearPairs, Scene, near_pairs
+from pepper_kin.core.quadratic_program import solve_program
+from pepper_kin.model import PepperModel
+
+KEPT = 0.003
+"""Distance that arms keep [m]."""
+
+TOUCH = 0.001
+"""Distance below which an arm comes no nearer, whatever it is sent to [m]."""
+
+LOOK = 0.15
+"""Distance within which bodies are looked at [m]: no hand moves that far in a cycle."""
+
+DAMPING = 0.25
+"""Share of the distance left, less `KEPT`, by which an arm may come nearer in a cycle."""
+
+SLIDING = 0.25
+"""Share of their fastest speed by which joints move at most while an arm is kept from something."""
+
+REACH = 0.8
+"""No point of an arm is farther from the axis of one of its joints [m]."""
+
+_CLOSER = 1e-6  # [m]
+
+
+@dataclass
+class ProtectedArm:
+    """An arm and what it is kept from.
+
+    Attributes:
+        joints: Places of its joints in the model, without the hand's, shape (k,).
+        from_body: Whether it is kept from the robot's other links.
+        from_scene: Whether it is kept from the scene.
+    """
+
+    joints: NDArray[np.intp]
+    from_body: bool = True
+    from_scene: bool = True
+
+    def concerned(self, near: NearPairs, objects: frozenset[str]) -> NDArray[np.bool_]:
+        """Return which pairs count for this arm, shape (k,).
+
+        Args:
+            near: Pairs of bodies.
+            objects: Names of the scene's objects.
+        """
+        moved = near.movers[:, self.joints].any(axis=1)
+        if not objects:
+            return np.asarray(moved & self.from_body)
+        outside = np.array([bool(objects.intersection(names)) for names in near.names], dtype=bool)
+        return np.asarray(moved & np.where(outside, self.from_scene, self.from_body))
+
+
+@dataclass
+class ArmProtection:
+    """The protection of all arms.
+
+    Attributes:
+        pepper: The model.
+        cycle: Time from one posture to the next [s].
+        arms: By name.
+        active: Whether any arm is protected at all.
+    """
+
+    pepper: PepperModel
+    cycle: float
+    arms: dict[str, ProtectedArm] = field(default_factory=dict)
+    active: bool = True
+
+    def allowed(
+        self, before: Array, wanted: Array, scene: Scene | None = None, free: Set[int] = frozenset()
+    ) -> Array:
+        """Return the positions after a cycle that are nearest to the wanted ones and allowed, shape (n,).
+
+        Joints that belong to no protected arm go where they are wanted.  Those x of the arms minimize
+        |x - wanted|^2 within the limits of position and velocity, with
+
+            g . (x - before) >= DAMPING (KEPT - d),   without DAMPING where d < KEPT,
+
+        for each pair of bodies at a distance d with the gradient g (velocity dampers: Faverjon and
+        Tournassoud, 1987): arms slide along what they meet.  Where these contradict one another, no pair
+        comes nearer.  Distances are not linear: an arm by which a body would come nearer than `TOUCH` stays.
+
+        Args:
+            before: Allowed positions of the cycle before [rad or m], shape (n,).
+            wanted: [rad or m], shape (n,).
+            scene: What stands around the robot.
+            free: Joints of arms that are not protected in this cycle.
+        """
+        arms = [
+            arm
+            for arm in self.arms.values()
+            if self.active
+            and (arm.from_body or (arm.from_scene and scene is not None))
+            and (not free or free.isdisjoint(arm.joints.tolist()))
+        ]
+        if not arms or np.array_equal(before, wanted):
+            return wanted
+        joints = np.concatenate([arm.joints for arm in arms])
+        now, most = before[joints], self.pepper.velocity_limits[joints] * self.cycle
+        low = np.maximum(now - most, np.minimum(self.pepper.lower_limits[joints], now))
+        high = np.minimum(now + most, np.maximum(self.pepper.upper_limits[joints], now))
+        aim, start, result = wanted[joints], wanted.copy(), wanted.copy()
+        end = np.minimum(np.maximum(aim, low), high)
+        start[joints], result[joints] = now, end
+        way = REACH * float(np.abs(end - now).sum()) / DAMPING
+        objects = frozenset(scene.objects) if scene is not None else frozenset()
+        near = near_pairs(self.pepper, start, min(KEPT + way, LOOK), scene)
+        if not len(near):
+            return result
+        counts = np.logical_or.reduce([arm.concerned(near, objects) for arm in arms])
+        rows, left = near.gradients[:, joints][counts], KEPT - near.distances[counts]
+        least = np.where(left < 0.0, DAMPING * left, left)
+        if (rows @ (end - now) >= least).all():
+            return result
+        low, high = np.maximum(low, now - SLIDING * most), np.minimum(high, now + SLIDING * most)
+        identity, base = np.eye(len(joints)), rows @ now
+        clear = solve_program(identity, -aim, low, high, rows, least + base)
+        if clear is None:
+            clear = solve_program(identity, -aim, low, high, rows, np.minimum(least, 0.0) + base)
+        result[joints] = now if clear is None else clear
+        moved = result[joints] - now
+        curved = 0.5 * REACH * float(np.abs(moved).sum()) ** 2  # by what distances may differ from lines
+        if (rows @ moved - left).min() + KEPT - curved < TOUCH:
+            self._hold(arms, near, start, result, scene)
+        return result
+
+    def _hold(
+        self,
+        arms: Sequence[ProtectedArm],
+        near: NearPairs,
+        start: Array,
+        result: Array,
+        scene: Scene | None,
+    ) -> None:
+        """Leave out the steps of arms by which a body comes nearer than `TOUCH`.
+
+        Args:
+            arms: Those that are protected.
+            near: Pairs that were near before.
+            start: Positions before [rad or m], shape (n,).
+            result: After the cycle, shape (n,); changed.
+            scene: What stands around the robot.
+        """
+        after = near_pairs(self.pepper, result, TOUCH, scene)
+        if not len(after):
+            return
+        distances = dict(zip(near.indices.tolist(), near.distances.tolist(), strict=True))
+        were = np.array([distances.get(pair, np.inf) for pair in after.indices.tolist()])
+        closer = after.distances < were - _CLOSER
+        objects = frozenset(scene.objects) if scene is not None else frozenset()
+        for arm in arms:
+            if (arm.concerned(after, objects) & closer).any():
+                result[arm.joints] = start[arm.joints]
+
+
+def arm_protection(pepper: PepperModel, cycle: float) -> ArmProtection:
+    """Return the protection of Pepper's arms against its own body, from shoulder to wrist; hands are open.
+
+    Args:
+        pepper: The robot; arms of which it has no joint are left out.
+        cycle: Time from one posture to the next [s].
+    """
+    names = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
+    arms = {}
+    for side in "LR":
+        known = [side + name for name in names if side + name in pepper.joint_names]
+        if known:
+            arms[f"{side}Arm"] = ProtectedArm(np.array([pepper.joint_index(name) for name in known]))
+    return ArmProtection(pepper, cycle, arms)
