@@ -31,6 +31,8 @@ from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 
 LARGE_PROCESS = 600e6
 """Memory from which on robots forget what is kept for them [bytes]."""
+forget_from = [LARGE_PROCESS]
+"""The same, and higher where not so much was forgotten the last time."""
 
 
 if sys.platform == "linux":
@@ -155,15 +157,20 @@ def kernel_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
         yield folder
 
 
-@pytest.fixture(scope="module", autouse=True)
+def memory_of_this_process() -> float:
+    """Return what is resident [bytes]; 0 where the system does not tell."""
+    statm = Path("/proc/self/statm")
+    return int(statm.read_text().split()[1]) * resource.getpagesize() if statm.exists() else 0.0
+
+
+@pytest.fixture(autouse=True)
 def small_process() -> Iterator[None]:
-    """Let robots forget what is kept for them after modules that make a process large.
+    """Let robots forget what is kept for them after tests that make a process large.
 
     Up to 64 checkers of scenes are kept for each robot, 2 to 13 MB each, and modules share robots.
     """
     yield
-    statm = Path("/proc/self/statm")
-    if statm.exists() and int(statm.read_text().split()[1]) * resource.getpagesize() > LARGE_PROCESS:
+    if memory_of_this_process() > forget_from[0]:
         for thing in gc.get_objects():
             if issubclass(type(thing), pk.PepperModel):  # `isinstance` would ask proxies of what is gone
                 thing.kept.clear()
@@ -171,6 +178,7 @@ def small_process() -> Iterator[None]:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
+        forget_from[0] = max(LARGE_PROCESS, memory_of_this_process() + 100e6)
 
 
 @pytest.fixture(scope="session")

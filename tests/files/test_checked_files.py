@@ -134,7 +134,7 @@ def test_the_robot_is_named_where_it_is_not_pepper(tmp_path):
 def test_pepper_with_another_base_is_known_by_its_joints(tmp_path):
     robot = pk.load_pepper(base="planar")
     points = np.tile(robot.posture("Stand"), (2, 1))
-    points[1, 0] = 0.5
+    points[1, 0] = 0.3
     drive = pk.retime(robot, points)
     save(drive, tmp_path / "drive.yaml")
     with pytest.raises(InvalidValueError, match="base_speed"):
