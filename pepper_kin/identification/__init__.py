@@ -1,16 +1,25 @@
-"""Robots' logs: the twin held beside them, and fitted to them.
+"""Robots' logs: the twin held beside them, and fitted to them; motions and estimates of parameters.
 
     read_log, RobotLog                        commands and what encoders read
     replay, Replay, JointComparison           the commands given to the twin, and how far it is from the robot
     compared, report_of                       numbers and table over several replays
     Stretch, Tolerance, KINDS                 what no actuator explains, with its kind
     fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
+    excitation_motion, Excitation             a motion that shows inertial parameters, within the limits
+    estimate_stiffness, estimate_inertia, estimate_payload, Estimate   what a recording of it tells
     save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
 
 How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
 """
 
 from pepper_kin.identification.command import LogCheck, check_logs
+from pepper_kin.identification.estimates import (
+    Estimate,
+    estimate_inertia,
+    estimate_payload,
+    estimate_stiffness,
+)
+from pepper_kin.identification.excitation import Excitation, excitation_motion
 from pepper_kin.identification.fit import Fit, fit_actuators, without_person
 from pepper_kin.identification.log_file import read_log
 from pepper_kin.identification.picture import save_replay_picture
@@ -20,6 +29,8 @@ from pepper_kin.identification.stretches import KINDS, Stretch, Tolerance
 
 __all__ = [
     "KINDS",
+    "Estimate",
+    "Excitation",
     "Fit",
     "JointComparison",
     "LogCheck",
@@ -29,6 +40,10 @@ __all__ = [
     "Tolerance",
     "check_logs",
     "compared",
+    "estimate_inertia",
+    "estimate_payload",
+    "estimate_stiffness",
+    "excitation_motion",
     "fit_actuators",
     "read_log",
     "replay",

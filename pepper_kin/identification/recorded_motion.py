@@ -1,0 +1,173 @@
+"""A recording made ready for least squares: filtered motion and torques, and their solution."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.identification.base_parameters import torque_columns
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.twin.run import Run
+
+signal, stats = lazy_module("scipy.signal"), lazy_module("scipy.stats")
+
+CUTOFF = 8.0
+"""Of the low-pass filter of positions, torques and regressors [Hz]."""
+
+_ORDER = 4  # of the filter, which goes forth and back
+_EDGE = 1.0  # x 1 / cutoff: time that is left out at either end, where the filter settles
+_PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice the time over which they go together
+_HUBER, _ROUNDS = 2.0, 6
+
+
+class RecordedMotion(NamedTuple):
+    """A recording, filtered.
+
+    Attributes:
+        pepper: The robot.
+        names: The joints.
+        moving: Their indices.
+        step: Time between states [s].
+        cutoff: Of the filter [Hz].
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n).
+        acceleration: [rad/s^2 or m/s^2], shape (T, n).
+        torque: Of the joints, filtered, shape (T, k).
+    """
+
+    pepper: PepperModel
+    names: tuple[str, ...]
+    moving: list[int]
+    step: float
+    cutoff: float
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    def filter(self, values: Array) -> Array:
+        """Return values over time through the filter, shape (T, ...)."""
+        return _low_pass(values, self.step, self.cutoff)
+
+    def regressor(self) -> Array:
+        """Return `torque_columns`, filtered, shape (T, k, 10 bodies + k)."""
+        state = self.position, self.velocity, self.acceleration
+        return self.filter(torque_columns(self.pepper, self.moving, *state))
+
+    @property
+    def friction(self) -> Array:
+        """Columns of viscous and Coulomb friction of each joint, filtered, shape (T, k, 2 k)."""
+        speed = self.velocity[:, None, self.moving]
+        return self.filter(
+            np.concatenate([np.eye(len(self.moving)) * one for one in (speed, np.sign(speed))], axis=2)
+        )
+
+
+def recorded_motion(pepper: PepperModel, run: Run, names: tuple[str, ...], cutoff: float) -> RecordedMotion:
+    """Return a recording, filtered.
+
+    The torque of a run acts during the step that ends at its time, so states are taken in the middle of the
+    steps.
+
+    Raises:
+        InvalidValueError: for other joints, uneven times, too few of them, joints that do not move, or a
+            cutoff that the rate does not allow.
+    """
+    if run.joint_names != pepper.joint_names:
+        raise InvalidValueError(
+            "joints of the recording", ", ".join(run.joint_names), ", ".join(pepper.joint_names)
+        )
+    steps = np.diff(run.time)
+    if not (steps.size and np.allclose(steps, steps[0], rtol=1e-3, atol=0.0)):
+        raise InvalidValueError("time", "uneven steps", "times of the recording in equal steps")
+    step, moving = float(np.mean(steps)), [pepper.joint_index(name) for name in names]
+    if not check_positive("cutoff", cutoff, "Hz") < 0.4 / step:
+        raise InvalidValueError("cutoff", f"{cutoff:g} Hz", f"below {0.4 / step:.4g} Hz, 0.4 of the rate")
+    if run.duration * cutoff < 20 * _PER_BLOCK:
+        raise InvalidValueError("duration", f"{run.duration:g} s", f"at least {20 * _PER_BLOCK / cutoff:g} s")
+    for name, still in zip(names, np.ptp(run.position[:, moving], axis=0) == 0, strict=True):
+        if still:
+            raise InvalidValueError("recording", f"{name} does not move", "motion of all joints")
+    position = _low_pass(0.5 * (run.position[1:] + run.position[:-1]), step, cutoff)
+    velocity = np.gradient(position, step, axis=0)
+    acceleration = np.gradient(velocity, step, axis=0)
+    torque = _low_pass(run.torque[1:, moving], step, cutoff)
+    return RecordedMotion(pepper, names, moving, step, cutoff, position, velocity, acceleration, torque)
+
+
+def _low_pass(values: Array, step: float, cutoff: float) -> Array:
+    sections = signal.butter(_ORDER, cutoff, fs=1.0 / step, output="sos")
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0))
+
+
+class Solution(NamedTuple):
+    """Parameters by least squares.
+
+    Attributes:
+        values: Shape (p,).
+        covariance: Of their errors, shape (p, p).
+        quantile: Half the width of a 95 % interval over the standard deviation.
+        residual: Root mean square of what is left, for each column of the targets, shape (k,).
+    """
+
+    values: Array
+    covariance: Array
+    quantile: float
+    residual: Array
+
+    @property
+    def intervals(self) -> Array:
+        """95 % intervals, shape (p, 2)."""
+        half = self.quantile * np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.column_stack([self.values - half, self.values + half]))
+
+
+def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
+    """Return x of columns x = target by weighted least squares, robust against outliers (Huber).
+
+    Rows of a joint are over the spread of its residuals.  Residuals follow one another in time, so their
+    covariance is that of sums over blocks (Liang and Zeger, Biometrika 73, 1986).
+
+    Args:
+        data: The recording.
+        columns: Shape (T, k, p).
+        target: [N m or N], shape (T, k).
+
+    Raises:
+        InvalidValueError: for a recording with too few blocks for so many parameters.
+    """
+    edge = int(_EDGE / (data.cutoff * data.step))
+    columns, target = columns[edge:-edge], target[edge:-edge]
+    p = columns.shape[2]
+    length = max(int(_PER_BLOCK / (data.cutoff * data.step)), 1)
+    blocks = len(target) // length
+    if blocks < p + 8:
+        needed = ((p + 8) * _PER_BLOCK + 2 * _EDGE) / data.cutoff
+        raise InvalidValueError(
+            "duration", f"{len(target) * data.step:.3g} s", f"at least {needed:.3g} s for {p} parameters"
+        )
+    columns, target = columns[: blocks * length], target[: blocks * length]
+    scale = np.sqrt(np.mean(columns**2, axis=(0, 1))) + 1e-300
+    weight, values, left = np.ones_like(target), np.zeros(p), target
+    for _ in range(_ROUNDS):
+        rows = columns * (np.sqrt(weight)[..., None] / scale)
+        values = np.linalg.lstsq(rows.reshape(-1, p), (np.sqrt(weight) * target).ravel(), rcond=None)[0]
+        values = values / scale
+        left = target - columns @ values
+        spread = 1.4826 * np.median(np.abs(left), axis=0) + 1e-12
+        weight = np.minimum(1.0, _HUBER * spread / (np.abs(left) + 1e-300)) / spread**2
+    weighted = columns * weight[..., None]
+    inverse = np.linalg.pinv(np.einsum("tkp,tkq->pq", weighted / scale, columns / scale), hermitian=True)
+    scores = np.einsum("tkp,tk->tp", weighted / scale, left).reshape(blocks, length, p).sum(axis=1)
+    covariance = inverse @ (scores.T @ scores) @ inverse * (blocks / (blocks - p))
+    return Solution(
+        values,
+        covariance / np.outer(scale, scale),
+        float(stats.t.ppf(0.975, blocks - p)),
+        np.sqrt(np.mean(left**2, axis=0)),
+    )

@@ -1,0 +1,185 @@
+"""Excitation motions, and what recordings of them tell: planted values are found."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, UnknownNameError
+from pepper_kin.identification import (
+    estimate_inertia,
+    estimate_payload,
+    estimate_stiffness,
+    excitation_motion,
+)
+from pepper_kin.twin import actuator_parameters
+
+JOINTS = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw")
+
+
+@pytest.fixture(scope="module")
+def excitation(pepper):
+    return excitation_motion(pepper, "left_arm", draws=40, seed=3)
+
+
+@pytest.fixture(scope="module")
+def actuators(pepper):
+    """Return motors with friction, rotors and other stiffness than Pepper's."""
+    stiffness = {"LShoulderPitch": 310.0, "LElbowYaw": 150.0, "LWristYaw": 25.0}
+    return actuator_parameters(pepper, "motor").changed(latency=0.0, stiffness=stiffness)
+
+
+def recorded(robot, excitation, actuators, seed=0, payload=None):
+    """Return a run as encoders and torque sensors with noise tell it."""
+    twin = pk.Twin(robot, 0.002, feedforward="none", actuators=actuators, payload=payload)
+    run, random = twin.execute(excitation.trajectory), np.random.default_rng(seed)
+    q = run.position + 1e-4 * random.normal(size=run.position.shape)
+    torque = run.torque + 0.005 * robot.effort_limits * random.normal(size=run.torque.shape)
+    return replace(run, position=q, torque=torque)
+
+
+def misses(estimate, planted):
+    """Return by how many half-widths of their intervals planted values are off, shape (k,)."""
+    at = [estimate.index(name) for name in planted]
+    low, high = estimate.intervals[at].T
+    return np.abs(np.array(list(planted.values())) - 0.5 * (low + high)) / (0.5 * (high - low))
+
+
+def test_the_motion_is_certified_and_begins_and_ends_at_rest(pepper, excitation):
+    assert excitation.certificate.success
+    assert excitation.trajectory.check(pepper).success
+    assert excitation.joints == JOINTS
+    ends = excitation.trajectory([0.0, excitation.trajectory.duration])
+    np.testing.assert_allclose(ends.position[0], ends.position[1], atol=1e-12)
+    np.testing.assert_allclose([ends.velocity, ends.acceleration], 0.0, atol=1e-12)
+    still = [j for j, name in enumerate(pepper.joint_names) if name not in JOINTS]
+    moves = np.ptp(excitation.trajectory.sample(0.02).position, axis=0)
+    assert np.all(moves[still] == 0.0)
+    assert np.all(np.delete(moves, still) > 0.1)
+
+
+def test_the_motion_keeps_shares_of_limits_and_clearance(pepper, excitation):
+    samples = excitation.trajectory.sample(0.005)
+    q, v, a = samples.position, samples.velocity, samples.acceleration
+    assert np.all(np.abs(v) <= 0.8001 * pepper.velocity_limits)
+    assert np.all(np.abs(a) <= 0.8001 * pepper.acceleration_limits)
+    assert np.all(np.abs(pk.dynamics.newton_euler(pepper, q, v, a)) <= 0.801 * pepper.effort_limits)
+    assert pk.collision.clearance(pepper, q).min() > 0.008
+
+
+def test_the_search_finds_a_better_condition_and_a_seed_gives_one_motion(pepper, excitation):
+    again = excitation_motion(pepper, "left_arm", draws=40, seed=3)
+    assert again.trajectory == excitation.trajectory
+    assert again.condition == excitation.condition
+    single = [excitation_motion(pepper, "left_arm", draws=1, seed=seed).condition for seed in range(5)]
+    assert excitation.condition < 0.7 * np.median(single)
+
+
+def test_the_motion_avoids_what_is_around(pepper):
+    free = excitation_motion(pepper, "left_arm", draws=20)
+    reached = pk.kinematics.frame_pose(pepper, free.trajectory.sample(0.05).position, "LArm_effector")
+    start = reached[0, :3, 3]
+    farthest = reached[np.argmax(np.linalg.norm(reached[:, :3, 3] - start, axis=1)), :3, 3]
+    scene = pk.Scene().add_sphere("ball", radius=0.03, position=farthest)
+    assert not free.trajectory.check(pepper, scene).success
+    assert (
+        excitation_motion(pepper, "left_arm", draws=20, scene=scene).trajectory.check(pepper, scene).success
+    )
+
+
+def test_planted_stiffness_is_found(pepper, excitation, actuators):
+    found = [
+        estimate_stiffness(pepper, recorded(pepper, excitation, actuators, seed), "left_arm")
+        for seed in range(4)
+    ]
+    planted = {f"{j}.stiffness": actuators.stiffness[pepper.joint_index(j)] for j in JOINTS}
+    off = np.concatenate([misses(one, planted) for one in found])
+    assert np.mean(off < 1) >= 0.75  # what the resolution of encoders does is the same for all four
+    assert off.max() < 2
+    width = np.ptp(found[0].intervals, axis=1) / found[0].values
+    assert width.max() < 0.3
+
+
+def test_planted_masses_rotors_and_friction_are_found(pepper, excitation, actuators):
+    link = pepper.with_masses({"LForeArm": 0.35})
+    found = estimate_inertia(pepper, recorded(link, excitation, actuators), "left_arm")
+    truth = estimate_inertia(link, recorded(link, excitation, actuators), "left_arm")
+    assert found.names == truth.names
+    first_moments = [name for name in found.names if ".mc_" in name]
+    planted = {name: truth.described[truth.index(name)] for name in first_moments}
+    for quantity, of in (
+        ("rotor", "rotor_inertia"),
+        ("viscous", "viscous_friction"),
+        ("coulomb", "coulomb_friction"),
+    ):
+        values = getattr(actuators, of)
+        named = {f"{joint}.{quantity}": values[pepper.joint_index(joint)] for joint in JOINTS}
+        planted |= {name: value for name, value in named.items() if name in found.names}
+    assert len(planted) >= 20
+    off = misses(found, planted)
+    assert np.mean(off < 1) >= 0.85
+    assert off.max() < 2
+    changed = found.index("LElbowRoll.mc_x")
+    low, high = found.intervals[changed]
+    assert not low <= found.described[changed] <= high
+
+
+def test_a_planted_payload_is_found(pepper, excitation, actuators):
+    run = recorded(pepper, excitation, actuators, payload={"left": 0.15})
+    found = estimate_payload(pepper, run, "left", "left_arm")
+    assert misses(found, {"mass": 0.15, "x": 0.0, "y": 0.0, "z": 0.0}).max() < 1.5
+    low, high = found.intervals[found.index("mass")]
+    assert high - low < 0.01
+    assert "mass" in found.report()
+    assert set(found.residual) == set(JOINTS)
+
+
+def test_a_load_beside_the_origin_of_a_frame_is_found_where_it_is(pepper, excitation, actuators):
+    run = recorded(pepper, excitation, actuators, payload={"l_wrist": 0.2})
+    place = pk.kinematics.frame_poses(pepper, pepper.neutral(), ["LArm_effector", "l_wrist"])
+    expected = (np.linalg.inv(place[0]) @ place[1])[:3, 3]
+    found = estimate_payload(pepper, run, "LArm_effector", "left_arm")
+    np.testing.assert_allclose(found.values[1:4], expected, atol=0.005)
+
+
+def test_what_leaves_no_motion_is_refused_by_name(pepper):
+    with pytest.raises(UnknownNameError, match="LElbow"):
+        excitation_motion(pepper, ["LElbow"])
+    urdf = pepper.export("urdf")
+    limit = re.search(r'<joint name="LElbowRoll".*?velocity="([^"]+)"', urdf, re.DOTALL)
+    stopped = pk.load_robot(urdf[: limit.start(1)] + "0" + urdf[limit.end(1) :])
+    with pytest.raises(InfeasibleError, match="velocity limit of LElbowRoll is 0"):
+        excitation_motion(stopped, ["LElbowRoll"])
+    with pytest.raises(InfeasibleError, match="KneePitch needs more"):
+        excitation_motion(pepper, ["KneePitch"], limit_share=0.01)
+    end = pepper.joint_vector({"HeadYaw": pepper.upper_limits[pepper.joint_index("HeadYaw")]})
+    with pytest.raises(InfeasibleError, match="HeadYaw stands at an end"):
+        excitation_motion(pepper, ["HeadYaw"], posture=end)
+    with pytest.raises(LimitError, match="HeadYaw"):
+        excitation_motion(pepper, ["HeadYaw"], posture=2 * end)
+    with pytest.raises(InfeasibleError, match="come too near"):
+        excitation_motion(pepper, ["HeadYaw"], posture="Stand", clearance=0.05)
+    with pytest.raises(InvalidValueError, match="limit_share"):
+        excitation_motion(pepper, limit_share=1.5)
+    with pytest.raises(InvalidValueError, match="harmonics"):
+        excitation_motion(pepper, harmonics=2)
+
+
+def test_recordings_that_tell_nothing_are_refused(pepper, excitation, actuators):
+    run = pk.Twin(pepper, 0.002, feedforward="none", actuators=actuators).execute(excitation.trajectory)
+    with pytest.raises(InvalidValueError, match="cutoff"):
+        estimate_stiffness(pepper, run, "left_arm", cutoff=250.0)
+    with pytest.raises(InvalidValueError, match="duration"):
+        estimate_inertia(pepper, run, "left_arm", cutoff=1.0)
+    with pytest.raises(InvalidValueError, match="a frame that a joint moves"):
+        estimate_payload(pepper, run, "base_link", "left_arm")
+    with pytest.raises(UnknownNameError, match="nose"):
+        estimate_payload(pepper, run, "nose", "left_arm")
+    uneven = replace(run, time=run.time**1.1)
+    with pytest.raises(InvalidValueError, match="uneven"):
+        estimate_stiffness(pepper, uneven, "left_arm")
+    still = replace(run, position=np.tile(run.position[0], (len(run), 1)))
+    with pytest.raises(InvalidValueError, match="LShoulderPitch does not move"):
+        estimate_stiffness(pepper, still, "left_arm")
