@@ -34,6 +34,8 @@ ROWS = 4
 WEAKEST = 1e-3
 """Share of an actuator's strength that stands for stiffness 0: the twin wants it above 0."""
 
+_RESTING = 1e-5  # [rad]; an arm that moves less in a cycle is at rest
+
 LOOK_EVERY = 10
 """Cycles between two looks for obstacles in the way of the base."""
 
@@ -101,6 +103,7 @@ class Body:
         self._looked_at, self._is_blocked = -LOOK_EVERY, False
         self._last, self.reference = self.command.copy(), self.command.copy()
         self._rate = np.zeros(self.pepper.n)
+        self._slides = np.zeros(self.pepper.n, dtype=bool)
         self._detail = "measured" if response == "measured" else "motor"
         parameters = actuator_parameters(self.pepper, self._detail)
         self.response = joint_response(self.pepper, response)
@@ -147,6 +150,10 @@ class Body:
     def is_held(self, name: str) -> bool:
         """Return whether a joint was kept from where it was sent: the pitch of the head."""
         return self.head_range.stopped and self.index[name] == self.head_range.pitch
+
+    def slides(self, name: str) -> bool:
+        """Return whether a joint of a protected arm, kept from where it was sent, still moves."""
+        return bool(self._slides[self.index[name]])
 
     def clipped(self, name: str, value: float) -> float:
         """Return an angle within the limits of a joint [rad or share]."""
@@ -263,10 +270,15 @@ class Body:
     def _cycle(self) -> None:
         """Do one cycle of 20 ms."""
         free = self._unprotected()
+        self._hold_idle()
         self.tasks.step(self)
         free |= self._unprotected()  # of tasks that have just begun; before, of those that have just ended
         self._limit_rates()
-        self.reference = self.protection.allowed(self.reference, self.command, self.scene, free).copy()
+        before, most = self.reference, self.pepper.velocity_limits * CYCLE
+        allowed = self.protection.allowed(before, self.command, self.scene, free)
+        # an arm whose protection has just ended goes on no faster than it may
+        self.reference = np.clip(allowed, before - most, before + most)
+        self._slides = (self.reference != self.command) & (np.abs(self.reference - before) > _RESTING)
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
         if limp:
             for positions in (self.command, self._last, self.reference):
@@ -280,6 +292,15 @@ class Body:
             raise RuntimeError(f"the simulation of the body stopped: {run.message}")
         for listener in tuple(self.listeners):
             listener()
+
+    def _hold_idle(self) -> None:
+        """Let joints that no task moves stay where the protection of the arms has kept them."""
+        kept = np.flatnonzero(self.command != self.reference)
+        if kept.size:
+            booked = {self.index[name] for name in self.tasks.booked if name in self.index}
+            idle = [k for k in kept.tolist() if k not in booked]
+            self.command[idle] = self._last[idle] = self.reference[idle]
+            self._rate[idle] = 0.0
 
     def _unprotected(self) -> set[int]:
         """Return the joints that tasks move without protection."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 _SETTLED = 1e-4  # [rad or share]
+_LONGEST_SLIDE = 3.0  # [s] that a task waits for an arm that slides along what it was kept from
 
 
 class CurveTask(Task):
@@ -60,10 +61,12 @@ class CurveTask(Task):
         return self._behind(body)
 
     def _behind(self, body: Body) -> bool:
-        """Return whether the limits of speed, and nothing else, still hold back a joint whose motor is on."""
+        """Return whether limits of speed hold back a joint whose motor is on, or a protected arm slides."""
         most = body.velocity_limits
+        may_slide = self._elapsed < self.duration + _LONGEST_SLIDE
         return any(
             abs(end - body.last_command(joint)) > most[joint] * CYCLE + _SETTLED
+            or (may_slide and body.slides(joint))
             for joint, end in self._ends.items()
             if not body.is_limp(joint) and not body.is_held(joint)
         )
@@ -158,7 +161,8 @@ class SpeedTask(Task):
             began, origin, way, speed, duration = self._curves[joint]
             elapsed = self._elapsed + CYCLE - began
             body.command[body.index[joint]] = origin + way_to_target(way, speed, duration, elapsed)
-            going = going or (elapsed < duration and not body.is_held(joint))
+            slides = body.slides(joint) and elapsed < duration + _LONGEST_SLIDE
+            going = going or slides or (elapsed < duration and not body.is_held(joint))
         self._elapsed += CYCLE
         return going
 

@@ -26,7 +26,8 @@ DAMPING = 0.25
 """Share of the distance left, less `KEPT`, by which an arm may come nearer in a cycle."""
 
 SLIDING = 0.25
-"""Share of their fastest speed by which joints move at most while an arm is kept from something."""
+"""Share of their fastest speed by which joints move at most while an arm is kept from something, and until
+those that were kept back have caught up: what follows with a lag would cut the corner otherwise."""
 
 REACH = 0.8
 """No point of an arm is farther from the axis of one of its joints [m]."""
@@ -109,9 +110,11 @@ class ArmProtection:
             return wanted
         joints = np.concatenate([arm.joints for arm in arms])
         now, most = before[joints], self.pepper.velocity_limits[joints] * self.cycle
-        low = np.maximum(now - most, np.minimum(self.pepper.lower_limits[joints], now))
-        high = np.minimum(now + most, np.maximum(self.pepper.upper_limits[joints], now))
         aim, start, result = wanted[joints], wanted.copy(), wanted.copy()
+        behind = np.abs(aim - now) > most * (1.0 + 1e-9)  # of what was wanted before
+        speeds = np.where(behind, SLIDING * most, most)
+        low = np.maximum(now - speeds, np.minimum(self.pepper.lower_limits[joints], now))
+        high = np.minimum(now + speeds, np.maximum(self.pepper.upper_limits[joints], now))
         end = np.minimum(np.maximum(aim, low), high)
         start[joints], result[joints] = now, end
         way = REACH * float(np.abs(end - now).sum()) / DAMPING
