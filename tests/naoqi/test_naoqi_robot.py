@@ -81,9 +81,9 @@ def driving(distance):
 
 def until(condition, seconds=60.0):
     end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+    while not (met := condition()) and time.monotonic() < end:
         time.sleep(0.05)
-    return condition()
+    return met
 
 
 def moved_in(robot, seconds):
