@@ -137,8 +137,8 @@ def estimate_inertia(
     names = pepper.resolve_joints(joints)
     data = recorded_motion(pepper, run, names, cutoff)
     base = base_parameters(pepper, names, data.position[0])
-    rows = data.regressor()[:, :, base.columns]
-    found = solve(data, np.concatenate([rows, data.friction], axis=2), data.torque)
+    columns = data.regressor(np.eye(base.grouping.shape[1] + len(names))[:, base.columns])
+    found = solve(data, np.concatenate([columns, data.friction], axis=2), data.torque)
     return _with_friction(data, found, (base.names, base.units, base.of(pepper)))
 
 
@@ -177,10 +177,12 @@ def estimate_payload(
     if body < 0:
         raise InvalidValueError("frame", frame, "a frame that a joint moves")
     data = recorded_motion(pepper, run, names, cutoff)
-    regressor = data.regressor()
-    load = regressor[..., 10 * body : 10 * body + 10] @ _point_columns(tree.frame_poses[frame])
     known = dynamics.inertial_parameters(pepper)
-    target, rotors = data.torque - regressor[..., : known.size] @ known, regressor[..., known.size :]
+    of = np.eye(known.size + len(names), 5 + len(names), 5 - known.size)  # the rotors' columns
+    of[10 * body : 10 * body + 10, :4] = _point_columns(tree.frame_poses[frame])
+    of[: known.size, 4] = known
+    load, described, rotors = np.split(data.regressor(of), [4, 5], axis=2)
+    target = data.torque - described[..., 0]
     found = solve(data, np.concatenate([load, data.friction, rotors], axis=2), target)
     mass, moment, k = found.values[0], found.values[1:4], len(names)
     # Center = moment / mass, and its covariance to the first order.

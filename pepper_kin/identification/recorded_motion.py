@@ -23,6 +23,7 @@ _ORDER = 4  # of the filter, which goes forth and back
 _EDGE = 1.0  # x 1 / cutoff: time that is left out at either end, where the filter settles
 _PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice the time over which they go together
 _HUBER, _ROUNDS = 2.0, 6
+_STATES = 512  # whose regressor is in memory at a time
 
 
 class RecordedMotion(NamedTuple):
@@ -54,10 +55,14 @@ class RecordedMotion(NamedTuple):
         """Return values over time through the filter, shape (T, ...)."""
         return _low_pass(values, self.step, self.cutoff)
 
-    def regressor(self) -> Array:
-        """Return `torque_columns`, filtered, shape (T, k, 10 bodies + k)."""
-        state = self.position, self.velocity, self.acceleration
-        return self.filter(torque_columns(self.pepper, self.moving, *state))
+    def regressor(self, of: Array) -> Array:
+        """Return `torque_columns` times a matrix, shape (10 bodies + k, p), filtered, shape (T, k, p)."""
+        found = np.empty((len(self.position), len(self.moving), of.shape[1]))
+        for begin in range(0, len(found), _STATES):  # all columns of all states can be gigabytes
+            part = slice(begin, begin + _STATES)
+            state = self.position[part], self.velocity[part], self.acceleration[part]
+            found[part] = torque_columns(self.pepper, self.moving, *state) @ of
+        return self.filter(found)
 
     @property
     def friction(self) -> Array:
