@@ -84,8 +84,9 @@ class ArmProtection:
     ) -> Array:
         """Return the positions after a cycle that are nearest to the wanted ones and allowed, shape (n,).
 
-        Joints that belong to no protected arm go where they are wanted.  Those x of the arms minimize
-        |x - wanted|^2 within the limits of position and velocity, with
+        Joints that belong to no protected arm go where they are wanted, and an arm that is wanted where it is
+        stays there, however near.  Those x of the other arms minimize |x - wanted|^2 within the limits of
+        position and velocity, with
 
             g . (x - before) >= DAMPING (KEPT - d),   without DAMPING where d < KEPT,
 
@@ -105,8 +106,9 @@ class ArmProtection:
             if self.active
             and (arm.from_body or (arm.from_scene and scene is not None))
             and (not free or free.isdisjoint(arm.joints.tolist()))
+            and not np.array_equal(before[arm.joints], wanted[arm.joints])
         ]
-        if not arms or np.array_equal(before, wanted):
+        if not arms:
             return wanted
         joints = np.concatenate([arm.joints for arm in arms])
         now, most = before[joints], self.pepper.velocity_limits[joints] * self.cycle

@@ -91,6 +91,21 @@ def test_an_arm_that_is_kept_off_stays_where_it_was_stopped(response):
             assert motion.getAngles("LArm", False) == stopped
 
 
+def test_an_arm_that_rests_too_near_is_not_moved_with_others():
+    with Broker(mode="robot", real_time=False) as broker:
+        motion = broker.motion
+        motion.setCollisionProtectionEnabled("Arms", False)
+        pressed(broker, 3.0)
+        near = least(broker.body, broker.body.configuration(False))
+        assert near < KEPT
+        motion.setCollisionProtectionEnabled("Arms", True)
+        rests = motion.getAngles("LArm", False)
+        motion.setAngles(["HeadYaw", "RShoulderPitch"], [0.5, 0.8], 0.3)
+        broker.body.time.sleep(1.5)
+        assert motion.getAngles("HeadYaw", False) == pytest.approx([0.5])
+        assert motion.getAngles("LArm", False) == rests
+
+
 def test_an_arm_whose_protection_ends_goes_on_no_faster_than_it_may():
     with Broker(mode="robot", real_time=False) as broker:
         motion, commanded = broker.motion, []
