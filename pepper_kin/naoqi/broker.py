@@ -128,7 +128,7 @@ class Broker:
 
     def post(self, call: Callable[[], Any]) -> int:
         """Run a call in a thread; return its number."""
-        entry = _Call(call)
+        entry = _Call(call, self.body)
         with self._posting:
             ended = (number for number, other in self._calls.items() if not other.is_alive())
             if len(self._calls) >= MOST_CALLS and (oldest := next(ended, None)) is not None:
@@ -166,6 +166,7 @@ class Broker:
         if entry is None or not entry.is_alive():
             return
         with self.body.time.lock:
+            entry.order.made = -1
             self.body.tasks.kill([t for t in self.body.tasks if t.thread == entry.ident], self.body)
 
     def _look_for_touches(self) -> None:
@@ -177,16 +178,18 @@ class Broker:
 class _Call(threading.Thread):
     """A call beside the caller, with the error that ended it."""
 
-    def __init__(self, call: Callable[[], Any]) -> None:
+    def __init__(self, call: Callable[[], Any], body: Body) -> None:
         super().__init__(daemon=True)
-        self._call = call
+        self._call, self._body = call, body
+        self.order = body.tasks.new_call()
         self.value: Any = None
         self.error: BaseException | None = None
 
     def run(self) -> None:
         """Do the call."""
         try:
-            self.value = self._call()
+            with self._body.tasks.within(self.order):
+                self.value = self._call()
         except Exception as error:
             self.error = error
 

@@ -151,7 +151,7 @@ class BaseMethods(Module):
     def stopMove(self) -> None:
         """Brake; blocks until the base stands."""
         with self.body.time.lock:
-            self.body.tasks.kill(self._moves(), self.body)
+            self.body.tasks.stop(BASE_RESOURCES, self.body)
         self.body.time.wait_until(lambda: bool(np.abs(self.body.controller.twist).max() < 1e-6), 5.0)
 
     stopWalk = stopMove
@@ -159,7 +159,7 @@ class BaseMethods(Module):
     def killMove(self) -> None:
         """End the tasks of the base, which brakes; returns at once."""
         with self.body.time.lock:
-            self.body.tasks.kill(self._moves(), self.body)
+            self.body.tasks.stop(BASE_RESOURCES, self.body)
 
     killWalk = killMove
 

@@ -149,12 +149,12 @@ class ConfigurationMethods(Module):
         """End the tasks that have booked any of these joints, or wait for them."""
         names = self._resources("killTasksUsingResources", resourceNames)
         with self.body.time.lock:
-            self.body.tasks.kill(self.body.tasks.using(names), self.body)
+            self.body.tasks.stop(names, self.body)
 
     def killAll(self) -> None:
         """End all tasks."""
         with self.body.time.lock:
-            self.body.tasks.kill(list(self.body.tasks), self.body)
+            self.body.tasks.stop(None, self.body)
 
     def _resources(self, method: str, names: Any) -> list[str]:
         return names_of(names, self.name, method)

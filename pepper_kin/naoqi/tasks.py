@@ -6,6 +6,7 @@ takes the place of an earlier reactive one on its joints.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -57,12 +58,34 @@ class Task:
         """Clean up, after the last cycle or when killed."""
 
 
+class Call:
+    """A call that runs beside others, and what was stopped before it was made.
+
+    Args:
+        made: How often `Tasks.stop` had been called by then; -1 lets it begin no more tasks.
+
+    Attributes:
+        own: Joint, or None for all -> which stop of the call itself came last.
+    """
+
+    def __init__(self, made: int) -> None:
+        self.made = made
+        self.own: dict[str | None, int] = {}
+
+    def comes_after(self, stop: int, of: str | None) -> bool:
+        """Return whether the call may still move a joint (None: all) whose last stop was this one."""
+        return stop <= max(self.made, self.own.get(of, 0) if self.made >= 0 else -1)
+
+
 class Tasks:
     """All tasks of a body, in the order in which they came."""
 
     def __init__(self) -> None:
         self._tasks: list[Task] = []
         self._number = 0
+        self._stops = 0
+        self._stopped: dict[str | None, int] = {}  # joint, or None for all -> its last stop
+        self._thread = threading.local()
 
     def __iter__(self) -> Iterator[Task]:
         return iter(tuple(self._tasks))
@@ -73,9 +96,15 @@ class Tasks:
         return {name for task in self._tasks if task.started for name in task.resources}
 
     def add(self, task: Task) -> Task:
-        """Queue a task; a reactive one takes joints from earlier reactive ones."""
+        """Queue a task; a reactive one takes joints from earlier reactive ones.
+
+        One of a call that was made before its joints were stopped ends before it begins.
+        """
         self._number += 1
         task.number = self._number
+        if (call := getattr(self._thread, "call", None)) is not None:
+            of = (None, *task.resources)
+            task.killed = not all(call.comes_after(self._stopped.get(name, 0), name) for name in of)
         if task.reactive:
             for other in self._tasks:
                 if other.reactive:
@@ -119,6 +148,30 @@ class Tasks:
         task.ended = True
         if task in self._tasks:
             self._tasks.remove(task)
+
+    def new_call(self) -> Call:
+        """Return a call that is made now, for `within`."""
+        return Call(self._stops)
+
+    @contextlib.contextmanager
+    def within(self, call: Call) -> Iterator[None]:
+        """Let what this thread does in the meantime be of a call that was made earlier."""
+        self._thread.call = call
+        try:
+            yield
+        finally:
+            self._thread.call = None
+
+    def stop(self, resources: Iterable[str] | None, body: Body) -> None:
+        """End all tasks, or those that use any of some joints, and what earlier calls hand over later."""
+        self._stops += 1
+        call = getattr(self._thread, "call", None)
+        names: list[str | None] = [None] if resources is None else [*resources]
+        for name in names:
+            if call is not None and call.comes_after(self._stopped.get(name, 0), name):
+                call.own[name] = self._stops  # what it stops itself, it may move afterwards
+            self._stopped[name] = self._stops
+        self.kill(self._tasks if resources is None else self.using([*resources]), body)
 
     def kill(self, tasks: Iterable[Task], body: Body) -> None:
         """End tasks now."""

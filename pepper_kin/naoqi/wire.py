@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import threading
 import time
@@ -15,6 +16,7 @@ from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.memory import Signal, Subscriber
 from pepper_kin.naoqi.module import Module, robot_signatures
 from pepper_kin.naoqi.tables import table
+from pepper_kin.naoqi.tasks import Tasks
 
 ARRIVING = ("moveTo", "walkTo")
 """Methods that say whether they arrived, which the list calls void and the documents do not."""
@@ -76,7 +78,8 @@ class Wire:
             call = getattr(module, name)
             if locked and not only_reads(name):
                 call = _locked(module.name, name)
-            bound = self._caller(call, len(signature), returns, f"{module.name}::{name}")
+            tasks = module.body.tasks
+            bound = self._caller(call, len(signature), returns, f"{module.name}::{name}", tasks)
             bound.__qi_name__ = name
             bound.__qi_signature__ = f"({''.join(signature)})"
             bound.__qi_return_signature__ = returns
@@ -140,19 +143,24 @@ class Wire:
         while len(objects) and time.monotonic() < end:
             time.sleep(0.005)
 
-    def _caller(self, method: Callable[..., Any], count: int, returns: str, where: str) -> Any:
+    def _caller(
+        self, method: Callable[..., Any], count: int, returns: str, where: str, tasks: Tasks | None = None
+    ) -> Any:
         """Return a function with exactly so many arguments, which libqi can bind.
 
-        Errors keep their text; those that do not name the method get its name, `where`, before it.
+        Errors keep their text; those that do not name the method get its name, `where`, before it.  What is
+        stopped among `tasks` while a call is on its way to them does not begin.
         """
 
         def call(*arguments: Any) -> Any:
+            within = contextlib.nullcontext() if tasks is None else tasks.within(tasks.new_call())
             with self._lock:
                 if self._closing:
                     return self._failed("the server is being closed")
                 self._running += 1
             try:
-                value = method(*map(as_plain, arguments))
+                with within:
+                    value = method(*map(as_plain, arguments))
                 if returns == PICTURE:
                     return tuple(value)
                 return None if returns == "v" else self.value(value)

@@ -1,5 +1,7 @@
 """ALMotion's joints: what is commanded is reached, in the time and at the speed documented."""
 
+import threading
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -193,3 +195,45 @@ def test_joints_that_follow_as_measured_are_late_by_latency_and_lag():
     np.testing.assert_allclose(0.5 * CYCLE * 100 - reached, behind, atol=1e-6)
     followers.place(np.ones(pepper.n))
     np.testing.assert_array_equal(followers.step(np.ones(pepper.n)), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("stop", "moves"),
+    [
+        (lambda motion, _: motion.killAll(), False),
+        (lambda motion, _: motion.killTasksUsingResources(["HeadYaw", "LHand"]), False),
+        (lambda motion, number: motion.stop(number), False),
+        (lambda motion, _: motion.killTasksUsingResources(["LArm"]), True),
+        (lambda motion, _: motion.killMove(), True),
+    ],
+)
+def test_a_call_on_its_way_does_not_move_joints_that_are_stopped_meanwhile(broker, motion, stop, moves):
+    go, (rest,) = threading.Event(), motion.getAngles("HeadYaw", False)
+
+    def call():
+        go.wait(60.0)
+        motion.setAngles("HeadYaw", 0.3, 0.5)
+
+    number = broker.post(call)
+    stop(motion, number)
+    go.set()
+    assert not broker.wait_for(number, None)
+    broker.body.time.sleep(1.0)
+    assert motion.getAngles("HeadYaw", False) == pytest.approx([0.3 if moves else rest])
+    motion.setAngles("HeadYaw", -0.2, 0.5)
+    broker.body.time.sleep(1.0)
+    assert motion.getAngles("HeadYaw", False) == pytest.approx([-0.2])
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_posted_posture_stops_what_moves_before_and_is_stopped_itself(broker, motion, stopped):
+    posture, go = broker.module("ALRobotPosture"), threading.Event()
+    number = broker.post(lambda: go.wait(60.0) and posture.goToPosture("Crouch", 0.8))
+    if stopped:
+        motion.killAll()
+    motion.killMove()
+    go.set()
+    before = motion.getAngles("KneePitch", False)
+    broker.body.time.sleep(6.0)
+    assert (motion.getAngles("KneePitch", False) == before) is stopped
+    broker.wait_for(number, 60.0)
