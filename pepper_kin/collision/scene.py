@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +33,7 @@ from pepper_kin.collision.solids import (
     TriangleMesh,
     not_negative,
 )
+from pepper_kin.collision.urdf_object import objects_of_urdf
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite
@@ -264,6 +265,47 @@ class Scene:
         if voxel is None:
             return self.add(name, PointCloud(np.asarray(points), radius), position, rpy)
         return self.add(name, PointCloud.thinned(points, radius, voxel), position, rpy)
+
+    def add_urdf(
+        self,
+        name: str,
+        urdf: str | os.PathLike[str],
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        meshes: str = "hull",
+        package_dirs: Sequence[str | os.PathLike[str]] = (),
+    ) -> Scene:
+        """Return a scene with the collision shapes of a URDF more, such as a table's; see `add`.
+
+        A description of one shape becomes the object `name`, others `name/shape`, a shape without a name
+        being `link_collision_number`.  Joints stand at zero, and the world holds all of it.
+
+        Args:
+            name: A name that the scene does not have yet.
+            urdf: Path of a URDF file, or its text.
+            position: Position of the root link in the world [m], shape (3,).
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
+            meshes: "hull": meshes become their convex hulls, solid inside; "surface": triangles.
+            package_dirs: Folders that hold packages, as `load_robot` has them.
+
+        Raises:
+            InvalidValueError: for a name that is taken, or a pose with NaN or of wrong length.
+            FileFormatError: where a file cannot be read.
+            ModelError: where the description is malformed, or has no collision shapes.
+
+        Warns:
+            ModelWarning: naming shapes of size zero, which are left out.
+        """
+        place = transform(
+            as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
+        )
+        grown = self
+        self._check_new(name)
+        for item in objects_of_urdf(name, urdf, place, meshes, package_dirs):
+            grown._check_new(item.name)
+            grown = grown._and_one(item)
+        return grown
 
     def remove(self, name: str) -> Scene:
         """Return a scene without one object, and without what was allowed for it.

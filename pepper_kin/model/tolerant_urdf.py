@@ -18,7 +18,7 @@ from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.shapes import transform
 from pepper_kin.model.urdf_document import MOVING_TYPES
 from pepper_kin.model.urdf_shapes import resolve_mesh
-from pepper_kin.model.xml_source import MOST, parse_xml
+from pepper_kin.model.xml_source import MOST, parse_xml, unbound_prefixes, with_bound_prefixes
 
 SIZES = {
     "box": ("size",),
@@ -99,10 +99,14 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
     """
     facts = UrdfFacts()
     try:
-        root = parse_xml(text, "URDF")
+        root = parse_xml(with_bound_prefixes(text), "URDF")
     except ModelError as error:
         facts.faults.append(Fault("xml", "the file", str(error).removeprefix("URDF: ")))
         return facts
+    facts.faults += [
+        Fault("xml", "the file", f"the prefix {prefix!r} is not declared")
+        for prefix in unbound_prefixes(text)
+    ]
     facts.name = root.get("name", "(no name)")
     reader = _Reader(facts.faults, package_dirs)
     for element in root.findall("link"):

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model.xml_source import XmlText, attribute_of, number_of, parse_xml, positive_of
+from pepper_kin.model.xml_source import (
+    XmlText,
+    attribute_of,
+    number_of,
+    parse_xml,
+    positive_of,
+    with_bound_prefixes,
+)
 
 if TYPE_CHECKING:
     from pepper_kin.model.shapes import Shape
@@ -123,6 +130,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     Raises:
         ModelError: naming the element that is malformed, missing, doubled or disconnected.
     """
+    text = with_bound_prefixes(text)
     root = parse_xml(text, "URDF")
     _refuse_xacro(root)
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))

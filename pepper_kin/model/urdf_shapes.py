@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, ModelError, shortened
+from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, shortened
 from pepper_kin.model.expanded_urdf import urdf_folder
+from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.shapes import (
     NO_COLOR,
     Box,
@@ -37,6 +39,9 @@ def read_shapes(
 
     Raises:
         ModelError: naming the shape that is malformed.
+
+    Warns:
+        ModelWarning: naming shapes of size zero, which are left out.
     """
     materials = {
         str(m.get("name")): _color(m) for m in root.findall("material") if m.find("color") is not None
@@ -67,6 +72,10 @@ def _shapes(
             geometry = element.find("geometry")
             if geometry is None or len(geometry) == 0:
                 raise ModelError(f"URDF: {kind} {name} of link {link_name} has no geometry")
+            if not_there := _zero_size(geometry[0]):
+                words = f"URDF: {kind} {name} of link {link_name} is left out: {not_there}"
+                warnings.warn(words, ModelWarning, stacklevel=2)
+                continue
             origin = element.find("origin")
             pose = np.eye(4)
             if origin is not None:
@@ -86,6 +95,16 @@ def _shapes(
                 raise ModelError(f"URDF: {kind} {name} of link {link_name}: {error}") from error
             shapes.append(Shape(name, link_name, solid, pose, color))
     return shapes
+
+
+def _zero_size(element: ET.Element) -> str:
+    """Return which size of a shape is zero, which some descriptions write for none; "" if it has all."""
+    for key in ("size", "radius", "length"):
+        text = element.get(key)
+        sizes = [] if text is None else [plain_number(one) for one in text.split()]
+        if 0.0 in sizes and min(sizes) == 0.0 and element.tag in ("box", "sphere", "cylinder"):
+            return f"a {element.tag} of {key} {text}"
+    return ""
 
 
 def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> Geometry:

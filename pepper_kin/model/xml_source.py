@@ -51,6 +51,18 @@ class XmlText:
         return {name: value for name, value in vars(self).items() if name != "tree"}
 
 
+def unbound_prefixes(text: str) -> list[str]:
+    """Return prefixes that no `xmlns` of an XML text declares, such as `sensor` of `<sensor:camera>`."""
+    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text))
+    return sorted(used - {"xml", "xmlns", *re.findall(r"xmlns:([\w.-]+)\s*=", text)})
+
+
+def with_bound_prefixes(text: str) -> str:
+    """Return a description whose undeclared prefixes are declared at its root: Gazebo's readers want none."""
+    names = "".join(f' xmlns:{prefix}="undeclared:{prefix}"' for prefix in unbound_prefixes(text))
+    return re.sub(r"<robot(?=[\s>])", lambda found: found[0] + names, text, count=1) if names else text
+
+
 def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
     """Return the root element of a description.
 

@@ -10,7 +10,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, SceneObject, TriangleMesh
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
 
 BASE = ("Tibia", "WheelB_link", "WheelFL_link", "WheelFR_link")
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.1
@@ -432,3 +432,62 @@ def test_thousands_of_boxes_are_added_and_checked_as_those_near_by_are(pepper):
     line = np.linspace(states[0], states[1], 20)
     along = pk.collision.least_clearance(pepper, line, scene)
     assert along.distance == pytest.approx(float(exact.clearance(line).min()), abs=4e-6)
+
+
+MASS = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+CABINET = f"""<robot name="cabinet">
+  <link name="body">
+    <visual><geometry><sphere radius="1"/></geometry><material name="m"><color rgba="1 0 0 1"/></material></visual>
+    <collision><origin xyz="0 0 0.1" rpy="0.1 0 0"/><geometry><box size="0.4 0.3 0.2"/></geometry></collision>
+  </link>
+  <link name="arm">{MASS}</link>
+  <link name="drawer">{MASS}
+    <collision name="knob"><origin xyz="0.2 0 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <joint name="hinge" type="fixed"><parent link="body"/><child link="arm"/>
+    <origin xyz="0 0.1 0.3" rpy="0.3 0 1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="arm"/><child link="drawer"/>
+    <origin xyz="0.1 0 0" rpy="0 1 0"/><limit lower="0" upper="0.3" effort="1" velocity="1"/></joint>
+</robot>"""  # noqa: E501
+
+
+def test_an_object_of_a_urdf_stands_where_the_kinematics_have_its_links():
+    place = pk.model.pose((1.0, -0.5, 0.2), rpy=(0.1, 0.2, 0.3))
+    scene = pk.Scene().add_urdf("cabinet", CABINET, (1.0, -0.5, 0.2), (0.1, 0.2, 0.3))
+    assert scene.names == ("cabinet/body_collision_0", "cabinet/knob")
+    robot = pk.load_robot(CABINET)
+    for name, shape in zip(scene.names, robot.collision_shapes, strict=True):
+        link = pk.kinematics.frame_pose(robot, robot.neutral(), shape.link)
+        expected = place @ link @ shape.transform_shape_to_link
+        np.testing.assert_allclose(scene.objects[name].transform_object_to_world, expected, atol=1e-12)
+        assert scene.objects[name].geometry == shape.geometry
+    assert scene.objects["cabinet/body_collision_0"].color == (1.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("meshes", "inside"), [("hull", True), ("surface", False)])
+def test_an_object_of_a_urdf_without_joints_is_an_obstacle(tmp_path, meshes, inside):
+    robot = pk.load_pepper()
+    corners = " ".join(f"v {x} {y} {z}\n" for x, y, z in CUBE)
+    (tmp_path / "cube.obj").write_text(
+        corners.replace(" v", "v") + "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\n"
+        "f 3 4 8\nf 3 8 7\nf 1 3 7\nf 1 7 5\nf 2 6 8\nf 2 8 4\n"
+    )
+    text = (
+        '<robot name="cube"><link name="cube"><collision><geometry>'
+        '<mesh filename="cube.obj" scale="20 20 20"/></geometry></collision></link></robot>'
+    )
+    (tmp_path / "cube.urdf").write_text(text)
+    scene = pk.Scene().add_urdf("cube", tmp_path / "cube.urdf", (0.0, 0.0, 0.5), meshes=meshes)
+    assert scene.names == ("cube",)
+    assert (
+        pk.collision.in_collision(robot, robot.posture("Stand"), scene) == inside
+    )  # the robot is in the cube
+
+
+def test_objects_of_urdfs_are_refused_by_name():
+    empty = '<robot name="none"><link name="a"/></robot>'
+    with pytest.raises(ModelError, match="'none' has no collision shapes"):
+        pk.Scene().add_urdf("none", empty)
+    with pytest.raises(InvalidValueError, match="a new name; taken: none"):
+        pk.Scene().add_box("none", (1, 1, 1), (0, 0, 0)).add_urdf("none", CABINET)
+    with pytest.raises(InvalidValueError, match=r"meshes: got 'solid', expected .*hull.*surface"):
+        pk.Scene().add_urdf("a", CABINET, meshes="solid")

@@ -7,11 +7,12 @@ from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import CollisionChecker
-from pepper_kin.exceptions import ModelError, PepperKinError
+from pepper_kin.exceptions import ModelError, ModelWarning, PepperKinError
 from pepper_kin.files import load, save
 from pepper_kin.model import FORMATS, audit, compare
 
@@ -247,3 +248,31 @@ def test_names_that_are_empty_or_given_twice_are_refused() -> None:
             pk.load_robot(text.replace(old, new))
         with pytest.raises(ModelError, match=f"URDF: a <{what}> of .* has no 'name'"):
             pk.load_robot(text.replace(old, '<link name=""' if what == "link" else 'name=""'))
+
+
+EMPTY = ('<box size="0.1 0 0.1"/>', '<sphere radius="0"/>', '<cylinder radius="0.1" length="0.0"/>')
+
+
+@pytest.mark.parametrize("shape", EMPTY)
+def test_shapes_of_size_zero_are_left_out_with_a_warning(shape):
+    """Atlas, Sawyer and Jaco have such."""
+    empty = f'<collision name="none"><geometry>{shape}</geometry></collision>'
+    with pytest.warns(
+        ModelWarning, match="collision none of link b is left out: a .* of (size|radius|length)"
+    ):
+        found = pk.load_robot(robot(BASE, link("b", shape=SHAPE + empty), joint("j", "base_footprint", "b")))
+    assert len(found.collision_shapes) == 2
+    assert pin.buildModelFromXML(found.urdf).nq == 1
+
+
+def test_prefixes_that_nothing_declares_are_read_and_audited():
+    """As Gazebo's extensions are written in Fetch's description."""
+    extension = '<gazebo><sensor:camera name="eye" sensor:rate="30"><a.b:c/></sensor:camera></gazebo>'
+    text = robot(BASE, link("b"), joint("j", "base_footprint", "b"), extension)
+    found = pk.load_robot(text)
+    assert found.n == 1
+    assert pk.load_robot(found.urdf).urdf == found.urdf
+    faults = [str(fault) for fault in audit(text).faults if fault.kind == "xml"]
+    assert faults == [f"xml: the file: the prefix {one!r} is not declared" for one in ("a.b", "sensor")]
+    with pytest.raises(ModelError, match="not well-formed"):
+        pk.load_robot(text.replace("</gazebo>", "</gazeb>"))
