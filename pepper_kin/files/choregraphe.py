@@ -22,7 +22,7 @@ from pepper_kin.trajectory.timeline import HANDS, Timeline
 # How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.
 NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}
 _XML_KINDS = {"bezier": "bezier", "linear": "linear", "constant": "constant", "bezier_auto": "auto"}
-_DEGREE, _SHARE = 0, 1
+_DEGREE, _SHARE, _UNSTATED = 0, 1, -1
 _APPEND = re.compile(r"\s*(?:\w+\.)*(names|times|keys)\.append\((.*)")
 _DEEPEST = 200
 
@@ -46,7 +46,8 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     `Animation` can be read one by one.
 
     A key at frame f is at (f - start_frame) / fps seconds, as the robot's own player takes it; keys before
-    the start frame are left out, and so are muted curves.  Angles are degrees, of hands shares.  Handles are
+    the start frame are left out, and so are muted curves.  Angles are degrees, of hands shares, also where a
+    file leaves their unit open (-1).  Handles are
     frames and degrees from their key; keys without handles have automatic ones.
 
     Args:
@@ -216,10 +217,13 @@ def _timeline(path: PathName, element: _Element, name: str) -> Timeline | None:
 
 def _curve(path: PathName, element: _Element, fps: float, first: float) -> JointCurve | None:
     joint = _attribute(path, element, "actuator")
-    unit = int(_number(path, element, "unit", "1" if joint in HANDS else "0"))
+    usual = _SHARE if joint in HANDS else _DEGREE
+    unit = int(_number(path, element, "unit", str(usual)))
+    if unit == _UNSTATED:
+        unit = usual
     if unit not in (_DEGREE, _SHARE):
         raise FileFormatError(
-            path, f"unit of {joint} is {unit}, expected 0 (degrees) or 1 (share)", element.line
+            path, f"unit of {joint} is {unit}, expected 0 (degrees), 1 (share) or -1", element.line
         )
     scale = math.radians(1.0) if unit == _DEGREE else 1.0
     keys: list[Key] = []

@@ -60,7 +60,7 @@ class Timeline:
         return tuple(curve.joint for curve in self.curves)
 
     def to_trajectory(
-        self, pepper: PepperModel, start: Array | None = None, *, ignore: Sequence[str] = HANDS
+        self, pepper: PepperModel, start: Array | None = None, *, ignore: str | Sequence[str] = HANDS
     ) -> Trajectory:
         """Return the animation as it is, unsafe or not.
 
@@ -70,22 +70,24 @@ class Timeline:
         Args:
             pepper: The robot.
             start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
-            ignore: Joints of the animation to leave out where the robot lacks them.
+            ignore: Joints of the animation to leave out where the robot lacks them; "foreign" for all that it
+                lacks, as NAO's legs.
 
         Returns:
             The motion of all joints of the robot, with its corners and jumps.
 
         Raises:
-            UnknownNameError: for a joint that the robot lacks and `ignore` does not name.
-            InvalidValueError: for a start of the wrong shape.
+            UnknownNameError: for joints that the robot lacks and `ignore` does not name.
+            InvalidValueError: for a start of the wrong shape, or where "foreign" leaves no joint.
         """
         rest = _start(pepper, start)
-        curves = []
-        for curve in self.curves:
-            if curve.joint in pepper.joint_names:
-                curves.append(curve)
-            elif curve.joint not in ignore:
-                raise UnknownNameError(f"joint of {self.name}", curve.joint, pepper.joint_names)
+        curves = [curve for curve in self.curves if curve.joint in pepper.joint_names]
+        foreign = [joint for joint in self.joint_names if joint not in pepper.joint_names]
+        if ignore == "foreign":
+            if not curves:
+                raise InvalidValueError(f"joints of {self.name}", ", ".join(foreign), "one of the robot's")
+        elif unknown := [joint for joint in foreign if joint not in ignore]:
+            raise UnknownNameError(f"joint of {self.name}", ", ".join(unknown), pepper.joint_names)
         # A value that is jumped to at the very end has to be there for a while to be seen.
         jumps = any(len(c.keys) > 1 and c.keys[-2].behind.kind == "constant" for c in curves)
         duration = self.duration + (_CYCLE if jumps else 0.0)
@@ -133,7 +135,7 @@ def import_timeline(
     timeline: Timeline,
     start: Array | None = None,
     *,
-    ignore: Sequence[str] = HANDS,
+    ignore: str | Sequence[str] = HANDS,
     rounding: float = 0.02,
 ) -> ImportedMotion:
     """Return an animation with what was unsafe in it and the motion that the robot can make.
@@ -142,12 +144,13 @@ def import_timeline(
         pepper: The robot.
         timeline: The animation.
         start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
-        ignore: Joints of the animation to leave out where the robot lacks them.
+        ignore: Joints of the animation to leave out where the robot lacks them, or "foreign"; see
+            `Timeline.to_trajectory`.
         rounding: As `enforce_limits` takes it [s].
 
     Raises:
-        UnknownNameError: for a joint that the robot lacks and `ignore` does not name.
-        InvalidValueError: for a start of the wrong shape, or a rounding out of range.
+        UnknownNameError: for joints that the robot lacks and `ignore` does not name.
+        InvalidValueError: for a start of the wrong shape, a rounding out of range, or no joint of the robot.
         InfeasibleError: where the robot could not even hold a position on the way.
     """
     original = timeline.to_trajectory(pepper, start, ignore=ignore)

@@ -373,7 +373,23 @@ def test_joints_that_the_robot_lacks(pepper):
         UnknownNameError, match=r"'LHipPitch' \(did you mean 'HipPitch'\?\); available: KneePitch"
     ):
         timeline.to_trajectory(pepper)
-    timeline.to_trajectory(pepper, ignore=("RHand", "LHipPitch"))
+    motion = timeline.to_trajectory(pepper, ignore=("RHand", "LHipPitch"))
+    assert timeline.to_trajectory(pepper, ignore="foreign") == motion
+    assert import_timeline(pepper, timeline, ignore="foreign").original == motion
+    nao = naoqi_timeline(["LHipPitch", "LAnklePitch"], [[1.0]] * 2, [[0.1]] * 2)
+    with pytest.raises(UnknownNameError, match=r"joint of keys 'LHipPitch, LAnklePitch'"):
+        nao.to_trajectory(pepper)
+    with pytest.raises(
+        InvalidValueError, match="joints of keys: got LHipPitch, LAnklePitch, expected one of"
+    ):
+        nao.to_trajectory(pepper, ignore="foreign")
+
+
+def test_units_that_a_file_leaves_open_are_degrees_and_shares(tmp_path):
+    stated, left_open = tmp_path / "stated.xar", tmp_path / "open.xar"
+    stated.write_text(BEHAVIOR)
+    left_open.write_text(BEHAVIOR.replace('unit="0"', 'unit="-1"').replace('unit="1"', 'unit="-1"'))
+    assert read_choregraphe(left_open) == read_choregraphe(stated)
 
 
 def test_wrong_values_of_the_parts():
