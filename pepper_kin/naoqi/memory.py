@@ -21,29 +21,42 @@ class Signal:
     """A signal: functions that are called with a value.
 
     `connect` returns a number for `disconnect`; a call of the signal emits it.
+
+    Args:
+        signature: Types of the values, which are not looked at.
+        on_subscribers: Called with whether somebody is connected, whenever that changes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, signature: str = "m", on_subscribers: Callable[[bool], Any] | None = None) -> None:
         self._callbacks: dict[int, Callable[..., Any]] = {}
         self._number = 0
         self._lock = threading.Lock()
+        self._on_subscribers = on_subscribers
 
     def connect(self, callback: Callable[..., Any], *_: Any, **__: Any) -> int:
         """Call a function whenever the signal is emitted; return its number."""
         with self._lock:
             self._number += 1
             self._callbacks[self._number] = callback
-            return self._number
+            number, first = self._number, len(self._callbacks) == 1
+        if first and self._on_subscribers is not None:
+            self._on_subscribers(True)
+        return number
 
     def disconnect(self, number: int, *_: Any) -> bool:
         """Call a function no longer; return whether it was connected."""
         with self._lock:
-            return self._callbacks.pop(number, None) is not None
+            known = self._callbacks.pop(number, None) is not None
+            last = known and not self._callbacks
+        if last and self._on_subscribers is not None:
+            self._on_subscribers(False)
+        return known
 
-    def disconnectAll(self) -> None:
+    def disconnectAll(self) -> bool:
         """Call nobody any longer."""
-        with self._lock:
-            self._callbacks.clear()
+        for number in tuple(self._callbacks):
+            self.disconnect(number)
+        return True
 
     def __call__(self, *values: Any) -> None:
         """Emit."""

@@ -24,12 +24,13 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.file_access.reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
-from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, set_broker, vision_definitions
+from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, qi_logging, set_broker, vision_definitions
 from pepper_kin.naoqi.simulated_time import TimeIsUp
 
 MODULES = {
     "naoqi": naoqi,
     "qi": qi,
+    "qi.logging": qi_logging,
     "almath": almath,
     "motion": motion,
     "vision_definitions": vision_definitions,

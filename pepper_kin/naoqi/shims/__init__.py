@@ -3,6 +3,6 @@
 They talk to a `Broker` in this process; `pepper_kin.naoqi.scripts` puts them in place while it runs a script.
 """
 
-from pepper_kin.naoqi.shims.proxy import current_broker, set_broker
+from pepper_kin.naoqi.shims.futures import current_broker, set_broker
 
 __all__ = ["current_broker", "set_broker"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from pepper_kin.naoqi.shims import qi as qi
-from pepper_kin.naoqi.shims.proxy import Post, Proxy, current_broker, find_module
+from pepper_kin.naoqi.shims.futures import current_broker
+from pepper_kin.naoqi.shims.proxy import Post, Proxy, find_module
 
 __all__ = ["ALBehavior", "ALBroker", "ALModule", "ALProxy", "createModule", "qi"]
 

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import builtins
+import inspect
 import threading
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
-from pepper_kin.naoqi.memory import Signal
-from pepper_kin.naoqi.shims.proxy import Future, Proxy, current_broker, find_module, run_async
+from pepper_kin.naoqi import memory
+from pepper_kin.naoqi.errors import quoted
+from pepper_kin.naoqi.shims import qi_logging as logging
+from pepper_kin.naoqi.shims.futures import (
+    Future,
+    FutureState,
+    Promise,
+    current_broker,
+    futureBarrier,
+    in_strand,
+    run_async,
+)
+from pepper_kin.naoqi.shims.proxy import Proxy, find_module
+from pepper_kin.naoqi.shims.qi_logging import Logger
 
 __all__ = [
     "Application",
@@ -20,9 +35,13 @@ __all__ = [
     "Property",
     "Session",
     "Signal",
+    "Strand",
     "async_",
     "bind",
     "clockNow",
+    "futureBarrier",
+    "logging",
+    "module",
     "multiThreaded",
     "nobind",
     "runAsync",
@@ -30,56 +49,136 @@ __all__ = [
     "sleep",
 ]
 
-AnyArguments = Dynamic = Void = Bool = Float = Double = Int32 = UInt32 = Int64 = String = object
-List = Map = Struct = Object = lambda *_: object
+
+URL = "tcp://127.0.0.1:9559"
 
 
-class FutureState:
-    """States of a future."""
+class Type:
+    """A type of libqi, by its signature; without arguments it is its own value: `qi.Int8() == qi.Int8`."""
 
-    None_, Running, Canceled, FinishedWithError, FinishedWithValue = 0, 1, 2, 3, 4
+    def __init__(self, signature: str) -> None:
+        self.signature = signature
+
+    def __call__(self, *inner: Type) -> Type:
+        """Return the type of a container of others."""
+        return Type(self.signature + "".join(one.signature for one in inner)) if inner else self
+
+    def __eq__(self, other: object) -> bool:
+        if self.signature in _CONTAINERS or getattr(other, "signature", "") in _CONTAINERS:
+            raise TypeError("a List, Map or Optional needs the types of what it holds")
+        return builtins.isinstance(other, Type) and self.signature == other.signature
+
+    def __hash__(self) -> int:
+        return hash(self.signature)
 
 
-class Promise:
-    """A future that somebody else fulfils."""
+_TYPES = {
+    "Void": "v", "Bool": "b", "Int8": "c", "UInt8": "C", "Int16": "w", "UInt16": "W", "Int32": "i",
+    "UInt32": "I", "Int64": "l", "UInt64": "L", "Float": "f", "Double": "d", "String": "s", "Raw": "r",
+    "Object": "o", "Dynamic": "m", "AnyArguments": "*", "Unknown": "X", "List": "[", "Map": "{",
+    "Struct": "(", "Optional": "+",
+}  # fmt: skip
+_CONTAINERS = ("[", "{", "+")
+globals().update({name: Type(signature) for name, signature in _TYPES.items()})
 
-    def __init__(self, *_: Any) -> None:
-        self._future = Future()
+
+def typeof(value: Any) -> Type:
+    """Return the type of a value: that of a proxy is Object, of others Dynamic."""
+    return Type("o" if builtins.isinstance(value, Proxy) else "m")
+
+
+def isinstance(value: Any, kind: Type) -> bool:
+    """Return whether a value has a type."""
+    return typeof(value) == kind
+
+
+class Signal(memory.Signal):
+    """A signal whose functions wait for others of their object, where that is `singleThreaded`."""
+
+    def connect(self, callback: Callable[..., Any], *arguments: Any, **named: Any) -> int:
+        """Call a function whenever the signal is emitted; return its number."""
+        return super().connect(in_strand(callback), *arguments, **named)
+
+    addCallback = connect
+
+
+class Property(Signal):
+    """A value with a signal.
+
+    Args:
+        signature: Of its values: "i", "s", "[f]", "{si}", "(ii)", or "+s" for one that may be None.
+        on_subscribers: See `Signal`.
+    """
+
+    def __init__(self, signature: str = "m", *on_subscribers: Any) -> None:
+        super().__init__(signature, *on_subscribers)
+        self._signature = str(signature)
+        kind = _KINDS.get(self._signature[:1])
+        self._value: Any = None if kind is None else kind()
+
+    def value(self) -> Any:
+        """Return the value."""
+        return self._value
 
     def setValue(self, value: Any) -> None:
-        """Fulfil it."""
-        self._future.finish(value)
+        """Set the value and emit it.
 
-    def setError(self, error: str) -> None:
-        """Let it fail."""
-        self._future.fail(RuntimeError(error))
+        Raises:
+            RuntimeError: for a value of another type.
+        """
+        kind = _KINDS.get(self._signature.removeprefix("+")[:1])
+        absent = value is None and self._signature.startswith("+")
+        fits = int | float if kind in (int, float, bool) else kind
+        if fits is not None and not absent and not builtins.isinstance(value, fits):
+            raise RuntimeError(f"cannot convert {quoted(value)} to the type {self._signature}")
+        self._value = value
+        self(value)
 
-    def setCanceled(self) -> None:
-        """Cancel it."""
-        self._future.fail(RuntimeError("Future canceled"))
 
-    def future(self) -> Future:
-        """Return the future."""
-        return self._future
+_KINDS: dict[str, Any] = dict.fromkeys("cCwWiIlL", int) | {
+    "b": bool, "f": float, "d": float, "s": str, "[": list, "{": dict, "(": tuple,
+}  # fmt: skip
+
+
+class Strand:
+    """Calls one after another."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def async_(self, function: Callable[..., Any], *arguments: Any, delay: float = 0.0) -> Future:
+        """Call a function beside the caller, when no other call of this strand runs, after a delay [us]."""
+
+        def alone() -> Any:
+            with self._lock:
+                return function(*arguments)
+
+        return run_async(alone, delay=delay)
 
 
 class Session:
     """A session with the twin, whatever address is named."""
 
     def __init__(self, *_: Any) -> None:
-        self._connected = False
+        self._connected, self._own = False, dict[int, str]()
         self.connected, self.disconnected = Signal(), Signal()
-        self.serviceRegistered, self.serviceUnregistered = Signal(), Signal()
+        self.serviceRegistered, self.serviceUnregistered = _REGISTERED, _UNREGISTERED
 
     def connect(self, *_: Any, _async: bool = False, **__: Any) -> Any:
         """Connect."""
         current_broker()
         self._connected = True
-        return run_async(lambda: None) if _async else None
+        self.connected()
+        return Future(None) if _async else None
 
-    def close(self, *_: Any, **__: Any) -> None:
-        """Disconnect."""
-        self._connected = False
+    def close(self, *_: Any, _async: bool = False, **__: Any) -> Any:
+        """Disconnect; services that it registered end."""
+        if self._connected:
+            self._connected = False
+            self.disconnected("closed")
+        for number in tuple(self._own):
+            self.unregisterService(number)
+        return Future(None) if _async else None
 
     def isConnected(self) -> bool:
         """Return whether it is connected."""
@@ -87,63 +186,125 @@ class Session:
 
     def url(self) -> str:
         """Return the address."""
-        return "tcp://127.0.0.1:9559"
+        return URL
+
+    def endpoints(self) -> list[str]:
+        """Return the addresses."""
+        return [URL]
 
     def service(self, name: str, *_: Any, _async: bool = False) -> Any:
         """Return a module."""
-        return run_async(lambda: Proxy(find_module(name))) if _async else Proxy(find_module(name))
 
-    def waitForService(self, name: str, *_: Any, **__: Any) -> None:
-        """Return once there is a module, which is at once."""
-        find_module(name)
+        def find() -> Proxy:
+            return Proxy(self if name == "ServiceDirectory" else find_module(name))
+
+        return run_async(find) if _async else find()
+
+    def waitForService(self, name: str, timeout: int = 300_000, *_: Any, _async: bool = False) -> Any:
+        """Return once there is a module, or after a time [ms].
+
+        Raises:
+            RuntimeError: where there is none by then.
+        """
+        futures: list[Future] = []
+
+        def known() -> bool:
+            return name in current_broker().module_names or any(one.isCancelRequested() for one in futures)
+
+        def wait() -> None:
+            if not current_broker().body.time.wait_until(known, timeout / 1000.0):
+                raise RuntimeError(f"no service '{name}' came in {timeout} ms")
+
+        futures += [run_async(wait)] if _async else []
+        return futures[0] if futures else wait()
 
     def services(self, *_: Any) -> list[dict[str, Any]]:
         """Return the modules."""
         return [{"name": name, "serviceId": k + 1} for k, name in enumerate(current_broker().module_names)]
 
     def registerService(self, name: str, service: Any, *_: Any) -> int:
-        """Register a module of the script; return its number."""
+        """Register a module of the script; return its number.
+
+        Raises:
+            RuntimeError: for a method without `self`, or types that are none.
+        """
+        for method_name, method in inspect.getmembers(type(service), inspect.isfunction):
+            static = builtins.isinstance(inspect.getattr_static(type(service), method_name), staticmethod)
+            returns, parameters = getattr(method, "__qi_types__", (None, None))
+            listed = parameters if builtins.isinstance(parameters, list | tuple) else [parameters]
+            if not (static or inspect.signature(method).parameters):
+                raise RuntimeError(f"{name}::{method_name} has no self")
+            if any(not (one is None or builtins.isinstance(one, Type)) for one in (returns, *listed)):
+                raise RuntimeError(f"{name}::{method_name} has types that are none of qi's")
         current_broker().add_module(name, service)
-        return len(current_broker().module_names)
+        number = len(current_broker().module_names)
+        self._own[number] = name
+        _REGISTERED(number, name)
+        return number
 
-    def unregisterService(self, *_: Any) -> None:
-        """Accept: modules of scripts end with them."""
+    def unregisterService(self, number: int) -> None:
+        """End a service that the script registered."""
+        name = self._own.pop(number, None)
+        if name is None:
+            raise RuntimeError(f"no service of this session has the number {number}")
+        current_broker().remove_module(name)
+        _UNREGISTERED(number, name)
 
-    def listenStandalone(self, *_: Any) -> None:
-        """Accept: others connect to `pepper-kin naoqi`."""
+    def listenStandalone(self, *_: Any, **__: Any) -> None:
+        """Connect: others connect to `pepper-kin naoqi`."""
+        self.connect()
 
-    def loadServiceRename(self, *_: Any) -> None:
-        """Accept."""
+    def loadServiceRename(self, name: str, *_: Any) -> None:
+        """Refuse by name, as `module` does."""
+        module(name)
+
+
+_REGISTERED, _UNREGISTERED = Signal(), Signal()
 
 
 class Application:
     """An application with a session."""
 
-    def __init__(self, args: Any = None, *_: Any, url: str = "", **__: Any) -> None:
+    def __init__(self, args: Any = None, *_: Any, url: str = "", autoExit: bool = True, **__: Any) -> None:
         self.session = Session()
-        self.session.connect()
-        self._ended = threading.Event()
-        self.url = url or "tcp://127.0.0.1:9559"
+        self._ended, self._runs = threading.Event(), False
+        self._at_run: list[Callable[[], Any]] = []
+        self._at_stop: list[Callable[[], Any]] = []
+        words = [str(word) for word in args or ()]
+        named = [b for a, b in pairwise(words) if a == "--qi-url"]
+        named += [word.partition("=")[2] for word in words if word.startswith("--qi-url=")]
+        self.url = named[-1] if named else url or URL
 
     def start(self) -> None:
-        """Connect, which is done."""
+        """Connect."""
+        if not self.session.isConnected():
+            self.session.connect(self.url)
 
     def run(self) -> None:
         """Let time pass until `stop`."""
-        clock = current_broker().body.time
+        self.start()
+        clock, self._runs = current_broker().body.time, True
+        while self._at_run:
+            self._at_run.pop(0)()
         while not self._ended.is_set():
             clock.sleep(0.1)
+        while self._at_stop:
+            self._at_stop.pop(0)()
 
     def stop(self) -> None:
         """End `run`."""
         self._ended.set()
 
     def atRun(self, callback: Callable[[], Any]) -> None:
-        """Call a function when it runs, which is now."""
-        callback()
+        """Call a function when it runs, at once where it does."""
+        if self._runs:
+            callback()
+        else:
+            self._at_run.append(callback)
 
     def atStop(self, callback: Callable[[], Any]) -> None:
-        """Accept."""
+        """Call a function when `run` ends."""
+        self._at_stop.append(callback)
 
 
 ApplicationSession = Application
@@ -159,7 +320,7 @@ class PeriodicTask:
 
     def setCallback(self, callback: Callable[[], Any]) -> None:
         """Set the function."""
-        self._callback = callback
+        self._callback = in_strand(callback)
 
     def setUsPeriod(self, period: float) -> None:
         """Set the time between two calls [us]."""
@@ -199,59 +360,55 @@ class PeriodicTask:
         return self._thread is not None and self._thread.is_alive() and not self._ended.is_set()
 
 
-class Property(Signal):
-    """A value with a signal."""
-
-    def __init__(self, *_: Any) -> None:
-        super().__init__()
-        self._value: Any = None
-
-    def value(self) -> Any:
-        """Return the value."""
-        return self._value
-
-    def setValue(self, value: Any) -> None:
-        """Set the value and emit it."""
-        self._value = value
-        self(value)
-
-
-class Logger:
-    """Messages of a category, kept in the twin's log."""
-
-    def __init__(self, category: str = "") -> None:
-        self._category = category
-
-    def _log(self, text: Any, *_: Any) -> None:
-        current_broker().log(f"{self._category}: {text}")
-
-    verbose = info = warning = error = fatal = debug = _log
-
-
 def runAsync(function: Callable[..., Any], *arguments: Any, **named: Any) -> Future:
     """Call a function beside the caller."""
     return run_async(function, *arguments, **named)
 
 
 async_ = runAsync
+fatal, error, warning = logging.fatal, logging.error, logging.warning
+info, verbose, debug = logging.info, logging.verbose, logging.debug
 
 
-def bind(*_: Any, **__: Any) -> Callable[[Any], Any]:
-    """Return a decorator that changes nothing: types need no binding in one process."""
-    return lambda method: method
+def bind(returns: Any = None, parameters: Any = None, name: str | None = None) -> Callable[[Any], Any]:
+    """Return a decorator that gives a method another name; its types are looked at when it is registered."""
+
+    def named(method: Any) -> Any:
+        if name is not None:
+            method.__qi_name__ = name
+        method.__qi_types__ = (returns, parameters)
+        return method
+
+    return named
 
 
 def nobind(method: Any) -> Any:
-    """Return the method."""
+    """Hide a method from those who use the service."""
+    method.__qi_name__ = None
     return method
 
 
-def multiThreaded(*_: Any) -> Callable[[Any], Any]:
-    """Return a decorator that changes nothing."""
-    return lambda kind: kind
+def _threading(kind: str) -> Callable[[], Callable[[Any], Any]]:
+    def decorator() -> Callable[[Any], Any]:
+        def mark(marked: Any) -> Any:
+            marked.__qi_threading__ = kind
+            return marked
+
+        return mark
+
+    return decorator
 
 
-singleThreaded = multiThreaded
+multiThreaded, singleThreaded = _threading("multi"), _threading("single")
+
+
+def module(name: str) -> Any:
+    """Refuse by name: modules of libqi are compiled for the robot.
+
+    Raises:
+        RuntimeError: always.
+    """
+    raise RuntimeError(f"qi.module: the module {quoted(name)} is compiled code that the twin does not have")
 
 
 def clockNow() -> int:
@@ -269,8 +426,3 @@ def sleep(seconds: float) -> None:
 
 def listen(*_: Any) -> None:
     """Accept."""
-
-
-def logging(category: str = "") -> Logger:
-    """Return a logger."""
-    return Logger(category)
