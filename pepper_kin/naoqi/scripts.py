@@ -6,24 +6,23 @@ Python 3, and Python 2 that says `from naoqi import ALProxy`.
 from __future__ import annotations
 
 import builtins
+import ctypes
 import math
-import re
+import signal
 import sys
+import threading
 import time as wall
 import types
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
-from pepper_kin.file_access.reading import read_bytes
 from pepper_kin.naoqi.broker import Broker
+from pepper_kin.naoqi.python2 import ScriptImports, begin, program
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, qi_logging, set_broker, vision_definitions
 from pepper_kin.naoqi.simulated_time import TimeIsUp
 
@@ -37,8 +36,8 @@ MODULES = {
 }
 """Modules that scripts import -> what stands in for them."""
 
-_RESERVED = re.compile(r"\.async\b")
-_ASYNC_ARGUMENT = re.compile(r"\basync\s*=")
+LOOK_EVERY = 0.25
+"""Time between two looks for a script that lets no time pass [s]."""
 
 
 @dataclass(frozen=True)
@@ -61,46 +60,6 @@ class ScriptResult:
     def success(self) -> bool:
         """Whether it ran to its end, or to that of its time."""
         return self.ended in ("completed", "time is up") or (self.ended == "exited" and self.code == 0)
-
-
-def python3_source(path: Path) -> str:
-    """Return the source of a script as Python 3; scripts in Python 2 are translated.
-
-    Raises:
-        FileFormatError: naming the line, for a script that is neither.
-    """
-    text = read_bytes(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
-    source = _RESERVED.sub(".async_", _ASYNC_ARGUMENT.sub("_async=", text))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            compile(source, str(path), "exec")
-        return source
-    except SyntaxError as first:
-        return _translated(path, source, first)
-    except (ValueError, RecursionError, MemoryError) as error:
-        raise FileFormatError(path, f"cannot be compiled by Python: {error}") from error
-
-
-def _translated(path: Path, source: str, first: SyntaxError) -> str:
-    """Return a script in Python 2 as Python 3, by the translator that comes with Python (or `fissix`)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        package = next((name for name in ("lib2to3", "fissix") if find_spec(name) is not None), None)
-        if package is None:
-            reason = "is written in Python 2; translating it needs: pip install fissix"
-            raise FileFormatError(path, reason, first.lineno) from first
-        refactor = import_module(f"{package}.refactor")
-        fixers = refactor.get_fixers_from_package(f"{package}.fixes")
-        tool = refactor.RefactoringTool(fixers)
-        try:
-            text = str(tool.refactor_string(source.expandtabs(8).rstrip() + "\n", str(path)))
-            compile(text, str(path), "exec")
-        except Exception as error:
-            raise FileFormatError(
-                path, f"is neither Python 3 nor Python 2: {first.msg}", first.lineno
-            ) from error
-    return text
 
 
 class ScriptTime(types.ModuleType):
@@ -135,10 +94,12 @@ class ScriptTime(types.ModuleType):
 
 
 @contextmanager
-def stand_ins(broker: Broker, folder: Path, longest: float | None) -> Iterator[None]:
+def stand_ins(
+    broker: Broker, folder: Path, longest: float | None, reads: Callable[..., str]
+) -> Iterator[None]:
     """Let imports find the stand-ins, and those of the script's folder the twin's clock."""
     before = {name: sys.modules.get(name) for name in MODULES}
-    clock = ScriptTime(broker, longest)
+    clock, finder = ScriptTime(broker, longest), ScriptImports(folder, reads)
     imported = builtins.__import__
     own = str(folder.resolve())
 
@@ -153,11 +114,15 @@ def stand_ins(broker: Broker, folder: Path, longest: float | None) -> Iterator[N
     set_broker(broker)
     builtins.__import__ = import_
     sys.path.insert(0, own)
+    sys.meta_path.insert(0, finder)
     try:
         yield
     finally:
         builtins.__import__ = imported
         sys.path.remove(own)
+        sys.meta_path.remove(finder)
+        for name in finder.loaded:
+            sys.modules.pop(name, None)
         set_broker(None)
         for name, module in before.items():
             if module is None:
@@ -188,29 +153,22 @@ def run_script(
     if longest is not None and not longest > 0:
         raise InvalidValueError("longest", longest, "a time above 0 [s]")
     script = as_path(path)
-    code = compile(python3_source(script), str(script), "exec")
+    code, old = program(script)
     module = types.ModuleType("__main__")
     module.__file__ = str(script.resolve())
-    names = {
-        "raw_input": _no_input,
-        "input": _no_input,
-        "unicode": str,
-        "xrange": range,
-        "long": int,
-        "basestring": str,
-    }
-    for name, value in names.items():
-        if not (name == "input" and sys.stdin is not None and sys.stdin.isatty()):
-            module.__dict__[name] = value
+    reads = input if sys.stdin is not None and sys.stdin.isatty() else _no_input
     main, argv = sys.modules["__main__"], sys.argv
     begun = broker.body.time.now
     ended, status = "completed", 0
     error: BaseException | None = None
-    with stand_ins(broker, script.parent, None if longest is None else begun + longest):
+    with (
+        stand_ins(broker, script.parent, None if longest is None else begun + longest, reads),
+        _standstill(broker, longest) as stuck,
+    ):
         broker.body.time.limit(math.inf if longest is None else begun + longest)
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:
-            exec(code, module.__dict__)
+            begin(code, old, module.__dict__, reads)
         except TimeIsUp:
             ended = "time is up"
         except SystemExit as exit_:
@@ -219,13 +177,51 @@ def run_script(
             if exit_.code is not None and not isinstance(exit_.code, int):
                 print(exit_.code, file=sys.stderr)  # as Python does
         except KeyboardInterrupt as interrupt:
-            ended, status, error = "interrupted", 130, interrupt
+            if stuck.is_set():
+                ended = "time is up"
+            else:
+                ended, status, error = "interrupted", 130, interrupt
         except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:
             broker.body.time.limit(math.inf)
             sys.modules["__main__"], sys.argv = main, argv
     return ScriptResult(ended, status, broker.body.time.now - begun, error)
+
+
+@contextmanager
+def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Event]:
+    """Interrupt a script that computes, reads or waits elsewhere while no time of the twin passes.
+
+    Where the twin's clock stands that of the wall counts, so that a script ends after `longest` [s] at most,
+    whatever it does; one that goes on after Ctrl-C is interrupted again every second.
+    """
+    stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
+    clock = broker.body.time
+
+    def watch() -> None:
+        begun = seen = clock.now
+        stood, looked = 0.0, wall.monotonic()
+        while longest is not None and not over.wait(LOOK_EVERY):
+            now, at = clock.now, wall.monotonic()
+            stood += (at - looked) if now == seen else 0.0
+            seen, looked = now, at
+            if now - begun + stood >= longest and stood > 0.0:
+                stuck.set()
+                if thread == threading.main_thread().ident:
+                    signal.pthread_kill(thread, signal.SIGINT)  # also ends what waits in the system
+                else:
+                    interrupt = ctypes.py_object(KeyboardInterrupt)
+                    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupt)
+                over.wait(1.0)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield stuck
+    finally:
+        over.set()
+        watcher.join()
 
 
 def _no_input(prompt: object = "") -> str:

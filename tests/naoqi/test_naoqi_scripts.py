@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+import traceback
 from pathlib import Path
 
 import numpy as np
@@ -164,3 +165,81 @@ def test_a_recording_too_short_for_a_run_hides_nothing_of_the_script(run, tmp_pa
     assert done.returncode == 1
     assert "Not written: run.csv: fewer than two cycles" in done.stderr
     assert "ValueError: the reason" in done.stderr
+
+
+def output_of(broker, folder, capsys, text, modules=(), longest=5.0):
+    for name, content in [("main.py", text), *modules]:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(content)
+    result = run_script(folder / "main.py", broker=broker, longest=longest)
+    return result, capsys.readouterr().out
+
+
+def test_modules_beside_a_script_are_translated_and_forgotten(broker, tmp_path, capsys):
+    half = "from naoqi import ALProxy\nimport time\ndef half(x):\n\ttime.sleep(0.5)\n        return x / 2\n"
+    deep = "NAME = u'deep'\nprint 'deep is read'\n"
+    modules = [("tools.py", half), ("parts/__init__.py", ""), ("parts/deep.py", deep)]
+    text = "from tools import half\nimport parts.deep as deep\nprint half(5), deep.NAME\n"
+    result, out = output_of(broker, tmp_path, capsys, text, modules)
+    assert result.success, result.error
+    assert out == "deep is read\n2 deep\n"
+    assert result.duration == pytest.approx(0.5)
+    assert not {"tools", "parts", "parts.deep"} & set(sys.modules)
+
+
+@pytest.mark.parametrize(
+    ("program", "printed"),
+    [
+        ("from naoqi import ALProxy\nx = 7\nx /= 2\nprint(x, 7 / 2, 7.0 / 2, -7 / 2)", "(3, 3, 3.5, -4)"),
+        ("from __future__ import division\nimport naoqi\nprint 7 / 2", "3.5"),
+        ("print(7 / 2, round(2.5))", "3.5 2"),
+        ("import Queue, urllib2, ConfigParser, StringIO\nq = Queue.Queue()\nq.put(1)\nprint q.get(), "
+         "urllib2.quote('a b'), StringIO.StringIO('x').read(), ConfigParser.ConfigParser.__name__",
+         "1 a%20b x ConfigParser"),
+        ("picture = bytes(bytearray([1, 2, 255]))\nprint map(ord, picture), [ord(c) for c in 'ab']",
+         "[1, 2, 255] [97, 98]"),
+        ("import numpy\nfrom naoqi import ALProxy\n"
+         "print(numpy.fromstring(bytes(bytearray([1, 2])), numpy.uint8).tolist())", "[1, 2]"),
+        ("print '\u00e9'.decode('utf-8') + u'!'.encode('utf8'), 'ff'.decode('hex')[0]", "\u00e9! \u00ff"),
+        ("d = {'a': 1}\nprint d.has_key('a'), d.keys() + [2], d.items()", "True ['a', 2] [('a', 1)]"),
+        ("print round(2.5), cmp(1, 2), reduce(lambda a, b: a + b, xrange(4)), raw_input()", "\n3.0 -1 6 "),
+        ("exec 'y = 3'\nprint y, 0777, 5L, `y`, 1 <> 2", "3 511 5 3 True"),
+    ],
+)  # fmt: skip
+def test_programs_mean_what_they_meant_in_python_2(broker, tmp_path, capsys, program, printed):
+    result, out = output_of(broker, tmp_path, capsys, "# -*- coding: utf-8 -*-\n" + program + "\n")
+    assert result.success, result.error
+    assert out == printed + "\n"
+
+
+def test_errors_name_the_line_of_the_program(broker, tmp_path, capsys):
+    text = "import urllib2\n\nprint 'one'\n\ndef wrong():\n    return 1 / 0\n\nwrong()\n"
+    result, _ = output_of(broker, tmp_path, capsys, text)
+    assert isinstance(result.error, ZeroDivisionError)
+    frames = traceback.extract_tb(result.error.__traceback__)
+    assert [frame.lineno for frame in frames if frame.filename.endswith("main.py")] == [8, 6]
+    with pytest.raises(FileFormatError, match=r"main\.py:4: is neither Python 3 nor Python 2"):
+        output_of(broker, tmp_path, capsys, "print 'one'\nprint 'two'\n\nif then x:\n    pass\n")
+
+
+@pytest.mark.parametrize(
+    "waits",
+    [
+        "import time\nwhile True:\n    time.sleep(0.1)",
+        "while True:\n    pass",
+        "while raw_input('again?') != 'q':\n    pass",
+        "import socket\ns = socket.socket()\ns.bind(('127.0.0.1', 0))\ns.listen(1)\ns.accept()",
+        "import threading\nthreading.Event().wait()",
+        "import threading as t\nx = t.Thread(target=t.Event().wait, daemon=True)\nx.start()\nx.join()",
+        "import qi\napp = qi.Application()\napp.run()",
+        "import qi\nqi.Promise().future().value()",
+        "from naoqi import ALProxy\nm = ALProxy('ALMemory')\nwhile not m.getData('FaceDetected'):\n    pass",
+        "import select\nselect.select([], [], [])",
+        "try:\n    while True:\n        pass\nexcept KeyboardInterrupt:\n    while True:\n        pass",
+    ],
+)
+def test_a_program_that_waits_ends_when_its_time_is_up(broker, tmp_path, capsys, waits):
+    broker.memory.insertData("FaceDetected", [])
+    result, _ = output_of(broker, tmp_path, capsys, waits + "\n", longest=1.0)
+    assert result.ended in ("time is up", "completed")
+    assert result.success

@@ -1,0 +1,286 @@
+"""Programs in Python 2: translated as they are imported, with the names and the strings that they know.
+
+`lib2to3` (or `fissix`) translates the syntax.  What it leaves is done here: whole numbers divide to whole
+numbers, text and bytes are one kind of string as far as programs for robots use that, and modules of the
+standard library have their old names.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import codecs
+import functools
+import importlib
+import math
+import re
+import sys
+import types
+import warnings
+from collections.abc import Callable, Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access.reading import read_bytes
+
+OLD_MODULES = {
+    "BaseHTTPServer": ("http.server",),
+    "ConfigParser": ("configparser",),
+    "Cookie": ("http.cookies",),
+    "HTMLParser": ("html.parser",),
+    "Queue": ("queue",),
+    "SimpleHTTPServer": ("http.server",),
+    "SocketServer": ("socketserver",),
+    "StringIO": ("io",),
+    "Tkinter": ("tkinter",),
+    "__builtin__": ("builtins",),
+    "cPickle": ("pickle",),
+    "cStringIO": ("io",),
+    "commands": ("subprocess",),
+    "cookielib": ("http.cookiejar",),
+    "copy_reg": ("copyreg",),
+    "httplib": ("http.client",),
+    "thread": ("_thread",),
+    "tkFileDialog": ("tkinter.filedialog",),
+    "tkMessageBox": ("tkinter.messagebox",),
+    "tkFont": ("tkinter.font",),
+    "ttk": ("tkinter.ttk",),
+    "urllib2": ("urllib.parse", "urllib.error", "urllib.request"),
+    "urlparse": ("urllib.parse",),
+    "xmlrpclib": ("xmlrpc.client",),
+}
+"""Old name of a module -> those that have its contents."""
+
+_OLD_NAMES = {"xrange", "raw_input", "unicode", "basestring", "long", "unichr", "execfile", "reduce", "cmp"}
+_OLD_METHODS = {"has_key", "iteritems", "itervalues", "iterkeys"}
+_OF_STRINGS = {"decode", "encode", "fromstring", "tostring"}
+_RESERVED = re.compile(r"\.async\b")
+_ASYNC_ARGUMENT = re.compile(r"\basync\s*=")
+_TRUE_DIVISION = re.compile(r"^\s*from\s+__future__\s+import\s[^\n]*\bdivision\b", re.MULTILINE)
+
+
+def program(path: Path) -> tuple[types.CodeType, bool]:
+    """Return the code of a script or of a module that it imports, and whether it is in Python 2.
+
+    A text that Python 3 can read is taken for Python 2 where it imports modules or uses names that only
+    Python 2 has, `naoqi` among them.
+
+    Raises:
+        FileFormatError: naming the line, for a text that is neither.
+    """
+    text = read_bytes(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    source = _RESERVED.sub(".async_", _ASYNC_ARGUMENT.sub("_async=", text))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(source, str(path))
+            if not _is_old(tree):
+                return compile(tree, str(path), "exec"), False
+        first = None
+    except SyntaxError as error:
+        first = error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise FileFormatError(path, f"cannot be compiled by Python: {error}") from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            tree = ast.parse(_translated(path, source, first), str(path))
+        except FileFormatError:
+            if first is not None:
+                raise  # otherwise it is Python 3 with an old name or two
+        tree = _OldMeaning(_TRUE_DIVISION.search(source) is None).visit(tree)
+        return compile(ast.fix_missing_locations(tree), str(path), "exec"), True
+
+
+def _is_old(tree: ast.AST) -> bool:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import) and any(one.name in (*OLD_MODULES, "naoqi") for one in node.names):
+            return True
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module in (*OLD_MODULES, "naoqi"):
+            return True
+        if isinstance(node, ast.Name) and node.id in _OLD_NAMES and isinstance(node.ctx, ast.Load):
+            return True
+        if isinstance(node, ast.Attribute) and node.attr in _OLD_METHODS:
+            return True
+    return False
+
+
+def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
+    """Return a text in Python 2 as Python 3, by the translator that comes with Python (or `fissix`)."""
+    package = next((name for name in ("lib2to3", "fissix") if find_spec(name) is not None), None)
+    if package is None:
+        reason = "is written in Python 2; translating it needs: pip install fissix"
+        raise FileFormatError(path, reason, None if first is None else first.lineno)
+    tool = _translator(package)
+    try:
+        text = str(tool.refactor_string(source.expandtabs(8).rstrip() + "\n", str(path)))
+        compile(text, str(path), "exec")
+    except Exception as error:
+        line, said = first.lineno if first is not None else None, first.msg if first is not None else error
+        context = getattr(error, "context", None)  # of the translator's parser, which reads Python 2
+        if context:
+            line, said = context[1][0], "invalid syntax"
+        raise FileFormatError(path, f"is neither Python 3 nor Python 2: {said}", line) from error
+    return text
+
+
+@functools.cache
+def _translator(package: str) -> Any:
+    refactor = importlib.import_module(f"{package}.refactor")
+    return refactor.RefactoringTool(refactor.get_fixers_from_package(f"{package}.fixes"))
+
+
+class _OldMeaning(ast.NodeTransformer):
+    """Lets operations mean what they meant.
+
+    Args:
+        whole: Whether whole numbers divide to whole numbers.
+    """
+
+    def __init__(self, whole: bool) -> None:
+        self._whole = whole
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        self.generic_visit(node)
+        if not (self._whole and isinstance(node.op, ast.Div)):
+            return node
+        return ast.copy_location(_call("__divided__", [node.left, node.right]), node)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        self.generic_visit(node)
+        if not (self._whole and isinstance(node.op, ast.Div)):
+            return node
+        read = ast.parse(ast.unparse(node.target), mode="eval").body
+        found = ast.Assign([node.target], _call("__divided__", [read, node.value]))
+        return ast.copy_location(found, node)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        if not (isinstance(node.func, ast.Attribute) and node.func.attr in _OF_STRINGS):
+            return node
+        first = [node.func.value, ast.Constant(node.func.attr)]
+        return ast.copy_location(_call("__of_string__", [*first, *node.args], node.keywords), node)
+
+
+def _call(name: str, arguments: Sequence[ast.expr], named: Sequence[ast.keyword] = ()) -> ast.Call:
+    return ast.Call(ast.Name(name, ast.Load()), list(arguments), list(named))
+
+
+def _divided(a: Any, b: Any) -> Any:
+    return a // b if isinstance(a, int) and isinstance(b, int) else a / b
+
+
+def _of_string(value: Any, method: str, *arguments: Any, **named: Any) -> Any:
+    """Call a method of strings, whose two kinds were one; of pictures and arrays those that replaced it."""
+    if method in ("encode", "decode") and isinstance(value, str):
+        codec = str(arguments[0] if arguments else named.get("encoding", "ascii"))
+        if codec.replace("-", "_").lower() in ("hex", "hex_codec", "base64", "rot13", "string_escape"):
+            coded = getattr(codecs, method)(value.encode("latin-1"), codec.replace("string", "unicode"))
+            return coded.decode("latin-1") if isinstance(coded, bytes) else coded
+        return value
+    if method == "fromstring" and not hasattr(value, "fromstring") and hasattr(value, "frombytes"):
+        return value.frombytes(*arguments, **named)  # pictures of PIL
+    if method == "fromstring" and hasattr(value, "frombuffer") and not named.get("sep"):
+        data = arguments[0]
+        return value.frombuffer(
+            data.encode("latin-1") if isinstance(data, str) else data, *arguments[1:], **named
+        )
+    if method == "tostring" and hasattr(value, "tobytes"):
+        return value.tobytes(*arguments, **named)
+    return getattr(value, method)(*arguments, **named)
+
+
+def _ord(character: Any) -> int:
+    return character if isinstance(character, int) else builtins.ord(character)  # of bytes, which are numbers
+
+
+def _round(number: float, digits: int = 0) -> float:
+    scaled = abs(number) * 10.0**digits
+    return math.copysign(math.floor(scaled + 0.5) / 10.0**digits, number) if math.isfinite(scaled) else number
+
+
+def run(path: Path, space: dict[str, Any], reads: Callable[..., str]) -> None:
+    """Run a program in a space of names; see `program`.
+
+    Args:
+        path: Its file.
+        space: Receives what it defines.
+        reads: What reads a line that somebody types.
+    """
+    code, old = program(path)
+    begin(code, old, space, reads)
+
+
+def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callable[..., str]) -> None:
+    """Run the code of a program with the built-in names that it knows; see `run`."""
+    names = vars(builtins) | {
+        "basestring": str, "input": reads, "long": int, "raw_input": reads, "unicode": str, "xrange": range,
+    }  # fmt: skip
+
+    def execfile(path: str, globals: dict[str, Any] | None = None, locals: Any = None) -> None:
+        inner = sys._getframe(1).f_globals if globals is None else globals
+        exec(program(Path(path))[0], inner, inner if locals is None else locals)
+
+    if old:
+        names |= _OLD_BUILTINS | {"execfile": execfile}
+    space["__builtins__"] = names
+    exec(code, space)
+
+
+_OLD_BUILTINS: dict[str, Any] = {
+    "__divided__": _divided,
+    "__of_string__": _of_string,
+    "apply": lambda f, arguments=(), named=None: f(*arguments, **(named or {})),
+    "buffer": memoryview,
+    "cmp": lambda a, b: (a > b) - (a < b),
+    "file": open,
+    "intern": sys.intern,
+    "ord": _ord,
+    "reduce": functools.reduce,
+    "reload": importlib.reload,
+    "round": _round,
+    "unichr": chr,
+}
+
+
+class ScriptImports(MetaPathFinder, Loader):
+    """Finds the modules beside a script, translated, and those of the standard library by their old names.
+
+    Args:
+        folder: Where the script lies.
+        reads: What reads a line that somebody types.
+    """
+
+    def __init__(self, folder: Path, reads: Callable[..., str]) -> None:
+        self._folder, self._reads = str(folder.resolve()), reads
+        self.loaded: list[str] = []
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """Return how a module is loaded; None where others know."""
+        spec = PathFinder.find_spec(name, [self._folder] if path is None else path)
+        if spec is None or not str(spec.origin or "").startswith(self._folder):
+            return ModuleSpec(name, self) if name in OLD_MODULES and spec is None else None
+        self.loaded.append(name)
+        if not str(spec.origin).endswith(".py"):
+            return spec
+        own = ModuleSpec(
+            name, self, origin=spec.origin, is_package=spec.submodule_search_locations is not None
+        )
+        own.submodule_search_locations = spec.submodule_search_locations
+        own.has_location = True
+        return own
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        """Fill a module."""
+        name, origin = module.__name__, getattr(module.__spec__, "origin", None)
+        if origin is None:
+            self.loaded.append(name)
+            for new in OLD_MODULES[name]:
+                contents = vars(importlib.import_module(new)).items()
+                module.__dict__.update({key: value for key, value in contents if key[:2] != "__"})
+        else:
+            run(Path(origin), module.__dict__, self._reads)
