@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pepper_kin.exceptions import PepperKinError, shortened
 
-__all__ = ["NaoqiError", "NotSimulatedError", "RefusedByRobotError", "RobotConnectionError"]
+__all__ = [
+    "MissingMethodError",
+    "NaoqiError",
+    "NotSimulatedError",
+    "RefusedByRobotError",
+    "RobotConnectionError",
+]
 
 
 class NaoqiError(PepperKinError, RuntimeError):
@@ -19,6 +25,15 @@ class NaoqiError(PepperKinError, RuntimeError):
     def __init__(self, module: str, method: str, reason: str) -> None:
         self.module, self.method, self.reason = module, method, reason
         super().__init__(f"{module}::{method}\n\t{reason}")
+
+
+class MissingMethodError(NaoqiError, AttributeError):
+    """A method that the module does not have on the robot either; also an AttributeError, for `hasattr`."""
+
+    def __init__(self, module: str, method: str, near: list[str]) -> None:
+        hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+        super().__init__(module, method, f"no such method{hint}")
+        self.args = (f"{module}::{method}: {self.reason}",)
 
 
 class NotSimulatedError(NaoqiError):

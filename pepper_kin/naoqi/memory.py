@@ -110,7 +110,8 @@ class ALMemory(Module):
         """Press or release a bumper or a touch sensor of the twin, and raise its events."""
         (self.devices.pressed.add if pressed else self.devices.pressed.discard)(sensor)
         self.raiseEvent(table("devices")["events"][sensor], float(pressed))
-        self.raiseEvent("TouchChanged", [[sensor, bool(pressed), []]])
+        names = [name for name, own in table("devices")["touches"].items() if own == sensor]
+        self.raiseEvent("TouchChanged", [[name, bool(pressed), []] for name in names])
 
     # Data.
 

@@ -6,11 +6,18 @@ import functools
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.naoqi.errors import NaoqiError, NotSimulatedError, RefusedByRobotError, quoted
+from pepper_kin.naoqi.errors import (
+    MissingMethodError,
+    NaoqiError,
+    NotSimulatedError,
+    RefusedByRobotError,
+    quoted,
+)
 from pepper_kin.naoqi.simple_methods import simple_methods
 from pepper_kin.naoqi.tables import rows
 
@@ -95,9 +102,7 @@ class Module:
         why = self.not_simulated.get(name)
         if why is None:
             if not any(s.module == self.name and s.name == name for s in robot_signatures()):
-                raise AttributeError(
-                    f"{self.name} has no method {name!r}; it has: {', '.join(self.getMethodList())}"
-                )
+                raise MissingMethodError(self.name, name, get_close_matches(name, self.getMethodList(), 2))
             why = "the twin has nothing that it could act on"
 
         def refuse(*_: object) -> None:

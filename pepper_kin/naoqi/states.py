@@ -111,13 +111,14 @@ class ALTouch(Module):
     name = "ALTouch"
 
     def getSensorList(self) -> list[str]:
-        """Return the sensors."""
-        return list(table("devices")["touches"].values())
+        """Return the sensors, by the robot's names: "Head/Touch/Front"."""
+        return list(table("devices")["touches"])
 
     def getStatus(self) -> list[list[Any]]:
-        """Return [name, whether pressed] of each sensor."""
+        """Return [name, whether touched, []] of each sensor."""
         with self.body.time.lock:
-            return [[name, self.broker.memory.devices.touched(name)] for name in self.getSensorList()]
+            touched = self.broker.memory.devices.touched
+            return [[name, touched(own), []] for name, own in table("devices")["touches"].items()]
 
 
 class ALPreferenceManager(Module):

@@ -9,6 +9,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.naoqi import Broker, NaoqiError, NotSimulatedError, coverage
+from pepper_kin.naoqi.kept_states import RefusedModule, StateModule
 from pepper_kin.naoqi.module import robot_signatures
 
 ROOT = Path(__file__).parents[2]
@@ -211,3 +212,24 @@ def test_modules_that_are_not_simulated_say_so(broker):
     with pytest.raises(NotSimulatedError, match="ALDialog::loadTopic") as error:
         broker.module("ALDialog").loadTopic("x.top")
     assert "understands no speech" in str(error.value)
+
+
+def test_methods_that_no_robot_has_are_refused_in_one_line_and_not_there(broker):
+    for module in map(broker.module, broker.module_names):
+        if isinstance(module, RefusedModule | StateModule):
+            continue  # which answer to any name
+        assert not hasattr(module, "setAngels")
+        with pytest.raises(RuntimeError, match=rf"^{module.name}::setAngels: no such method") as caught:
+            module.setAngels(1)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(RuntimeError, match=r"did you mean setAngles"):
+        broker.motion.setAngels("HeadYaw", 0.1, 0.2)
+
+
+def test_touches_have_the_names_of_the_devices(broker):
+    touch, told = broker.module("ALTouch"), []
+    broker.memory.subscriber("TouchChanged").signal.connect(told.append)
+    assert {"Head/Touch/Middle", "LHand/Touch/Back", "Platform/Back/Bumper"} <= set(touch.getSensorList())
+    broker.memory.press("head_touch_middle", True)
+    assert [name for name, touched, _ in touch.getStatus() if touched] == ["Head/Touch/Middle"]
+    assert told == [[["Head/Touch/Middle", True, []]]]
