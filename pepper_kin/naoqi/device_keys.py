@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from functools import partial
-from itertools import repeat
 from operator import getitem
 
 import numpy as np
@@ -110,8 +110,8 @@ class DeviceKeys:
             keys[f"{TOP}Platform/{side}/Sonar/Sensor/Value"] = partial(self._sonar, side)
         self._add_lasers()
         self._add_inertial()
-        for key, value in table("devices")["values"].items():
-            keys[key] = repeat(value).__next__
+        for key, value in (table("devices")["values"] | table("modules")["nothing"]).items():
+            keys[key] = partial(copy.copy, value)
         keys["robotIsWakeUp"] = lambda: body.awake
 
     def _add_lasers(self) -> None:

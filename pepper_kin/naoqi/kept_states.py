@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -12,12 +13,13 @@ from pepper_kin.naoqi.tables import table
 
 
 class StateModule(Module):
-    """A module whose `set...` and `get...` keep values, and whose other listed methods are accepted.
+    """A module whose `set...` and `get...` keep values; other listed methods are accepted or answered.
 
     Its `set` and `get` methods are made as they are called, so that what was set comes back.
     """
 
     accepted: tuple[str, ...] = ()
+    answers: dict[str, Any] = {}  # noqa: RUF012
     defaults: dict[str, Any] = {}  # noqa: RUF012
 
     def __init__(self, broker: Any) -> None:
@@ -27,7 +29,8 @@ class StateModule(Module):
     def getMethodList(self) -> list[str]:
         """Return the names of all methods that are listed."""
         kept = [f"{prefix}{what}" for what in self.defaults for prefix in ("set", "get", "is")]
-        return sorted({*super().getMethodList(), *self.accepted, *kept})
+        listed = (*self.accepted, *self.answers, *self.not_simulated, *kept)
+        return sorted({*super().getMethodList(), *listed})
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         """Return the function of a listed method, or of a `set` or `get`."""
@@ -35,6 +38,8 @@ class StateModule(Module):
             raise AttributeError(name)
         if name in self.accepted:
             return lambda *values: self._done(name, values)
+        if name in self.answers:
+            return lambda *_: copy.copy(self.answers[name])
         for prefix in ("set", "get", "is"):
             what = name[len(prefix) :]
             if name.startswith(prefix) and what[:1].isupper():
@@ -68,7 +73,14 @@ def _state_module(name: str) -> type[StateModule]:
     entry = modules["kept"][name]
     accepted = (*entry.get("accepts", ()), *(modules["extractor"] if entry.get("extractor") else ()))
     defaults = entry.get("keeps", {})
-    content = {"name": name, "__doc__": entry["doc"], "accepted": accepted, "defaults": defaults}
+    content = {
+        "name": name,
+        "__doc__": entry["doc"],
+        "accepted": accepted,
+        "answers": entry.get("answers", {}),
+        "defaults": defaults,
+        "not_simulated": entry.get("refuses", {}),
+    }
     return type(name, (StateModule,), content)
 
 

@@ -39,6 +39,9 @@ MODULES = {
 LOOK_EVERY = 0.25
 """Time between two looks for a script that lets no time pass [s]."""
 
+STUCK = 1.0
+"""Time that a script may let no time pass after the end of its own [s]."""
+
 
 @dataclass(frozen=True)
 class ScriptResult:
@@ -77,6 +80,7 @@ class ScriptTime(types.ModuleType):
 
         def check() -> None:
             if longest is not None and clock.now >= longest:
+                clock.interrupted = True
                 raise TimeIsUp(f"after {longest:g} s")
 
         def sleep(seconds: float) -> None:
@@ -193,27 +197,29 @@ def run_script(
 def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Event]:
     """Interrupt a script that computes, reads or waits elsewhere while no time of the twin passes.
 
-    Where the twin's clock stands that of the wall counts, so that a script ends after `longest` [s] at most,
-    whatever it does; one that goes on after Ctrl-C is interrupted again every second.
+    Where the twin's clock stands that of the wall counts.  Who was interrupted may clean up as long as time
+    passes, and is interrupted again where it stands for `STUCK`.
     """
     stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
     clock = broker.body.time
 
     def watch() -> None:
         begun = seen = clock.now
-        stood, looked = 0.0, wall.monotonic()
+        stood, since, looked = 0.0, 0.0, wall.monotonic()
         while longest is not None and not over.wait(LOOK_EVERY):
             now, at = clock.now, wall.monotonic()
-            stood += (at - looked) if now == seen else 0.0
+            passed, stands = at - looked, now == seen
             seen, looked = now, at
-            if now - begun + stood >= longest and stood > 0.0:
+            stood, since = stood + passed * stands, (since + passed) * stands
+            up = now - begun + stood >= longest + STUCK
+            if up and (since >= STUCK or not (clock.interrupted or stuck.is_set())):
+                since = 0.0
                 stuck.set()
                 if thread == threading.main_thread().ident:
                     signal.pthread_kill(thread, signal.SIGINT)  # also ends what waits in the system
                 else:
                     interrupt = ctypes.py_object(KeyboardInterrupt)
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupt)
-                over.wait(1.0)
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()

@@ -41,6 +41,7 @@ class SimulatedTime:
     Attributes:
         lock: Held during a cycle; whoever reads or changes what the cycles change holds it, too.
         delays: How late the last cycles began [s].
+        interrupted: Whether the time of `limit` has interrupted somebody.
     """
 
     def __init__(self, on_cycle: Callable[[], None], real_time: bool) -> None:
@@ -56,6 +57,7 @@ class SimulatedTime:
         self._error: BaseException | None = None
         self._released = 0
         self._limited, self._limit = 0, math.inf
+        self.interrupted = False
 
     @property
     def failure(self) -> BaseException | None:
@@ -90,6 +92,7 @@ class SimulatedTime:
     def limit(self, end: float) -> None:
         """Let waits of this thread raise `TimeIsUp` from a time on [s]; infinite for never."""
         self._limited, self._limit = threading.get_ident(), end
+        self.interrupted = False
 
     def wait_until(self, done: Callable[[], bool], timeout: float | None = None) -> bool:
         """Let time pass until something is so; return whether it came to be.
@@ -111,6 +114,7 @@ class SimulatedTime:
                     raise self._error
                 if self.now >= self._limit - 1e-9 and self._limited == threading.get_ident():
                     self._limit += GRACE
+                    self.interrupted = True
                     raise TimeIsUp(f"at {self.now:g} s")
                 if self.real_time and self._thread is not None:
                     self._changed.wait(1.0)

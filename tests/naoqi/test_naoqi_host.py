@@ -44,7 +44,7 @@ CLIENT = textwrap.dedent(
         ("unknown", lambda: motion.getAngles("Tail", True)),
         ("types", lambda: motion.getAngles(1)),
         ("feet", lambda: motion.setFootSteps(["Tail"], [[0.1, 0.0, 0.0]], [1.0], True)),
-        ("speech", lambda: session.service("ALDialog").loadTopic("x")),
+        ("station", lambda: session.service("ALRecharge").goToStation()),
     ):
         try:
             call()
@@ -81,7 +81,7 @@ def test_clients_move_the_robot_and_are_answered(host):
     assert said["unknown"].startswith("ALMotion::getAngles\n\t'Tail' is no joint")
     assert "Arguments types did not match" in said["types"]
     assert "expected LLeg or RLeg" in said["feet"]
-    assert "ALDialog::loadTopic" in said["speech"]
+    assert "ALRecharge::goToStation" in said["station"]
     assert said["picture"] == [320, 240, 230400, "bytearray"]
     assert said["services"] > 60
 
@@ -148,7 +148,7 @@ FAILED_CALL = textwrap.dedent(
     import qi
     session = qi.Session()
     session.connect(sys.argv[1])
-    module = session.service("ALBacklightingDetection")
+    module = session.service("ALRecharge")
     number = module.pCall("tail")
     for _ in range(3):
         try:
@@ -164,7 +164,7 @@ def test_a_server_ends_at_once_though_a_posted_call_failed():
     with Broker() as broker, Host(broker, port=0) as host:
         command = [sys.executable, "-c", FAILED_CALL, host.url]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        assert done.stdout.splitlines()[-3:] == ["ALBacklightingDetection::tail"] * 3, done.stderr
+        assert done.stdout.splitlines()[-3:] == ["ALRecharge::tail"] * 3, done.stderr
         wire = host._wire
         host.close()
         assert list(wire._services) == []

@@ -209,9 +209,35 @@ def test_lights_fade(broker):
 
 
 def test_modules_that_are_not_simulated_say_so(broker):
-    with pytest.raises(NotSimulatedError, match="ALDialog::loadTopic") as error:
-        broker.module("ALDialog").loadTopic("x.top")
-    assert "understands no speech" in str(error.value)
+    for module, method, why in (
+        ("ALRecharge", "goToStation", "no charging station"),
+        ("ALPhotoCapture", "takePicture", "pictures come from ALVideoDevice"),
+    ):
+        with pytest.raises(NotSimulatedError, match=f"{module}::{method}\n\tis not simulated: .*{why}"):
+            getattr(broker.module(module), method)()
+
+
+def test_absent_senses_keep_their_settings_and_sense_nothing(broker):
+    hearing, dialog = broker.module("ALSpeechRecognition"), broker.module("ALDialog")
+    hearing.pause(True)
+    hearing.setVocabulary(["yes", "no"], False)
+    hearing.setLanguage("French")
+    dialog.setLanguage("German")
+    for module in ("ALSpeechRecognition", "ALDialog", "ALFaceDetection", "ALMood", "ALTactileGesture"):
+        broker.module(module).subscribe("own")
+        broker.module(module).unsubscribe("own")
+    assert (hearing.getLanguage(), dialog.getLanguage()) == ("French", "German")
+    assert (dialog.getActivatedTopics(), broker.module("ALUserSession").getFocusedUser()) == ([], -1)
+    memory = broker.memory
+    assert [memory.getData(key) for key in ("FaceDetected", "LandmarkDetected", "WordRecognized")] == [
+        [],
+        [],
+        ["", 0.0],
+    ]
+    memory.getData("FaceDetected").append(1)
+    assert memory.getData("FaceDetected") == []
+    memory.raiseEvent("FaceDetected", [1])
+    assert memory.getData("FaceDetected") == [1]
 
 
 def test_methods_that_no_robot_has_are_refused_in_one_line_and_not_there(broker):
