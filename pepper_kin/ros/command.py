@@ -51,6 +51,9 @@ def serve(
         Path | None, typer.Option(help="Write the run (.csv) or the topics but pictures (.mcap) there.")
     ] = None,
     *,
+    stamped: Annotated[
+        bool, typer.Option("--stamped", help="Take TwistStamped on /cmd_vel, which Nav2 sends by default.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")] = False,
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let other machines reach it.")
@@ -74,7 +77,7 @@ def serve(
             page.open()
         try:
             with (
-                ros.RobotNode(robot, carrier, cameras=chosen, resolution=resolution) as node,
+                ros.RobotNode(robot, carrier, cameras=chosen, resolution=resolution, stamped=stamped) as node,
                 _recorded(node, record if log is None else None),
             ):
                 _print_start(transport, where, as_json)

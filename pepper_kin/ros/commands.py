@@ -33,6 +33,9 @@ logger = logging.getLogger(__name__)
 WORLD_FRAMES = ("world", "map")
 """Frames of the simulated world."""
 
+BASES = ("base_link", "base_footprint")
+"""Frames of the base, in which velocities are."""
+
 HANDS = ("left", "right")
 
 
@@ -43,14 +46,18 @@ class Commands:
         node: What it belongs to.
         timeout: A velocity, or a target of a hand, holds this long [s]; then the robot brakes.
         robot: Name of the robot in topics.
+        stamped: Whether `/cmd_vel` is a TwistStamped.
     """
 
-    def __init__(self, node: RobotNode, timeout: float, robot: str) -> None:
+    def __init__(self, node: RobotNode, timeout: float, robot: str, stamped: bool) -> None:
         self.node, self.timeout = node, timeout
         self._drive: DriveTask | None = None
         self._reach: ReachTask | None = None
         self._reaching = threading.Lock()
-        node.listen("/cmd_vel", "geometry_msgs/msg/Twist", self.on_velocity)
+        if stamped:
+            node.listen("/cmd_vel", "geometry_msgs/msg/TwistStamped", self.on_stamped_velocity)
+        else:
+            node.listen("/cmd_vel", "geometry_msgs/msg/Twist", self.on_velocity)
         node.listen(f"/model/{robot}/cmd_vel", "geometry_msgs/msg/Twist", self.on_velocity)
         node.listen("/joint_angles", "naoqi_bridge_msgs/msg/JointAnglesWithSpeed", self.on_joint_angles)
         node.listen("/move_base_simple/goal", "geometry_msgs/msg/PoseStamped", self.on_base_goal)
@@ -76,6 +83,14 @@ class Commands:
             self.node.replace(BASE_RESOURCES)
             self._drive = DriveTask(twist, self.timeout)
             body.do(self._drive)
+
+    def on_stamped_velocity(self, message: Any) -> None:
+        """Drive with a geometry_msgs/msg/TwistStamped in a frame of the base, or in none."""
+        frame = str(message.header.frame_id).lstrip("/")
+        if frame and frame not in BASES:
+            logger.warning("/cmd_vel: refused: frame %s, expected %s", frame, " or ".join(BASES))
+            return
+        self.on_velocity(message.twist)
 
     def on_joint_angles(self, message: Any) -> None:
         """Move joints with a share of their speed, as `ALMotion.setAngles` and `changeAngles` do."""

@@ -46,6 +46,7 @@ class RobotNode(Closable):
         robot: Name of the robot in the topics of the paper's simulation.
         noise: Whether sensors are disturbed as real ones are.
         command_timeout: A velocity command holds this long [s].
+        stamped: Whether `/cmd_vel` is a TwistStamped, as Nav2 sends by default, not naoqi_driver2's Twist.
 
     Attributes:
         topics: Name -> type of the topics that it publishes.
@@ -67,6 +68,7 @@ class RobotNode(Closable):
         robot: str = "pepper_robot",
         noise: bool = True,
         command_timeout: float = COMMAND_TIMEOUT,
+        stamped: bool = False,
     ) -> None:
         if not 0.0 < command_timeout < float("inf"):
             raise InvalidValueError("command_timeout", command_timeout, "a time above 0 s")
@@ -87,7 +89,7 @@ class RobotNode(Closable):
             self.controllers = {name: Controller(self, name, joints) for name, joints in CONTROLLERS.items()}
             whole = self.controllers["joint_trajectory_controller"]
             self.listen(f"/{robot}/joint_trajectory", TRAJECTORY, whole.on_trajectory)
-            self.commands = Commands(self, command_timeout, robot)
+            self.commands = Commands(self, command_timeout, robot, stamped)
             self.planning = PlanningService(self)
             self._pictures = Pictures(self, names, resolution)
         except BaseException:

@@ -109,7 +109,7 @@ class PlanningService:
         rows = [pepper.joint_index(name) for name in joints]
         response.trajectory_start.joint_state.name = list(joints)
         response.trajectory_start.joint_state.position = start[rows]
-        response.error_code.val, response.error_code.message = CODES.SUCCESS, found.report()
+        response.error_code.val, response.error_code.message = CODES.SUCCESS, "solved"
         if found.curve is None:
             return
         trajectory = retime(

@@ -8,8 +8,11 @@ import pytest
 
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import rotation_from_quaternion
+from pepper_kin.naoqi.body import Body
 from pepper_kin.ros.joint_trajectory import ErrorCode
+from pepper_kin.ros.node import RobotNode
 from pepper_kin.ros.transport import GoalStatus
+from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros_messages import message_type
 from pepper_kin.twin.sensors import Camera
 
@@ -144,6 +147,19 @@ def test_a_velocity_holds_until_the_watchdog_stops_it(node):
     say(node, "/cmd_vel", twist(float("nan")))
     node.body.time.sleep(0.1)
     assert np.abs(node.body.controller.twist).max() < 1e-9
+
+
+def test_stamped_velocities_in_a_frame_of_the_base_drive():
+    """As Nav2 sends them by default."""
+    stamped = message_type("geometry_msgs/msg/TwistStamped")
+    with LocalTransport() as transport, RobotNode(Body(real_time=False), transport, stamped=True) as node:
+        for frame, goes in (("base_footprint", True), ("", True), ("map", False)):
+            message = stamped(twist=twist(0.2, 0.0, 0.3))
+            message.header.frame_id = frame
+            say(node, "/cmd_vel", message)
+            node.body.time.sleep(0.4)
+            assert bool(node.body.controller.twist[0] > 0.1) == goes
+            node.body.time.sleep(1.5)
 
 
 def test_a_goal_of_the_base_is_reached(node):
