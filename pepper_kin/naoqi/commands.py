@@ -17,6 +17,7 @@ from pepper_kin.cli.terminal import FAILED, Json, check_record, one_of, print_js
 from pepper_kin.exceptions import InvalidValueError, PepperKinError
 from pepper_kin.file_access.atomic_file import check_file
 from pepper_kin.lazy_names import lazy_module
+from pepper_kin.naoqi.doctor import examine
 from pepper_kin.naoqi.qi_library import libqi
 from pepper_kin.servers.end_signals import ended_by_signals
 
@@ -115,6 +116,30 @@ def run(
         traceback.print_exception(result.error)
     if not result.success:
         raise typer.Exit(result.code or FAILED)
+
+
+@app.command()
+def doctor(
+    address: Annotated[str, typer.Argument(help="Robot: pepper.local, tcp://192.168.1.7:9559.")],
+    token: Annotated[str | None, typer.Option(help="Of a simulated robot that needs one.")] = None,
+    as_json: Json = False,
+) -> None:
+    r"""Say why a robot does not answer, or does not move; nothing is changed on it.
+
+    Ends with 1 where something hinders motions.  Needs: pip install 'pepper_kin\[naoqi]'
+
+    Example: pepper-kin naoqi doctor pepper.local
+    """
+    found = examine(address, token)
+    if as_json:
+        print_json([one._asdict() for one in found])
+    else:
+        for one in found:
+            print(f"{one.cause}: {one.what}\n    {one.advice}")
+        if not any(one.hinders for one in found):
+            print(f"{address}: ready")
+    if any(one.hinders for one in found):
+        raise typer.Exit(FAILED)
 
 
 @app.command()

@@ -134,6 +134,20 @@ class ALPreferenceManager(Module):
         """Forget a preference."""
         self.kept.pop(("value", domain, setting), None)
 
+    def getDomainList(self) -> list[str]:
+        """Return the domains that have a preference."""
+        return sorted({key[1] for key in self.kept})
+
+    def removeDomainValues(self, domain: str) -> None:
+        """Forget the preferences of a domain."""
+        for key in [key for key in self.kept if key[1] == domain]:
+            del self.kept[key]
+
+    def setValues(self, values: dict[str, dict[str, Any]]) -> None:
+        """Keep preferences: {domain: {setting: value}}."""
+        for domain, settings in values.items():
+            self.kept.update({("value", domain, setting): value for setting, value in settings.items()})
+
 
 MODULES = (
     ALAutonomousLife,
