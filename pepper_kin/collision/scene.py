@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -269,12 +270,12 @@ class Scene:
     def add_urdf(
         self,
         name: str,
-        urdf: str | os.PathLike[str],
+        urdf: str | Path,
         position: ArrayLike = (0.0, 0.0, 0.0),
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         *,
         meshes: str = "hull",
-        package_dirs: Sequence[str | os.PathLike[str]] = (),
+        package_dirs: Sequence[str | Path] = (),
     ) -> Scene:
         """Return a scene with the collision shapes of a URDF more, such as a table's; see `add`.
 

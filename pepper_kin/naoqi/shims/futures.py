@@ -265,7 +265,11 @@ def futureBarrier(futures: Iterable[Future]) -> Future:
         if left[0] == 0:
             barrier.settle(every)
 
-    barrier.on_cancel = lambda: [future.cancel() for future in every]
+    def cancel() -> None:
+        for future in every:
+            future.cancel()
+
+    barrier.on_cancel = cancel
     if not every:
         barrier.settle(every)
     for future in every:
