@@ -17,6 +17,7 @@ from pepper_kin.ros.commands import Commands
 from pepper_kin.ros.controllers import CONTROLLERS, TRAJECTORY, Controller
 from pepper_kin.ros.errors import NotCarriedError
 from pepper_kin.ros.following import BrakeTask, FollowTask
+from pepper_kin.ros.kinematics_services import KinematicsServices
 from pepper_kin.ros.message_parts import time_message
 from pepper_kin.ros.pictures import Pictures
 from pepper_kin.ros.planning import PlanningService
@@ -90,7 +91,7 @@ class RobotNode(Closable):
             whole = self.controllers["joint_trajectory_controller"]
             self.listen(f"/{robot}/joint_trajectory", TRAJECTORY, whole.on_trajectory)
             self.commands = Commands(self, command_timeout, robot, stamped)
-            self.planning = PlanningService(self)
+            self.planning, self.kinematics = PlanningService(self), KinematicsServices(self)
             self._pictures = Pictures(self, names, resolution)
         except BaseException:
             self.close()

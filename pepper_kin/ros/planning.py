@@ -49,8 +49,8 @@ _STATUS_CODES = {
 }
 
 
-class _RefusedError(PepperKinError):
-    """A request that is not planned."""
+class RefusedError(PepperKinError):
+    """A request that is refused, with a code of MoveIt's."""
 
     def __init__(self, code: int, reason: str) -> None:
         self.code = code
@@ -82,22 +82,25 @@ class PlanningService:
         try:
             with self._one:
                 self._plan(wanted, response)
-        except _RefusedError as error:
-            _fail(response, error.code, str(error))
+        except RefusedError as error:
+            fail(response, error.code, str(error))
         except PepperKinError as error:
-            _fail(response, CODES.PLANNING_FAILED, str(error))
+            fail(response, CODES.PLANNING_FAILED, str(error))
         response.planning_time = time.perf_counter() - begin
         response.error_code.source = "pepper_kin"
         return message_type(f"{TYPE}_Response")(motion_plan_response=response)
 
     def _plan(self, wanted: Any, response: Any) -> None:
         pepper, scene = self.node.body.pepper, self.node.body.scene
-        start, joints = self._start(wanted.start_state), self._joints(wanted.group_name)
+        start, joints = (
+            configuration_of(self.node, wanted.start_state),
+            joints_of(self.node, wanted.group_name),
+        )
         goal = self._goal(wanted, start, joints)
         timeout = min(wanted.allowed_planning_time or USUAL, LONGEST)
         found = plan(pepper, start, goal, scene, joints=joints, timeout=max(timeout, 0.1))
         if not found.success:
-            _fail(response, _STATUS_CODES.get(found.status, CODES.PLANNING_FAILED), found.report())
+            fail(response, _STATUS_CODES.get(found.status, CODES.PLANNING_FAILED), found.report())
             return
         self._answer_with(found, start, joints, wanted, response)
 
@@ -122,31 +125,9 @@ class PlanningService:
         try:
             points = ros_points(trajectory, pepper=pepper, scene=self.node.body.scene)
         except InvalidValueError as error:
-            _fail(response, CODES.INVALID_MOTION_PLAN, str(error))
+            fail(response, CODES.INVALID_MOTION_PLAN, str(error))
             return
         response.trajectory.joint_trajectory = message_of(points, joints)
-
-    def _start(self, state: Any) -> Array:
-        """Return the configuration where a plan begins, shape (n,)."""
-        body = self.node.body
-        with body.time.lock:
-            q = body.configuration(False)
-        for name, value in zip(state.joint_state.name, state.joint_state.position, strict=False):
-            if name not in body.pepper.joint_names:
-                raise _RefusedError(CODES.INVALID_ROBOT_STATE, f"start_state: there is no joint {name!r}")
-            q[body.pepper.joint_index(name)] = value
-        return np.clip(q, body.pepper.lower_limits, body.pepper.upper_limits)
-
-    def _joints(self, group: str) -> tuple[str, ...]:
-        pepper = self.node.body.pepper
-        if not group:
-            return tuple(name for name in pepper.joint_names if name in ACTUATED)
-        if group in CONTROLLERS:
-            return CONTROLLERS[group]
-        try:
-            return tuple(name for name in pepper.joint_group(group) if name in ACTUATED)
-        except UnknownNameError as error:
-            raise _RefusedError(CODES.INVALID_GROUP_NAME, str(error)) from error
 
     def _goal(self, wanted: Any, start: Array, joints: tuple[str, ...]) -> Any:
         """Return the goal for `plan`, a configuration or tasks; start: [rad or m], shape (n,)."""
@@ -177,7 +158,7 @@ class PlanningService:
         position, pepper = goal.position_constraints[0], self.node.body.pepper
         region = position.constraint_region
         if position.link_name not in pepper.frame_names:
-            raise _RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {position.link_name!r}")
+            raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {position.link_name!r}")
         if not region.primitive_poses:
             raise _bad_goal("the position constraint has no primitive_poses; the first is the target")
         offset = position.target_point_offset
@@ -189,7 +170,7 @@ class PlanningService:
         tolerance = float(region.primitives[0].dimensions[0]) if _has_size(region) else 1e-3
         if not goal.orientation_constraints:
             return ik.FramePosition(
-                position.link_name, self._pose(stamped)[:3, 3], tolerance=max(tolerance, 1e-4)
+                position.link_name, placed(self.node, stamped)[:3, 3], tolerance=max(tolerance, 1e-4)
             )
         turn = goal.orientation_constraints[0]
         stamped.pose.orientation = turn.orientation
@@ -200,25 +181,65 @@ class PlanningService:
         )
         return ik.FramePose(
             position.link_name,
-            self._pose(stamped),
+            placed(self.node, stamped),
             tolerance=max(tolerance, 1e-4),
             orientation_tolerance=max(min(angles), 1e-3),
         )
 
-    def _pose(self, stamped: Any) -> Array:
-        try:
-            return world_pose(self.node, stamped)
-        except UnknownNameError as error:
-            raise _RefusedError(CODES.FRAME_TRANSFORM_FAILURE, str(error)) from error
+
+def configuration_of(node: RobotNode, state: Any) -> Array:
+    """Return the commanded configuration with what a moveit_msgs/msg/RobotState states, shape (n,).
+
+    Raises:
+        RefusedError: for a joint that there is not.
+    """
+    body = node.body
+    with body.time.lock:
+        q = body.configuration(False)
+    for name, value in zip(state.joint_state.name, state.joint_state.position, strict=False):
+        if name not in body.pepper.joint_names:
+            raise RefusedError(CODES.INVALID_ROBOT_STATE, f"there is no joint {name!r}")
+        q[body.pepper.joint_index(name)] = value
+    return np.clip(q, body.pepper.lower_limits, body.pepper.upper_limits)
+
+
+def joints_of(node: RobotNode, group: str) -> tuple[str, ...]:
+    """Return the joints of a group or a controller; "" for all that hold a position.
+
+    Raises:
+        RefusedError: for another group.
+    """
+    pepper = node.body.pepper
+    if not group:
+        return tuple(name for name in pepper.joint_names if name in ACTUATED)
+    if group in CONTROLLERS:
+        return CONTROLLERS[group]
+    try:
+        return tuple(name for name in pepper.joint_group(group) if name in ACTUATED)
+    except UnknownNameError as error:
+        raise RefusedError(CODES.INVALID_GROUP_NAME, str(error)) from error
+
+
+def placed(node: RobotNode, stamped: Any) -> Array:
+    """Return the pose of a geometry_msgs/msg/PoseStamped in the world, shape (4, 4).
+
+    Raises:
+        RefusedError: for a frame that there is not.
+    """
+    try:
+        return world_pose(node, stamped)
+    except UnknownNameError as error:
+        raise RefusedError(CODES.FRAME_TRANSFORM_FAILURE, str(error)) from error
 
 
 def _has_size(region: Any) -> bool:
     return bool(region.primitives) and len(region.primitives[0].dimensions) > 0
 
 
-def _bad_goal(reason: str) -> _RefusedError:
-    return _RefusedError(CODES.INVALID_GOAL_CONSTRAINTS, reason)
+def _bad_goal(reason: str) -> RefusedError:
+    return RefusedError(CODES.INVALID_GOAL_CONSTRAINTS, reason)
 
 
-def _fail(response: Any, code: int, reason: str) -> None:
+def fail(response: Any, code: int, reason: str) -> None:
+    """Write why there is no answer."""
     response.error_code.val, response.error_code.message = code, reason

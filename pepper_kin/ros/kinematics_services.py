@@ -1,0 +1,123 @@
+"""MoveIt's services of kinematics: `/compute_ik` and `/compute_fk`, answered by our solver."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pepper_kin import ik, kinematics
+from pepper_kin.arrays import Array
+from pepper_kin.exceptions import PepperKinError
+from pepper_kin.naoqi.joint_names import ACTUATED
+from pepper_kin.ros.commands import WORLD_FRAMES
+from pepper_kin.ros.message_parts import pose_message
+from pepper_kin.ros.planning import CODES, RefusedError, configuration_of, fail, joints_of, placed
+from pepper_kin.ros_messages import message_type
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.node import RobotNode
+
+COMPUTE_IK, COMPUTE_FK = "/compute_ik", "/compute_fk"
+IK_TYPE, FK_TYPE = "moveit_msgs/srv/GetPositionIK", "moveit_msgs/srv/GetPositionFK"
+TIPS = {"left_arm": "LArm_effector", "right_arm": "RArm_effector", "head": "CameraTop_optical_frame"}
+"""Links of groups, where a request names none."""
+
+LONGEST = 5.0
+"""Greatest time that a solution may take [s]."""
+
+
+class KinematicsServices:
+    """Solves for poses of links, and says where links are.
+
+    Args:
+        node: What it belongs to.
+    """
+
+    def __init__(self, node: RobotNode) -> None:
+        self.node = node
+        node.offer_service(COMPUTE_IK, IK_TYPE, self.compute_ik)
+        node.offer_service(COMPUTE_FK, FK_TYPE, self.compute_fk)
+
+    def compute_ik(self, request: Any) -> Any:
+        """Return moveit_msgs/srv/GetPositionIK_Response to a request.
+
+        A pose whose quaternion is 0 asks for the position alone: arms of five joints reach few poses.
+        """
+        wanted, response = request.ik_request, message_type(f"{IK_TYPE}_Response")()
+        try:
+            start, joints = (
+                configuration_of(self.node, wanted.robot_state),
+                joints_of(self.node, wanted.group_name),
+            )
+            body, tasks = self.node.body, self._tasks(wanted)
+            stated = wanted.timeout.sec + 1e-9 * wanted.timeout.nanosec
+            found = ik.solve(
+                body.pepper,
+                tasks,
+                start,
+                joints=joints,
+                scene=body.scene if wanted.avoid_collisions else None,
+                collisions=bool(wanted.avoid_collisions),
+                timeout=min(stated, LONGEST) if stated > 0.0 else LONGEST,
+            )
+            if not found.success:
+                fail(response, CODES.NO_IK_SOLUTION, found.report())
+                return response
+            named = [name for name in body.pepper.joint_names if name in ACTUATED]
+            response.solution.joint_state.name = named
+            response.solution.joint_state.position = found.q[
+                [body.pepper.joint_index(name) for name in named]
+            ]
+            response.error_code.val = CODES.SUCCESS
+        except RefusedError as error:
+            fail(response, error.code, str(error))
+        except PepperKinError as error:
+            fail(response, CODES.FAILURE, str(error))
+        return response
+
+    def _tasks(self, wanted: Any) -> list[ik.Task]:
+        """Return a task for each pose of a request."""
+        if wanted.ik_link_names or wanted.pose_stamped_vector:
+            pairs = list(zip(wanted.ik_link_names, wanted.pose_stamped_vector, strict=False))
+            if len(wanted.ik_link_names) != len(wanted.pose_stamped_vector):
+                words = f"{len(wanted.ik_link_names)} links for {len(wanted.pose_stamped_vector)} poses"
+                raise RefusedError(CODES.INVALID_LINK_NAME, words)
+        else:
+            pairs = [(wanted.ik_link_name or TIPS.get(wanted.group_name, ""), wanted.pose_stamped)]
+        return [self._task(str(link), stamped) for link, stamped in pairs]
+
+    def _task(self, link: str, stamped: Any) -> ik.Task:
+        if link not in self.node.body.pepper.frame_names:
+            raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {link!r}")
+        turn = stamped.pose.orientation
+        if turn.x == turn.y == turn.z == turn.w == 0.0:
+            turn.w = 1.0
+            return ik.FramePosition(link, placed(self.node, stamped)[:3, 3])
+        return ik.FramePose(link, placed(self.node, stamped))
+
+    def compute_fk(self, request: Any) -> Any:
+        """Return moveit_msgs/srv/GetPositionFK_Response: poses in the header's frame, or the world."""
+        response = message_type(f"{FK_TYPE}_Response")()
+        try:
+            q = configuration_of(self.node, request.robot_state)
+            frame = str(request.header.frame_id).lstrip("/") or WORLD_FRAMES[0]
+            reference = np.eye(4) if frame in WORLD_FRAMES else self._frame(q, frame)
+            for link in map(str, request.fk_link_names):
+                stamped = message_type("geometry_msgs/msg/PoseStamped")()
+                stamped.header.frame_id, stamped.header.stamp = frame, request.header.stamp
+                stamped.pose = pose_message(np.linalg.inv(reference) @ self._frame(q, link))
+                response.pose_stamped.append(stamped)
+                response.fk_link_names.append(link)
+            response.error_code.val = CODES.SUCCESS
+        except RefusedError as error:
+            response = message_type(f"{FK_TYPE}_Response")()
+            fail(response, error.code, str(error))
+        return response
+
+    def _frame(self, q: Array, link: str) -> Array:
+        """Return the pose of a link in the world, shape (4, 4); q: [rad or m], shape (n,)."""
+        pepper = self.node.body.pepper
+        if link not in pepper.frame_names:
+            raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {link!r}")
+        return np.asarray(kinematics.frame_pose(pepper, q, link))
