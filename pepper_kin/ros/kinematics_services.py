@@ -1,4 +1,4 @@
-"""MoveIt's services of kinematics: `/compute_ik` and `/compute_fk`, answered by our solver."""
+"""MoveIt's services of kinematics: `/compute_ik`, `/compute_fk` and `/compute_cartesian_path`."""
 
 from __future__ import annotations
 
@@ -9,26 +9,36 @@ import numpy as np
 from pepper_kin import ik, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import PepperKinError
+from pepper_kin.files import ros_points
+from pepper_kin.motion import CartesianStatus, Line, cartesian_path
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.ros.commands import WORLD_FRAMES
+from pepper_kin.ros.joint_trajectory import message_of
 from pepper_kin.ros.message_parts import pose_message
 from pepper_kin.ros.planning import CODES, RefusedError, configuration_of, fail, joints_of, placed
 from pepper_kin.ros_messages import message_type
+from pepper_kin.trajectory import retime
 
 if TYPE_CHECKING:
     from pepper_kin.ros.node import RobotNode
 
-COMPUTE_IK, COMPUTE_FK = "/compute_ik", "/compute_fk"
+COMPUTE_IK, COMPUTE_FK, CARTESIAN_PATH = "/compute_ik", "/compute_fk", "/compute_cartesian_path"
 IK_TYPE, FK_TYPE = "moveit_msgs/srv/GetPositionIK", "moveit_msgs/srv/GetPositionFK"
+PATH_TYPE = "moveit_msgs/srv/GetCartesianPath"
 TIPS = {"left_arm": "LArm_effector", "right_arm": "RArm_effector", "head": "CameraTop_optical_frame"}
 """Links of groups, where a request names none."""
+
+HANDS = {"LArm_effector": "left", "RArm_effector": "right"}
+"""Links that follow lines."""
 
 LONGEST = 5.0
 """Greatest time that a solution may take [s]."""
 
+MOST_WAYPOINTS = 1000
+
 
 class KinematicsServices:
-    """Solves for poses of links, and says where links are.
+    """Solves for poses of links, says where links are, and leads hands along lines.
 
     Args:
         node: What it belongs to.
@@ -38,6 +48,7 @@ class KinematicsServices:
         self.node = node
         node.offer_service(COMPUTE_IK, IK_TYPE, self.compute_ik)
         node.offer_service(COMPUTE_FK, FK_TYPE, self.compute_fk)
+        node.offer_service(CARTESIAN_PATH, PATH_TYPE, self.compute_cartesian_path)
 
     def compute_ik(self, request: Any) -> Any:
         """Return moveit_msgs/srv/GetPositionIK_Response to a request.
@@ -46,10 +57,8 @@ class KinematicsServices:
         """
         wanted, response = request.ik_request, message_type(f"{IK_TYPE}_Response")()
         try:
-            start, joints = (
-                configuration_of(self.node, wanted.robot_state),
-                joints_of(self.node, wanted.group_name),
-            )
+            start = configuration_of(self.node, wanted.robot_state)
+            joints = joints_of(self.node, wanted.group_name)
             body, tasks = self.node.body, self._tasks(wanted)
             stated = wanted.timeout.sec + 1e-9 * wanted.timeout.nanosec
             found = ik.solve(
@@ -114,6 +123,58 @@ class KinematicsServices:
             response = message_type(f"{FK_TYPE}_Response")()
             fail(response, error.code, str(error))
         return response
+
+    def compute_cartesian_path(self, request: Any) -> Any:
+        """Return moveit_msgs/srv/GetCartesianPath_Response: a hand along lines through points, timed.
+
+        Positions of the waypoints count.  Where the hand stops early `fraction` says how far it came, and
+        `error_code.message` why.
+        """
+        response = message_type(f"{PATH_TYPE}_Response")()
+        try:
+            self._lead(request, response)
+        except RefusedError as error:
+            fail(response, error.code, str(error))
+        except PepperKinError as error:
+            fail(response, CODES.FAILURE, str(error))
+        return response
+
+    def _lead(self, request: Any, response: Any) -> None:
+        body, link = self.node.body, str(request.link_name) or TIPS.get(str(request.group_name), "")
+        if link not in HANDS:
+            raise RefusedError(CODES.INVALID_LINK_NAME, f"{link!r} is not one of {', '.join(HANDS)}")
+        if not 0 < len(request.waypoints) <= MOST_WAYPOINTS:
+            raise RefusedError(CODES.FAILURE, f"{len(request.waypoints)} waypoints, 1 to {MOST_WAYPOINTS}")
+        start = configuration_of(self.node, request.start_state)
+        joints = joints_of(self.node, request.group_name)
+        stamped = message_type("geometry_msgs/msg/PoseStamped")(header=request.header)
+        stamped.header.frame_id = stamped.header.frame_id or WORLD_FRAMES[0]
+        lines = []
+        for waypoint in request.waypoints:
+            stamped.pose = waypoint
+            lines.append(Line(placed(self.node, stamped)[:3, 3]))
+        scene = body.scene if request.avoid_collisions else None
+        found = cartesian_path(
+            body.pepper, start, HANDS[link], lines, scene, joints=joints,
+            step=min(max(request.max_step, 1e-3), 0.02) if request.max_step > 0.0 else 0.005,
+        )  # fmt: skip
+        response.start_state.joint_state.name = list(joints)
+        response.start_state.joint_state.position = start[[body.pepper.joint_index(name) for name in joints]]
+        if found.status is CartesianStatus.START_INVALID:
+            raise RefusedError(CODES.START_STATE_INVALID, found.message)
+        response.fraction = found.fraction
+        response.error_code.val = CODES.SUCCESS
+        response.error_code.message = "" if found.success else found.message
+        if len(found.path) > 1:
+            trajectory = retime(
+                body.pepper,
+                found.path,
+                velocity_scale=request.max_velocity_scaling_factor or 1.0,
+                acceleration_scale=request.max_acceleration_scaling_factor or 1.0,
+                hand_speed=request.max_cartesian_speed or None,
+            )
+            points = ros_points(trajectory, pepper=body.pepper, scene=scene)
+            response.solution.joint_trajectory = message_of(points, joints)
 
     def _frame(self, q: Array, link: str) -> Array:
         """Return the pose of a link in the world, shape (4, 4); q: [rad or m], shape (n,)."""

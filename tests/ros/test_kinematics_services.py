@@ -2,9 +2,17 @@
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 from pepper_kin.model import rotation_from_quaternion
-from pepper_kin.ros.kinematics_services import COMPUTE_FK, COMPUTE_IK, FK_TYPE, IK_TYPE
+from pepper_kin.ros.kinematics_services import (
+    CARTESIAN_PATH,
+    COMPUTE_FK,
+    COMPUTE_IK,
+    FK_TYPE,
+    IK_TYPE,
+    PATH_TYPE,
+)
 from pepper_kin.ros.message_parts import pose_message
 from pepper_kin.ros.planning import CODES
 from pepper_kin.ros_messages import message_type
@@ -101,3 +109,38 @@ def test_what_cannot_be_answered_has_its_code(node):
     request = message_type(f"{FK_TYPE}_Request")(fk_link_names=["Head", "tail"])
     answer = node.transport.call_service(COMPUTE_FK, FK_TYPE, request)
     assert (answer.error_code.val, answer.pose_stamped) == (CODES.INVALID_LINK_NAME, [])
+
+
+def lead(node, way, **fields):
+    request = message_type(f"{PATH_TYPE}_Request")(group_name="left_arm", max_step=0.005)
+    here = np.linalg.inv(link_pose(node, [], [], "base_footprint")) @ link_pose(node, [], [], "LArm_effector")
+    for step in way:
+        here = here.copy()
+        here[:3, 3] += step
+        request.waypoints.append(pose_message(here))
+    request.header.frame_id = "base_footprint"
+    for name, value in fields.items():
+        setattr(request, name, value)
+    return here, node.transport.call_service(CARTESIAN_PATH, PATH_TYPE, request)
+
+
+def test_a_hand_is_led_along_lines(node):
+    end, answer = lead(node, [(0.0, 0.05, 0.03), (0.0, -0.02, 0.05)])
+    assert answer.error_code.val == CODES.SUCCESS, answer.error_code.message
+    assert answer.fraction == pytest.approx(1.0)
+    trajectory = answer.solution.joint_trajectory
+    assert set(trajectory.joint_names) <= set(node.body.pepper.joint_group("left_arm"))
+    reached = link_pose(node, trajectory.joint_names, trajectory.points[-1].positions, "LArm_effector")
+    base = link_pose(node, [], [], "base_footprint")
+    np.testing.assert_allclose((np.linalg.inv(base) @ reached)[:3, 3], end[:3, 3], atol=1.1e-3)
+    _, slow = lead(node, [(0.0, 0.05, 0.03)], max_cartesian_speed=0.01)
+    assert slow.solution.joint_trajectory.points[-1].time_from_start.sec >= 5
+    _, partly = lead(node, [(0.0, 0.0, 1.5)])
+    assert partly.error_code.val == CODES.SUCCESS
+    assert 0.0 < partly.fraction < 1.0
+    assert "left hand stops after" in partly.error_code.message
+    for fields, code in (
+        ({"link_name": "Head"}, CODES.INVALID_LINK_NAME),
+        ({"waypoints": []}, CODES.FAILURE),
+    ):
+        assert lead(node, [(0.0, 0.0, 0.1)], **fields)[1].error_code.val == code
