@@ -19,7 +19,7 @@ from pepper_kin.naoqi.errors import (
     quoted,
 )
 from pepper_kin.naoqi.simple_methods import simple_methods
-from pepper_kin.naoqi.tables import rows
+from pepper_kin.naoqi.tables import rows, table
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
@@ -101,7 +101,8 @@ class Module:
             raise AttributeError(name)
         why = self.not_simulated.get(name)
         if why is None:
-            if not any(s.module == self.name and s.name == name for s in robot_signatures()):
+            listed = any(s.module == self.name and s.name == name for s in robot_signatures())
+            if not listed and name not in table("modules")["not_simulated"].get(self.name, ()):
                 raise MissingMethodError(self.name, name, get_close_matches(name, self.getMethodList(), 2))
             why = "the twin has nothing that it could act on"
 

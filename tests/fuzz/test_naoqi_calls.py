@@ -31,16 +31,23 @@ def server():
 
 
 def turns_its_head(server):
-    """Return whether another client can turn the head and read it."""
+    """Return whether another client can turn the head and read it.
+
+    Calls of a client that has just ended may still be on their way through a busy server, and move the head
+    once more: it is tried again then.
+    """
     url, process = server
     if process.poll() is not None:
         return False
     with Robot(url) as robot:
-        for call in ("killAll", "wakeUp"):
-            robot._link.call("ALMotion", call, timeout=60.0)
-        robot._link.call("ALMotion", "setStiffnesses", "Body", 1.0)
-        robot._link.call("ALMotion", "angleInterpolation", "HeadYaw", 0.3, 1.0, True, timeout=60.0)
-        return abs(robot.state().of(["HeadYaw"])[0] - 0.3) < 0.01
+        for angle in (0.3, -0.2, 0.3, -0.2, 0.3):
+            for call in ("killAll", "wakeUp"):
+                robot._link.call("ALMotion", call, timeout=60.0)
+            robot._link.call("ALMotion", "setStiffnesses", "Body", 1.0)
+            robot._link.call("ALMotion", "angleInterpolation", "HeadYaw", angle, 1.0, True, timeout=60.0)
+            if abs(robot.state().of(["HeadYaw"])[0] - angle) < 0.01:
+                return True
+        return False
 
 
 def test_malformed_calls_do_not_end_the_server(server, amount, tried, request):

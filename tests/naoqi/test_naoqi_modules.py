@@ -212,6 +212,9 @@ def test_modules_that_are_not_simulated_say_so(broker):
     for module, method, why in (
         ("ALRecharge", "goToStation", "no charging station"),
         ("ALPhotoCapture", "takePicture", "pictures come from ALVideoDevice"),
+        ("ALVideoDevice", "getCameraModel", "nothing that it could act on"),
+        ("ALDialog", "addFallback", "nothing that it could act on"),
+        ("DCM", "createAlias", "ALMotion"),
     ):
         with pytest.raises(NotSimulatedError, match=f"{module}::{method}\n\tis not simulated: .*{why}"):
             getattr(broker.module(module), method)()
