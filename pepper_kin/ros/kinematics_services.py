@@ -85,7 +85,7 @@ class KinematicsServices:
             fail(response, CODES.FAILURE, str(error))
         return response
 
-    def _tasks(self, wanted: Any) -> list[ik.Task]:
+    def _tasks(self, wanted: Any) -> list[ik.Task | ik.TaskGroup]:
         """Return a task for each pose of a request."""
         if wanted.ik_link_names or wanted.pose_stamped_vector:
             pairs = list(zip(wanted.ik_link_names, wanted.pose_stamped_vector, strict=False))
@@ -96,7 +96,7 @@ class KinematicsServices:
             pairs = [(wanted.ik_link_name or TIPS.get(wanted.group_name, ""), wanted.pose_stamped)]
         return [self._task(str(link), stamped) for link, stamped in pairs]
 
-    def _task(self, link: str, stamped: Any) -> ik.Task:
+    def _task(self, link: str, stamped: Any) -> ik.Task | ik.TaskGroup:
         if link not in self.node.body.pepper.frame_names:
             raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {link!r}")
         turn = stamped.pose.orientation
