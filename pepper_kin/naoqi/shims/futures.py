@@ -305,7 +305,7 @@ def run_async(function: Callable[..., Any], *arguments: Any, delay: float = 0.0,
         with body.time.lock:
             if not begun.is_set():
                 future.settle(state=FutureState.Canceled)
-            order.made = -1
+            order.ticket = -1
             body.tasks.kill([task for task in body.tasks if task.thread == thread.ident], body)
 
     future.on_cancel = cancel
