@@ -201,7 +201,10 @@ def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Eve
     passes, and is interrupted again where it stands for `STUCK`.
     """
     stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
-    clock = broker.body.time
+    clock, before = broker.body.time, signal.getsignal(signal.SIGINT)
+    ignored = thread == threading.main_thread().ident and longest is not None and before is signal.SIG_IGN
+    if ignored:  # as in jobs that a shell runs in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
         begun = seen = clock.now
@@ -228,6 +231,8 @@ def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Eve
     finally:
         over.set()
         watcher.join()
+        if ignored:
+            signal.signal(signal.SIGINT, before)
 
 
 def _no_input(prompt: object = "") -> str:

@@ -243,3 +243,15 @@ def test_a_program_that_waits_ends_when_its_time_is_up(broker, tmp_path, capsys,
     result, _ = output_of(broker, tmp_path, capsys, waits + "\n", longest=1.0)
     assert result.ended in ("time is up", "completed")
     assert result.success
+
+
+def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, capsys):
+    """As in jobs that a shell runs in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        waits = "import threading\nthreading.Event().wait()\n"
+        result, _ = output_of(broker, tmp_path, capsys, waits, longest=1.0)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (result.ended, result.success) == ("time is up", True)
