@@ -119,18 +119,18 @@ def stand_ins(
 
     threads, begins = list[threading.Thread](), threading.Thread.start
 
-    def start(thread: threading.Thread) -> None:
-        if not thread.daemon:
-            thread.daemon = True  # waited for here, not by the process as it ends, which has no limit
-            threads.append(thread)
-        does = thread.run
+    def start(self: threading.Thread) -> None:
+        if not self.daemon:
+            self.daemon = True  # waited for here, not by the process as it ends, which has no limit
+            threads.append(self)
+        does = self.run
 
         def run() -> None:
             with suppress(TimeIsUp):
                 does()
 
-        thread.run = run  # type: ignore[method-assign]
-        begins(thread)
+        self.run = run  # type: ignore[method-assign]
+        begins(self)
 
     sys.modules.update(MODULES)
     set_broker(broker)
