@@ -166,7 +166,7 @@ class Broker:
         if entry is None or not entry.is_alive():
             return
         with self.body.time.lock:
-            entry.order.made = -1
+            entry.order.ticket = -1
             self.body.tasks.kill([t for t in self.body.tasks if t.thread == entry.ident], self.body)
 
     def _look_for_touches(self) -> None:

@@ -7,6 +7,7 @@ takes the place of an earlier reactive one on its joints.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -59,22 +60,14 @@ class Task:
 
 
 class Call:
-    """A call that runs beside others, and what was stopped before it was made.
+    """A call that runs beside others.
 
     Args:
-        made: How often `Tasks.stop` had been called by then; -1 lets it begin no more tasks.
-
-    Attributes:
-        own: Joint, or None for all -> which stop of the call itself came last.
+        ticket: Number in the order of arrival, from 1; -1 lets it begin no more tasks.
     """
 
-    def __init__(self, made: int) -> None:
-        self.made = made
-        self.own: dict[str | None, int] = {}
-
-    def comes_after(self, stop: int, of: str | None) -> bool:
-        """Return whether the call may still move a joint (None: all) whose last stop was this one."""
-        return stop <= max(self.made, self.own.get(of, 0) if self.made >= 0 else -1)
+    def __init__(self, ticket: int) -> None:
+        self.ticket = ticket
 
 
 class Tasks:
@@ -83,8 +76,8 @@ class Tasks:
     def __init__(self) -> None:
         self._tasks: list[Task] = []
         self._number = 0
-        self._stops = 0
-        self._stopped: dict[str | None, int] = {}  # joint, or None for all -> its last stop
+        self._tickets = itertools.count(1)
+        self._stopped: dict[str | None, int] = {}  # joint, or None for all -> ticket of its last stop
         self._thread = threading.local()
 
     def __iter__(self) -> Iterator[Task]:
@@ -104,8 +97,8 @@ class Tasks:
         task.number = self._number
         if (call := getattr(self._thread, "call", None)) is not None:
             of = (None, *task.resources)
-            task.killed = not all(call.comes_after(self._stopped.get(name, 0), name) for name in of)
-        if task.reactive:
+            task.killed = any(self._stopped.get(name, 0) > call.ticket for name in of)
+        if task.reactive and not task.killed:
             for other in self._tasks:
                 if other.reactive:
                     other.resources -= task.resources
@@ -116,6 +109,10 @@ class Tasks:
 
     def step(self, body: Body) -> None:
         """Start what can be started, and let everything that runs write its commands."""
+        with self.within(None):  # whoever waits runs the cycles: what tasks begin is not of that call
+            self._step(body)
+
+    def _step(self, body: Body) -> None:
         wanted: set[str] = set()
         for task in tuple(self._tasks):
             if task.killed:
@@ -151,33 +148,32 @@ class Tasks:
 
     def new_call(self) -> Call:
         """Return a call that is made now, for `within`."""
-        return Call(self._stops)
+        return Call(next(self._tickets))
 
     @contextlib.contextmanager
-    def within(self, call: Call) -> Iterator[None]:
-        """Let what this thread does in the meantime be of a call that was made earlier."""
-        self._thread.call = call
+    def within(self, call: Call | None) -> Iterator[None]:
+        """Let what this thread does in the meantime be of a call that was made earlier, or of none."""
+        before, self._thread.call = getattr(self._thread, "call", None), call
         try:
             yield
         finally:
-            self._thread.call = None
+            self._thread.call = before
 
     def stop(self, resources: Iterable[str] | None, body: Body) -> None:
         """End all tasks, or those that use any of some joints, and what earlier calls hand over later."""
-        self._stops += 1
         call = getattr(self._thread, "call", None)
+        ticket = next(self._tickets) if call is None else call.ticket
         names: list[str | None] = [None] if resources is None else [*resources]
         for name in names:
-            if call is not None and call.comes_after(self._stopped.get(name, 0), name):
-                call.own[name] = self._stops  # what it stops itself, it may move afterwards
-            self._stopped[name] = self._stops
+            self._stopped[name] = max(self._stopped.get(name, 0), ticket)
         self.kill(self._tasks if resources is None else self.using([*resources]), body)
 
     def kill(self, tasks: Iterable[Task], body: Body) -> None:
-        """End tasks now."""
-        for task in tuple(tasks):
-            task.killed = True
-            self._end(task, body)
+        """End tasks now; brakes that they begin are not of the call that ends them."""
+        with self.within(None):
+            for task in tuple(tasks):
+                task.killed = True
+                self._end(task, body)
 
     def by_number(self, number: int) -> Task | None:
         """Return the task with a number, or None where it is over."""

@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,7 @@ def turns_its_head(server):
     """Return whether another client can turn the head and read it.
 
     Calls of a client that has just ended may still be on their way through a busy server, and move the head
-    once more: it is tried again then.
+    once more, or stop it: it is tried again then.
     """
     url, process = server
     if process.poll() is not None:
@@ -47,6 +48,7 @@ def turns_its_head(server):
             robot._link.call("ALMotion", "angleInterpolation", "HeadYaw", angle, 1.0, True, timeout=60.0)
             if abs(robot.state().of(["HeadYaw"])[0] - angle) < 0.01:
                 return True
+            time.sleep(1.0)
         return False
 
 

@@ -10,7 +10,9 @@ import pepper_kin as pk
 from pepper_kin.naoqi import NaoqiError
 from pepper_kin.naoqi.joint_followers import JointFollowers
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS
+from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.simulated_time import CYCLE
+from pepper_kin.naoqi.tasks import Task
 from pepper_kin.twin import joint_response
 
 DOCUMENTED_HEAD = ["HeadYaw", "HeadPitch"]
@@ -223,6 +225,23 @@ def test_a_call_on_its_way_does_not_move_joints_that_are_stopped_meanwhile(broke
     motion.setAngles("HeadYaw", -0.2, 0.5)
     broker.body.time.sleep(1.0)
     assert motion.getAngles("HeadYaw", False) == pytest.approx([-0.2])
+
+
+def test_what_a_task_begins_while_a_stopped_call_waits_is_not_of_that_call(broker, motion):
+    """Time passes in the thread that waits, which runs the cycles of all."""
+
+    class Begins(Task):
+        def step(self, body):
+            body.tasks.add(SpeedTask("setAngles", {"HeadYaw": 0.3}, 0.5))
+            return False
+
+    go = threading.Event()
+    number = broker.post(lambda: go.wait(60.0) and broker.body.time.sleep(2.0))
+    motion.killAll()
+    broker.body.do(Begins("begins", ["HeadPitch"]))
+    go.set()
+    broker.wait_for(number, None)
+    assert motion.getAngles("HeadYaw", False) == pytest.approx([0.3])
 
 
 @pytest.mark.parametrize("stopped", [False, True])
