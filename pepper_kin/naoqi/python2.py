@@ -79,6 +79,7 @@ def program(path: Path) -> tuple[types.CodeType, bool]:
             warnings.simplefilter("ignore")
             tree = ast.parse(source, str(path))
             if not _is_old(tree):
+                tree = ast.fix_missing_locations(_Interruptible().visit(tree))
                 return compile(tree, str(path), "exec"), False
         first = None
     except SyntaxError as error:
@@ -134,7 +135,17 @@ def _translator(package: str) -> Any:
     return refactor.RefactoringTool(refactor.get_fixers_from_package(f"{package}.fixes"))
 
 
-class _OldMeaning(ast.NodeTransformer):
+class _Interruptible(ast.NodeTransformer):
+    """Lets `except:` catch one interrupt only, or loops around it have no end."""
+
+    def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
+        self.generic_visit(node)
+        if node.type is None:
+            node.type = ast.copy_location(_call("__caught__", []), node)
+        return node
+
+
+class _OldMeaning(_Interruptible):
     """Lets operations mean what they meant.
 
     Args:
@@ -227,6 +238,14 @@ def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callabl
 
     if old:
         names |= _OLD_BUILTINS | {"execfile": execfile}
+    interrupts = 0
+
+    def caught() -> type[BaseException]:
+        nonlocal interrupts
+        interrupts += isinstance(sys.exc_info()[1], KeyboardInterrupt)
+        return BaseException if interrupts <= 1 else Exception
+
+    names["__caught__"] = caught
     space["__builtins__"] = names
     exec(code, space)
 

@@ -14,7 +14,7 @@ import threading
 import time as wall
 import types
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,8 +100,11 @@ class ScriptTime(types.ModuleType):
 @contextmanager
 def stand_ins(
     broker: Broker, folder: Path, longest: float | None, reads: Callable[..., str]
-) -> Iterator[None]:
-    """Let imports find the stand-ins, and those of the script's folder the twin's clock."""
+) -> Iterator[list[threading.Thread]]:
+    """Let imports find the stand-ins, and those of the script's folder the twin's clock.
+
+    Yields the threads that the script begins and that Python would wait for at its end.
+    """
     before = {name: sys.modules.get(name) for name in MODULES}
     clock, finder = ScriptTime(broker, longest), ScriptImports(folder, reads)
     imported = builtins.__import__
@@ -114,15 +117,32 @@ def stand_ins(
             return clock
         return imported(name, globals, locals, fromlist, level)
 
+    threads, begins = list[threading.Thread](), threading.Thread.start
+
+    def start(self: threading.Thread) -> None:
+        if not self.daemon:
+            self.daemon = True  # waited for here, not by the process as it ends, which has no limit
+            threads.append(self)
+        does = self.run
+
+        def run() -> None:
+            with suppress(TimeIsUp):
+                does()
+
+        self.run = run  # type: ignore[method-assign]
+        begins(self)
+
     sys.modules.update(MODULES)
     set_broker(broker)
     builtins.__import__ = import_
+    threading.Thread.start = start  # type: ignore[method-assign]
     sys.path.insert(0, own)
     sys.meta_path.insert(0, finder)
     try:
-        yield
+        yield threads
     finally:
         builtins.__import__ = imported
+        threading.Thread.start = begins  # type: ignore[method-assign]
         sys.path.remove(own)
         sys.meta_path.remove(finder)
         for name in finder.loaded:
@@ -163,16 +183,23 @@ def run_script(
     reads = input if sys.stdin is not None and sys.stdin.isatty() else _no_input
     main, argv = sys.modules["__main__"], sys.argv
     begun = broker.body.time.now
+    end = math.inf if longest is None else begun + longest
     ended, status = "completed", 0
     error: BaseException | None = None
     with (
-        stand_ins(broker, script.parent, None if longest is None else begun + longest, reads),
+        stand_ins(broker, script.parent, None if longest is None else begun + longest, reads) as threads,
         _standstill(broker, longest) as stuck,
     ):
-        broker.body.time.limit(math.inf if longest is None else begun + longest)
+        broker.body.time.limit(end)
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         try:
-            begin(code, old, module.__dict__, reads)
+            try:
+                begin(code, old, module.__dict__, reads)
+            except (Exception, SystemExit):
+                with suppress(KeyboardInterrupt):  # what it raised is the result
+                    _wait_for(threads, broker, end)
+                raise
+            _wait_for(threads, broker, end)
         except TimeIsUp:
             ended = "time is up"
         except SystemExit as exit_:
@@ -233,6 +260,15 @@ def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Eve
         watcher.join()
         if ignored:
             signal.signal(signal.SIGINT, before)
+
+
+def _wait_for(threads: list[threading.Thread], broker: Broker, end: float) -> None:
+    """Wait for threads, and those that they begin, until a time of the twin [s]."""
+    for thread in threads:
+        while thread.is_alive() and broker.body.time.now < end:
+            thread.join(0.02)
+        if thread.is_alive():
+            raise TimeIsUp(f"at {end:g} s")
 
 
 def _no_input(prompt: object = "") -> str:

@@ -16,7 +16,7 @@ CYCLE = 0.02
 LEAST_PAUSE = 1e-4
 """Time between two cycles in which the lock is free, at least [s]."""
 
-GRACE = 60.0
+GRACE = 10.0
 """Time in which an interrupted thread may clean up before it is interrupted again [s]."""
 
 LATEST = 5000

@@ -81,6 +81,26 @@ def test_a_delayed_call_is_cancelled_before_it_begins(twin):
     assert qi.runAsync(int, "no").error().startswith("ValueError: invalid literal")
 
 
+def test_to_cancel_does_not_wait_for_a_strand_that_waits_for_the_clock(twin):
+    inside = threading.Event()
+
+    @qi.singleThreaded()
+    class Mover:
+        def move(self):
+            inside.set()
+            twin.motion.angleInterpolation("HeadYaw", [0.1, 0.0], [0.5, 1.0], True)
+
+        def after(self, _):
+            return "after"
+
+    mover, future = Mover(), qi.runAsync(int, delay=100_000_000)
+    after, moved = future.then(mover.after), qi.runAsync(mover.move)
+    assert inside.wait(10)
+    threading.Thread(target=future.cancel, daemon=True).start()
+    assert moved.wait(10_000) == qi.FutureState.FinishedWithValue
+    assert (future.isCanceled(), after.value(10_000)) == (True, "after")
+
+
 def test_calls_of_a_single_threaded_object_do_not_overlap():
     @qi.singleThreaded()
     class Counter:

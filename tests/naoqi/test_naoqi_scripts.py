@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 import traceback
 from pathlib import Path
 
@@ -236,13 +237,21 @@ def test_errors_name_the_line_of_the_program(broker, tmp_path, capsys):
         "from naoqi import ALProxy\nm = ALProxy('ALMemory')\nwhile not m.getData('FaceDetected'):\n    pass",
         "import select\nselect.select([], [], [])",
         "try:\n    while True:\n        pass\nexcept KeyboardInterrupt:\n    while True:\n        pass",
+        "import time\nwhile True:\n    try:\n        time.sleep(0.1)\n    except:\n        pass",
+        "m = __import__('naoqi').ALProxy('ALMotion')\nwhile True:\n    try:\n        m.moveTo(1.0, 0, 0)\n"
+        "    except:\n        print 'no'",
+        "import threading as t\nt.Thread(target=t.Event().wait).start()",
+        "import threading, time\ndef f():\n    while True:\n        time.sleep(0.1)\n"
+        "threading.Thread(target=f).start()",
     ],
 )
 def test_a_program_that_waits_ends_when_its_time_is_up(broker, tmp_path, capsys, waits):
     broker.memory.insertData("FaceDetected", [])
+    before = threading.enumerate()
     result, _ = output_of(broker, tmp_path, capsys, waits + "\n", longest=1.0)
     assert result.ended in ("time is up", "completed")
     assert result.success
+    assert all(thread.daemon or thread in before for thread in threading.enumerate())  # the process can end
 
 
 def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, capsys):
@@ -255,3 +264,19 @@ def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, ca
     finally:
         signal.signal(signal.SIGINT, before)
     assert (result.ended, result.success) == ("time is up", True)
+
+
+def test_threads_of_a_program_do_their_work_after_its_last_line(broker, tmp_path, capsys):
+    text = (
+        "import threading, time\nfrom naoqi import ALProxy\ndef work():\n    time.sleep(1)\n"
+        "    ALProxy('ALMotion').angleInterpolation('HeadYaw', 0.3, 1.0, True)\n    print 'turned'\n"
+        "threading.Timer(0.01, work).start()\n"
+    )
+    result, out = output_of(broker, tmp_path, capsys, text)
+    assert (result.ended, out) == ("completed", "turned\n")
+    assert broker.motion.getAngles("HeadYaw", True)[0] == pytest.approx(0.3, abs=0.01)
+    endless = (
+        "import threading\nthreading.Thread(target=threading.Event().wait).start()\nraise ValueError(1)\n"
+    )
+    result, _ = output_of(broker, tmp_path, capsys, endless, longest=0.5)
+    assert (result.ended, repr(result.error)) == ("failed", "ValueError(1)")

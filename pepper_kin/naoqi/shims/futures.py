@@ -303,10 +303,10 @@ def run_async(function: Callable[..., Any], *arguments: Any, delay: float = 0.0,
 
     def cancel() -> None:
         with body.time.lock:
-            if not begun.is_set():
-                future.settle(state=FutureState.Canceled)
             order.ticket = -1
             body.tasks.kill([task for task in body.tasks if task.thread == thread.ident], body)
+        if not begun.is_set():  # without the lock: what follows may wait for a strand, which waits for it
+            future.settle(state=FutureState.Canceled)
 
     future.on_cancel = cancel
     thread.start()
