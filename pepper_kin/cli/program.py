@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import sys
+import threading
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any
 
 import typer
@@ -76,6 +81,7 @@ def main() -> None:
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text in its encoding
+    sys.unraisablehook = partial(_interrupt_again, sys.unraisablehook)
     try:
         try:
             app()
@@ -97,3 +103,15 @@ def main() -> None:
         sys.exit(FAILED)
     except KeyboardInterrupt:  # while the command line was being read
         sys.exit(INTERRUPTED)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # what was half made complains where it is deleted
+            sys.unraisablehook = lambda _: None
+        raise
+
+
+def _interrupt_again(report: Callable[[Any], Any], unraisable: Any) -> None:
+    """Interrupt once more where Ctrl-C met a destructor, which cannot raise: the program would go on."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()  # here it would be lost, too
+    else:
+        report(unraisable)

@@ -180,6 +180,40 @@ def test_ctrl_c_exits_with_130_and_whole_files(tmp_path, stage):
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
+HALF_MADE = """\
+class Half:
+    def __init__(self):
+        signal.raise_signal(signal.SIGINT)
+        self.whole = True
+    def __del__(self):
+        self.whole
+"""
+DELETED = """\
+class Half:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+"""
+
+
+@pytest.mark.parametrize("of", [HALF_MADE, DELETED])
+def test_ctrl_c_while_objects_are_made_and_deleted_is_neither_lost_nor_explained(of, tmp_path):
+    text = f"""import signal, sys, time
+from pepper_kin.cli import program
+{of}
+@program.app.command("half")
+def half():
+    Half()
+    time.sleep(60)
+sys.argv = ["pepper-kin", "half"]
+program.main()
+"""
+    process = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, cwd=tmp_path, timeout=50,
+        preexec_fn=hear_ctrl_c, check=False,
+    )  # fmt: skip
+    assert (process.returncode, process.stderr.strip()) == (130, "")
+
+
 @pytest.mark.browser
 def test_ctrl_c_while_filming_ends_the_browser_and_keeps_the_old_film(chromium_path, tmp_path):
     make_nod(tmp_path)
