@@ -79,9 +79,9 @@ class ScriptTime(types.ModuleType):
         clock = broker.body.time
 
         def check() -> None:
-            if longest is not None and clock.now >= longest:
+            if clock.ended or (longest is not None and clock.now >= longest):
                 clock.interrupted = True
-                raise TimeIsUp(f"after {longest:g} s")
+                raise TimeIsUp(f"after {clock.now:g} s")
 
         def sleep(seconds: float) -> None:
             left = float(seconds) if longest is None else min(float(seconds), longest - clock.now)
@@ -123,10 +123,11 @@ def stand_ins(
         if not self.daemon:
             self.daemon = True  # waited for here, not by the process as it ends, which has no limit
             threads.append(self)
-        does = self.run
+        does, worker = self.run, broker.body.time.new_worker()
+        self.__dict__["worker"] = worker
 
         def run() -> None:
-            with suppress(TimeIsUp):
+            with suppress(TimeIsUp), broker.body.time.working(worker):
                 does()
 
         self.run = run  # type: ignore[method-assign]
@@ -180,21 +181,41 @@ def run_script(
     code, old = program(script)
     module = types.ModuleType("__main__")
     module.__file__ = str(script.resolve())
+
+    def script_runs(reads: Callable[..., str]) -> None:
+        sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
+        begin(code, old, module.__dict__, reads)
+
+    return run_program(script_runs, script.parent, broker, longest)
+
+
+def run_program(
+    does: Callable[[Callable[..., str]], None], folder: Path, broker: Broker, longest: float | None
+) -> ScriptResult:
+    """Run what scripts of a folder do, and wait for the threads that they begin.
+
+    Args:
+        does: Called with what reads a line that somebody types.
+        folder: Where scripts import from, which get the twin's clock.
+        broker: The simulated robot.
+        longest: See `run_script`.
+    """
     reads = input if sys.stdin is not None and sys.stdin.isatty() else _no_input
     main, argv = sys.modules["__main__"], sys.argv
-    begun = broker.body.time.now
+    clock = broker.body.time
+    begun = clock.now
     end = math.inf if longest is None else begun + longest
     ended, status = "completed", 0
     error: BaseException | None = None
     with (
-        stand_ins(broker, script.parent, None if longest is None else begun + longest, reads) as threads,
         _standstill(broker, longest) as stuck,
+        stand_ins(broker, folder, None if longest is None else begun + longest, reads) as threads,
     ):
-        broker.body.time.limit(end)
-        sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
+        clock.limit(end)
         try:
             try:
-                begin(code, old, module.__dict__, reads)
+                with clock.working(clock.new_worker()):
+                    does(reads)
             except (Exception, SystemExit):
                 with suppress(KeyboardInterrupt):  # what it raised is the result
                     _wait_for(threads, broker, end)
@@ -215,9 +236,9 @@ def run_script(
         except Exception as failure:
             ended, status, error = "failed", 1, failure
         finally:
-            broker.body.time.limit(math.inf)
+            clock.limit(math.inf)
             sys.modules["__main__"], sys.argv = main, argv
-    return ScriptResult(ended, status, broker.body.time.now - begun, error)
+    return ScriptResult(ended, status, clock.now - begun, error)
 
 
 @contextmanager
