@@ -160,7 +160,8 @@ def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
 @functools.cache
 def _translator(package: str) -> Any:
     refactor = importlib.import_module(f"{package}.refactor")
-    return refactor.RefactoringTool(refactor.get_fixers_from_package(f"{package}.fixes"))
+    fixers = refactor.get_fixers_from_package(f"{package}.fixes")
+    return refactor.RefactoringTool([one for one in fixers if not one.endswith(".fix_input")])
 
 
 class _Interruptible(ast.NodeTransformer):
@@ -292,8 +293,15 @@ def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callabl
         inner = sys._getframe(1).f_globals if globals is None else globals
         exec(program(Path(path))[0], inner, inner if locals is None else locals)
 
+    def evaluated(prompt: object = "") -> Any:
+        text = reads(prompt)
+        try:
+            return eval(text, sys._getframe(1).f_globals)
+        except (SyntaxError, NameError):
+            return text  # as programs for both versions expect it
+
     if old:
-        names |= _OLD_BUILTINS | {"execfile": execfile}
+        names |= _OLD_BUILTINS | {"execfile": execfile, "input": evaluated}
     interrupts = 0
 
     def caught() -> type[BaseException]:

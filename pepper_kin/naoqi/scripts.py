@@ -24,7 +24,7 @@ from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.python2 import ScriptImports, begin, program
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, qi_logging, set_broker, vision_definitions
-from pepper_kin.naoqi.simulated_time import TimeIsUp
+from pepper_kin.naoqi.simulated_time import SimulatedTime, TimeIsUp
 
 MODULES = {
     "naoqi": naoqi,
@@ -200,56 +200,69 @@ def run_program(
         broker: The simulated robot.
         longest: See `run_script`.
     """
-    reads = input if sys.stdin is not None and sys.stdin.isatty() else _no_input
-    main, argv = sys.modules["__main__"], sys.argv
     clock = broker.body.time
     begun = clock.now
     end = math.inf if longest is None else begun + longest
-    ended, status = "completed", 0
-    error: BaseException | None = None
     with (
-        _standstill(broker, longest) as stuck,
-        stand_ins(broker, folder, None if longest is None else begun + longest, reads) as threads,
+        standstill(clock, longest) as stuck,
+        stand_ins(broker, folder, None if longest is None else begun + longest, reads_of_stdin()) as threads,
     ):
         clock.limit(end)
-        try:
+
+        def waits() -> None:
             try:
                 with clock.working(clock.new_worker()):
-                    does(reads)
+                    does(reads_of_stdin())
             except (Exception, SystemExit):
                 with suppress(KeyboardInterrupt):  # what it raised is the result
                     _wait_for(threads, broker, end)
                 raise
             _wait_for(threads, broker, end)
-        except TimeIsUp:
-            ended = "time is up"
-        except SystemExit as exit_:
-            ended = "exited"
-            status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-            if exit_.code is not None and not isinstance(exit_.code, int):
-                print(exit_.code, file=sys.stderr)  # as Python does
-        except KeyboardInterrupt as interrupt:
-            if stuck.is_set():
-                ended = "time is up"
-            else:
-                ended, status, error = "interrupted", 130, interrupt
-        except Exception as failure:
-            ended, status, error = "failed", 1, failure
-        finally:
-            clock.limit(math.inf)
-            sys.modules["__main__"], sys.argv = main, argv
+
+        ended, status, error = ending(waits, stuck)
+        clock.limit(math.inf)
     return ScriptResult(ended, status, clock.now - begun, error)
 
 
+def reads_of_stdin() -> Callable[..., str]:
+    """Return what reads a line that somebody types, where somebody can."""
+    return input if sys.stdin is not None and sys.stdin.isatty() else _no_input
+
+
+def ending(does: Callable[[], None], stuck: threading.Event) -> tuple[str, int, BaseException | None]:
+    """Run what may end in any way; return how it ended, its exit code and error, as `ScriptResult` has them.
+
+    Args:
+        does: What is run, whose `sys.argv` and `__main__` are lost afterwards.
+        stuck: Set where it was interrupted as its time was up; see `standstill`.
+    """
+    main, argv = sys.modules["__main__"], sys.argv
+    try:
+        does()
+    except TimeIsUp:
+        return "time is up", 0, None
+    except SystemExit as exit_:
+        if exit_.code is not None and not isinstance(exit_.code, int):
+            print(exit_.code, file=sys.stderr)  # as Python does
+        return "exited", exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None), None
+    except KeyboardInterrupt as interrupt:
+        return ("time is up", 0, None) if stuck.is_set() else ("interrupted", 130, interrupt)
+    except Exception as failure:
+        return "failed", 1, failure
+    finally:
+        sys.modules["__main__"], sys.argv = main, argv
+    return "completed", 0, None
+
+
 @contextmanager
-def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Event]:
+def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threading.Event]:
     """Interrupt a script that computes, reads or waits elsewhere while no time of the twin passes.
 
     Where the twin's clock stands that of the wall counts.  Who was interrupted may clean up as long as time
     passes, and is interrupted again where it stands for `STUCK`.
     """
     stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
-    clock, before = broker.body.time, signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(signal.SIGINT)
     ignored = thread == threading.main_thread().ident and longest is not None and before is signal.SIG_IGN
     if ignored:  # as in jobs that a shell runs in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -252,8 +252,10 @@ class SimulatedTime:
     def _let_others_in(self) -> None:
         """Give other threads a chance to take the lock between two cycles."""
         self._changed.release()
-        time.sleep(0)
-        self._changed.acquire()
+        try:
+            time.sleep(0)
+        finally:  # also where Ctrl-C comes
+            self._changed.acquire()
 
     def _advance(self) -> None:
         self._on_cycle()
