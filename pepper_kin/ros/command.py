@@ -24,20 +24,20 @@ body_page = lazy_module("pepper_kin.naoqi.body_page")
 
 app = typer.Typer(add_completion=False)
 
-TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds")
+TRANSPORTS = ("rosbridge", "rclpy", "cyclonedds", "zenoh")
 
 
 @app.command()
 def serve(
     transport: Annotated[
         str,
-        typer.Option(help="rosbridge, rclpy or cyclonedds.", autocompletion=one_of(TRANSPORTS)),
+        typer.Option(help="rosbridge, rclpy, cyclonedds or zenoh.", autocompletion=one_of(TRANSPORTS)),
     ] = "rosbridge",
     port: Annotated[
-        int | None, typer.Option(help="Of rosbridge: where to listen; 0 for any, 9090 if left out.")
+        int | None, typer.Option(help="Of rosbridge (9090; 0 for any) or of Zenoh's router (7447).")
     ] = None,
     address: Annotated[
-        str | None, typer.Option(help="Of rosbridge: address to listen on; 127.0.0.1 if left out.")
+        str | None, typer.Option(help="Of rosbridge or of Zenoh's router; this machine's own if left out.")
     ] = None,
     token: Annotated[
         str | None, typer.Option(help="Of rosbridge: what clients must state; drawn with --allow-remote.")
@@ -106,7 +106,7 @@ def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:
     elif "url" in where:
         print(f"Pepper over {transport}: {where['url']}; Ctrl-C ends it")
     else:
-        reach = "this machine" if where["discovery_range"] == "LOCALHOST" else where["discovery_range"]
+        reach = where.get("router") or where["discovery_range"].replace("LOCALHOST", "this machine")
         print(f"Pepper over {transport}: ROS_DOMAIN_ID {where['domain_id']}, {reach}; Ctrl-C ends it")
         if transport == "cyclonedds":
             print("Topics only: for services and actions use rclpy or rosbridge")
@@ -127,10 +127,14 @@ def _transport(
         return server, {"url": server.url}
     if name not in TRANSPORTS:
         raise InvalidValueError("transport", repr(name), f"one of {', '.join(TRANSPORTS)}")
-    for option, value in {"--address": address, "--port": port, "--token": token}.items():
+    others = {} if name == "zenoh" else {"--address": address, "--port": port}
+    for option, value in {**others, "--token": token}.items():
         if value is not None:
             reason = "to be left out: only rosbridge has it; ROS_DOMAIN_ID names the graph"
             raise InvalidValueError(option, value, reason)
+    if name == "zenoh":
+        router = f"tcp/{address or ('0.0.0.0' if allow_remote else 'localhost')}:{port or 7447}"
+        return transports.ZenohTransport(router=router), {"domain_id": domain_number(), "router": router}
     if not allow_remote:
         stay_on_this_machine()
     where = {"domain_id": domain_number(), "discovery_range": discovery_range()}

@@ -2,7 +2,7 @@
 
 LocalTransport                            within this program
 RosbridgeServer, RosbridgeClient          JSON over web sockets
-RclpyTransport, CycloneTransport          the graph of ROS 2, by either library
+RclpyTransport, CycloneTransport, ZenohTransport   the graph of ROS 2, by any of these libraries
 DEFAULT_PORT                              of rosbridge
 """
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pepper_kin.ros.transports.rclpy import RclpyTransport
     from pepper_kin.ros.transports.rosbridge import DEFAULT_PORT, RosbridgeServer
     from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
+    from pepper_kin.ros.transports.zenoh import ZenohTransport
 
 __all__ = [
     "DEFAULT_PORT",
@@ -26,6 +27,7 @@ __all__ = [
     "RclpyTransport",
     "RosbridgeClient",
     "RosbridgeServer",
+    "ZenohTransport",
 ]
 
 __getattr__, __dir__ = lazily(__name__)

@@ -50,8 +50,15 @@ class Action(Closable):
         goal: Any,
         on_feedback: Callback | None = None,
         on_end: Callable[[GoalResult], None] | None = None,
+        goal_id: bytes | None = None,
     ) -> LocalGoal:
         """Send a goal; its feedback and its end are called back on the server's threads.
+
+        Args:
+            goal: The Goal message.
+            on_feedback: Called with each Feedback message.
+            on_end: Called with the result.
+            goal_id: What its client calls it, 16 bytes; made if omitted.
 
         Raises:
             InvalidValueError: for a goal of another type.
@@ -59,6 +66,7 @@ class Action(Closable):
         if not isinstance(goal, self.goal_type):
             raise InvalidValueError(f"goal of {self.name}", type(goal).__name__, self.type_name)
         made = LocalGoal(self, goal, on_feedback, on_end)
+        made.goal_id = made.goal_id if goal_id is None else goal_id
         if self.server.on_goal(goal):
             made.begin()
         return made
