@@ -113,17 +113,15 @@ def quaternionFromRotation3D(rotation: Rotation3D) -> Quaternion:
     """Return the product of the quaternions about z, y and x."""
     x, y, z = rotation
     turn = Quaternion.fromAngleAndAxisRotation
-    return turn(z, 0, 0, 1) * turn(y, 0, 1, 0) * turn(x, 1, 0, 0)  # type: ignore[no-any-return]
+    return turn(z, 0, 0, 1) * turn(y, 0, 1, 0) * turn(x, 1, 0, 0)
 
 
 def angleAndAxisRotationFromQuaternion(quaternion: Quaternion) -> list[float]:
     """Return the angle [rad] and the axis of a unit quaternion; that of no turn is x."""
-    w, *vector = quaternion
-    length = math.hypot(*vector)
-    angle = 2.0 * math.acos(min(max(w, -1.0), 1.0))
-    return vectorFloat(
-        [angle, *(value / length for value in vector)] if length > 1e-4 else [angle, 1.0, 0.0, 0.0]
-    )
+    w, vector = quaternion.values[0], quaternion.values[1:]
+    length = float(np.linalg.norm(vector))
+    axis = vector / length if length > 1e-4 else [1.0, 0.0, 0.0]
+    return vectorFloat([2.0 * math.atan2(length, w), *axis])
 
 
 def quaternionPosition3DFromPosition6D(
@@ -173,7 +171,10 @@ def orthogonalSpace(axis: Position3D, out: Transform | None = None) -> Transform
     side = (-y, x, 0.0) if abs(x) > 1e-4 else (0.0, -z, y) if abs(y) > 1e-4 else (z, 0.0, 0.0)
     first = Position3D(side).normalize()
     turn = _convert(Transform, _rotation_from_axes("XZ", first, unit))
-    return turn if out is None else give(out, _moved(turn, _convert(Position3D, out)))  # type: ignore[no-any-return]
+    if out is None:
+        return turn
+    give(out, _moved(turn, _convert(Position3D, out)))
+    return None
 
 
 def axisRotationProjection(axis: Position3D, turn: Any) -> Any:
@@ -215,8 +216,9 @@ def velocityExponential(velocity: Velocity6D) -> Transform:
 
 def transformLogarithm(transform: Transform) -> Velocity6D:
     """Return the velocity that leads to a transform within 1 s."""
-    angle, *axis = angleAndAxisRotationFromQuaternion(_convert(Quaternion, transform))
-    angular = angle * np.array(axis)
+    quaternion = _convert(Quaternion, transform)
+    sine = float(np.linalg.norm(quaternion.values[1:]))
+    angular = quaternion.values[1:] * (2.0 * math.atan2(sine, quaternion.values[0]) / sine if sine else 2.0)
     return Velocity6D([*np.linalg.solve(_along(angular), transform.values[Transform.apart]), *angular])
 
 
@@ -224,7 +226,7 @@ def transformMean(first: Transform, second: Transform, share: float = 0.5) -> Tr
     """Return the transform after a share of the way from one to another, at a constant velocity."""
     if not 0.0 <= share <= 1.0:
         raise RuntimeError(f"transformMean: a share of {share:g}; it is from 0 to 1")
-    return first * velocityExponential(transformLogarithm(first.diff(second)) * share)  # type: ignore[no-any-return]
+    return first * velocityExponential(transformLogarithm(first.diff(second)) * share)
 
 
 def position6DFromTransformDiff(current: Transform, target: Transform) -> Position6D:
@@ -276,16 +278,12 @@ def intersectionSegment2D(a1: Any, a2: Any, b1: Any, b2: Any, out: Any) -> bool:
 
 def areTwoBoxesInCollision(first: list[Any], second: list[Any]) -> bool:
     """Return whether sides of two boxes meet, or one holds the other's first corner."""
-    point, sides = (
-        Position2D(),
-        [list(zip(box, [*box[1:], *box[:1]], strict=True)) for box in (first, second)],
-    )
-    if any(intersectionSegment2D(*a, *b, point) for a in sides[0] for b in sides[1]):
+    sides = [list(zip(box, [*box[1:], *box[:1]], strict=True)) for box in (first, second)]
+    if any(intersectionSegment2D(*a, *b, Position2D()) for a in sides[0] for b in sides[1]):
         return True
-    pairs = ((sides[0], second), (sides[1], first))
     return any(
         bool(other) and all((end - begin).crossProduct(other[0] - begin) < 0.0 for begin, end in box)
-        for box, other in pairs
+        for box, other in zip(sides, (second, first), strict=True)
     )
 
 
@@ -331,9 +329,7 @@ def getDubinsSolutions(target: Pose2D, circleRadius: float) -> list[Pose2D]:
         circleRadius: Of the arcs [m].
     """
     if target.norm() < 4.0 * circleRadius:
-        raise RuntimeError(
-            f"getDubinsSolutions: {target} is nearer than 4 times the radius of {circleRadius:g} m"
-        )
+        raise RuntimeError(f"getDubinsSolutions: {target} is nearer than 4 times the radius {circleRadius:g}")
     x, y, theta = target
     ways = []
     for first in (1, -1):
@@ -341,18 +337,15 @@ def getDubinsSolutions(target: Pose2D, circleRadius: float) -> list[Pose2D]:
             begin = circleRadius * first * 1j
             way = complex(x, y) + circleRadius * last * 1j * cmath.rect(1.0, theta) - begin
             cosine = 0.0 if first == last else 2.0 * circleRadius / abs(way)
-            normal = (
-                way / abs(way) * complex(cosine, -first * math.sqrt(1.0 - cosine * cosine)) * circleRadius
-            )
+            normal = cmath.rect(circleRadius, cmath.phase(way) - first * math.acos(cosine))
             ways.append((begin + normal, begin + way + first * last * normal, first, last))
     start, end, first, last = min(ways, key=lambda each: abs(each[1] - each[0]))
     heading = cmath.phase(end - start)
     leaving = 2.0 * PI + heading if first * heading < 0.0 else heading
     turn = theta - heading
     arriving = 2.0 * PI + heading if last * turn < 0.0 else heading
-    return vectorPose2D(
-        [Pose2D(start.real, start.imag, leaving), Pose2D(end.real, end.imag, arriving), target]
-    )
+    places = [(start.real, start.imag, leaving), (end.real, end.imag, arriving)]
+    return vectorPose2D([*(Pose2D(place) for place in places), target])
 
 
 # The families
@@ -380,11 +373,8 @@ def _call_method(name: str, of: Any, *arguments: Any) -> Any:
 
 def _determinant(of: Any) -> float:
     """Return the determinant of the rotation of an object, or of a list of 12 or 16 numbers."""
-    return (
-        of.determinant()
-        if isinstance(of, Matrix)
-        else float(np.linalg.det(np.reshape(of[:12], (3, 4))[:, :3]))
-    )
+    matrix = of.to_matrix() if isinstance(of, Matrix) else np.reshape(of[:12], (3, 4))
+    return float(np.linalg.det(matrix[:3, :3]))
 
 
 _CONVERSIONS = """
@@ -405,7 +395,7 @@ _METHODS = {
     "transformDistance=distance transformDistanceSquared=distanceSquared",
     9: "isUnitVector isOrthogonal",
 }  # by the number of their operands
-_FUNCTIONS = {
+_FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "determinant": (_determinant, 1),
     "transformToFloatVector": (lambda transform: vectorFloat(transform.toVector()[:12]), 1),
     "quaternionFromRotation3D": (quaternionFromRotation3D, 1),
@@ -416,11 +406,9 @@ _FUNCTIONS = {
     "velocityExponentialInPlace": (velocityExponential, 1),
     "transformMeanInPlace": (transformMean, 3),
 }
-_IN_PLACE = {
+_IN_PLACE: dict[str, Callable[..., Any]] = {
     "transformFromPosition3D": lambda position, old: _moved(old, position),
-    "transformFromRotation": lambda turn, old: transformFromRotationPosition3D(
-        turn, _convert(Position3D, old)
-    ),
+    "transformFromRotation": lambda turn, old: _moved(_convert(Transform, turn), _convert(Position3D, old)),
     "transformFromRotVec": lambda *arguments: transformFromRotVec(*arguments[:-1]),
     "changeReferencePose2D": changeReferencePose2D,
     "changeReferencePosition3D": _turned,
@@ -457,6 +445,6 @@ for _kind in (Position2D, Pose2D, Quaternion, Rotation, Transform, almath_shapes
             globals()[f"{_kind.__name__}_{_name}"] = getattr(_kind, _name)
             if issubclass(_kind, Matrix | Quaternion):
                 globals()[f"{_kind.__name__.lower()}F{_name[1:]}"] = getattr(_kind, _name)
-globals()["rotationFromQuaternion"] = lambda *q: (Rotation.fromQuaternion if len(q) == 4 else _of_quaternion)(
+globals()["rotationFromQuaternion"] = lambda *q: (_of_quaternion if len(q) < 4 else Rotation.fromQuaternion)(
     *q
 )

@@ -30,7 +30,8 @@ class Pose2Di(Point2Di):
     def __init__(self, *values: Any) -> None:
         if values and isinstance(values[0], Point2Di):
             values = (values[0].x, values[0].y, *values[1:])
-        self.x, self.y, self.theta = (*values, *(0, 0, 0.0)[len(values) :])
+        super().__init__(*values[:2])
+        self.theta = values[2] if len(values) > 2 else 0.0
 
 
 class OccupancyMapParams:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -47,11 +48,7 @@ class Numbers:
         cls.names = tuple(names.split()) or cls.names
         cls.start = np.zeros(len(cls.names)) if start is None else start.ravel()
         for place, name in enumerate(cls.names):
-            read, write = (
-                lambda me, i=place: float(me.values[i]),
-                lambda me, x, i=place: me.values.__setitem__(i, x),
-            )
-            setattr(cls, name, property(read, write))
+            setattr(cls, name, property(partial(_read, place), partial(_write, place)))
 
     def __init__(self, *values: Any) -> None:
         self.values: Array = self.start.copy()
@@ -105,7 +102,10 @@ class Numbers:
 
     def toVector(self, out: list[float] | None = None) -> list[float] | None:
         """Return the numbers, or write them into a list."""
-        return vectorFloat(self) if out is None else give(out, list(self))
+        if out is None:
+            return vectorFloat(self)
+        out[:] = self
+        return None
 
     def __iter__(self) -> Iterator[float]:
         return iter(self.values.tolist())
@@ -180,6 +180,14 @@ class Numbers:
     def dotProduct(self, other: Numbers) -> float:
         """Return the scalar product."""
         return float(self.values @ other.values)
+
+
+def _read(place: int, of: Numbers) -> float:
+    return float(of.values[place])
+
+
+def _write(place: int, of: Numbers, value: float) -> None:
+    of.values[place] = value
 
 
 def give(target: Any, result: Any) -> None:
@@ -280,11 +288,11 @@ class Pose2D(Position2D, names="x y theta"):
     def inverse(self) -> Pose2D:
         """Return the inverse."""
         x, y, theta = self.values.tolist()
-        return Pose2D(0.0, 0.0, -theta) * Pose2D(-x, -y, 0.0)  # type: ignore[no-any-return]
+        return Pose2D(0.0, 0.0, -theta) * Pose2D(-x, -y, 0.0)
 
     def diff(self, other: Pose2D) -> Pose2D:
         """Return where another pose is as seen from this."""
-        return self.inverse() * other  # type: ignore[no-any-return]
+        return self.inverse() * other
 
 
 class Quaternion(Numbers, names="w x y z", start=np.eye(1, 4)):
@@ -293,7 +301,7 @@ class Quaternion(Numbers, names="w x y z", start=np.eye(1, 4)):
     @classmethod
     def of_matrix(cls, matrix: Array) -> Self:
         x, y, z, w = quaternions_of(matrix[:3, :3]).tolist()
-        return cls(w, x, y, z) * math.copysign(1.0, w)  # type: ignore[no-any-return]
+        return cls(w, x, y, z) * math.copysign(1.0, w)
 
     def to_matrix(self) -> Array:
         k, matrix = skew(self.values[1:]), np.eye(4)
@@ -447,7 +455,7 @@ class Transform(Matrix, names=cells(4), start=np.eye(3, 4)):
 
     def diff(self, other: Transform) -> Transform:
         """Return where another transform is as seen from this."""
-        return self.inverse() * other  # type: ignore[no-any-return]
+        return self.inverse() * other
 
     @classmethod
     def fromPosition(cls, x: float, y: float, z: float, *rotations: float) -> Self:
@@ -503,8 +511,9 @@ class Displacement(Pair):
 def _about(axis: str, angle: float | None = None) -> Any:
     """Return `fromRotX` and its kin, by an angle [rad] of the call or given here."""
 
-    def turn(cls: type[Matrix], turned: float | None = angle) -> Matrix:
-        return cls.from3DRotation(*(turned if name == axis else 0.0 for name in "XYZ"))
+    def turn(cls: type[Matrix], *turned: float) -> Matrix:
+        by = turned[0] if angle is None else angle
+        return cls.from3DRotation(*(by if name == axis else 0.0 for name in "XYZ"))
 
     return classmethod(turn)
 
