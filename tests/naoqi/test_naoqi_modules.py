@@ -232,6 +232,28 @@ def test_angles_and_sizes_in_pictures_come_back(broker):
     assert (video.sizesToResolution(320, 240), video.sizesToResolution(3, 4)) == (1, -1)
 
 
+def test_free_zones_end_at_obstacles():
+    scene = pk.Scene().add_box("wall", size=(0.1, 2.0, 1.0), position=(1.0, 0.0, 0.5))
+    with Broker(real_time=False, scene=scene) as broker:
+        navigation = broker.module("ALNavigation")
+        assert navigation.findFreeZone(0.6, 1.0) == [0, 0.6, [0.0, 0.0]]
+        failed, radius, place = navigation.getFreeZone(2.0, 1.0)
+        assert (failed, place) == (1, [0.0, 0.0])
+        assert radius == pytest.approx(0.95, abs=0.05)
+
+
+def test_ears_show_a_direction(broker):
+    leds = broker.module("ALLeds")
+    leds.earLedsSetAngle(180, 0.5, True)
+    assert [light for light in leds.listLED("EarLeds") if leds.color(light)[2] > 0.0] == [
+        "LeftEarLed6",
+        "RightEarLed6",
+    ]
+    leds.earLedsSetAngle(90, 0.5, False)
+    assert all(leds.color(light)[2] == 0.0 for light in leds.listLED("EarLeds"))
+    assert broker.body.time.now == pytest.approx(1.0, abs=0.05)
+
+
 def test_the_tracker_knows_its_old_names(broker):
     tracker = broker.module("ALTracker")
     tracker.addTarget("Face", 0.1)
