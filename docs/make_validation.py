@@ -69,9 +69,10 @@ before to 40 ms after it. Two readings or more that are not, over 0.35 s, are a 
 10 mrad away. {named:.0f} % of the readings are in one. The figures without stretches are about the rest,
 and are the better the more is called a stretch. What tells models apart is all readings, and the delay. The
 kinds ("beyond a limit", "protected", "blocked") are what the posture suggests; why a robot stopped is not
-in the log. To ask in addition for a command that was steady was tried in eight variants. The best of them (steady for
-0.2 s, or protected) names 13.8 % of the readings with 72 % of the squared error (HipPitch 43 %), and leaves
-a 95th percentile of 25.6 mrad (the others up to 55.8) and an rms of 33 mrad. So it is not asked.
+in the log. To ask in addition for a command that was steady was tried in eight variants. The best of them
+(steady for 0.2 s, or protected) names 13.8 % of the readings with 72 % of the squared error (HipPitch
+43 %), and leaves a 95th percentile of 25.6 mrad (the others up to 55.8) and an rms of 33 mrad. So it is not
+asked.
 
 **What the fit found.** Value and 95 % interval over persons:
 

@@ -252,6 +252,7 @@ ASKS_WHAT_IS_IMPORTED = {
     "pepper_kin/kernels/signatures.py",  # the names of a class's own module
     "pepper_kin/lazy_names.py",  # a package's own module
     "pepper_kin/naoqi/scripts.py",  # the modules that a script of NAOqi's imports, put back after it
+    "pepper_kin/qibullet/programs.py",  # those of qiBullet's programs
 }
 
 

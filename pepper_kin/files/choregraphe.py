@@ -8,13 +8,12 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.file_access.reading import is_real_text, read_bytes, read_text
+from pepper_kin.files.choregraphe_xml import Element, attribute, number, parse
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.plain_number import plain_number
 from pepper_kin.trajectory.joint_curves import JointCurve
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.timeline import HANDS, Timeline
@@ -24,19 +23,6 @@ NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}
 _XML_KINDS = {"bezier": "bezier", "linear": "linear", "constant": "constant", "bezier_auto": "auto"}
 _DEGREE, _SHARE, _UNSTATED = 0, 1, -1
 _APPEND = re.compile(r"\s*(?:\w+\.)*(names|times|keys)\.append\((.*)")
-_DEEPEST = 200
-
-
-class _Element:
-    """One element of an XML file, with its line."""
-
-    def __init__(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        self.tag, self.attributes, self.line = tag, attributes, line
-        self.children: list[_Element] = []
-
-    def named(self, tag: str) -> list[_Element]:
-        """Return the children with a tag."""
-        return [child for child in self.children if child.tag == tag]
 
 
 def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
@@ -61,7 +47,7 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     """
     if Path(path).suffix.lower() == ".pml":
         return _project(path)
-    root = _parse(path)
+    root = parse(path)
     if root.tag not in ("ChoregrapheProject", "Animation"):
         raise FileFormatError(path, f"is not a behavior: its root is {root.tag!r}", root.line)
     found = tuple(_timelines(path, root, ()))
@@ -120,7 +106,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
     """
     lists: dict[str, list[Any]] = {"names": [], "times": [], "keys": []}
     # Line by line: the script around the lists is Python 2, which Python 3 cannot parse.
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for at, line in enumerate(read_text(path).splitlines(), start=1):
         begun = _APPEND.match(line)
         if begun is None:
             continue
@@ -128,7 +114,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
         try:
             lists[name].append(ast.literal_eval(rest[: rest.rindex(")")].strip()))
         except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
-            raise FileFormatError(path, f"{name}.append(...) has no plain values", number) from error
+            raise FileFormatError(path, f"{name}.append(...) has no plain values", at) from error
     if not lists["names"]:
         raise FileFormatError(path, "has no names.append(...), as Choregraphe exports it")
     try:
@@ -158,7 +144,24 @@ def _finite(what: str, value: Any) -> float:
 
 
 def _project(path: PathName) -> tuple[Timeline, ...]:
-    root = _parse(path)
+    found: list[Timeline] = []
+    read: dict[tuple[Path, str], list[Timeline]] = {}
+    for folder, file in behaviors_of(path):
+        if (file, folder) not in read:  # a project may name one file any number of times
+            read[file, folder] = list(_timelines(file, parse(file), (folder,)))
+        found += read[file, folder]
+    if not found:
+        raise FileFormatError(path, "has no behavior with a timeline that moves a joint")
+    return tuple(found)
+
+
+def behaviors_of(path: PathName) -> tuple[tuple[str, Path], ...]:
+    """Return folder and file of each behavior that a project (.pml) names.
+
+    Raises:
+        FileFormatError: naming the line, for a file that is none, or outside the project's folder.
+    """
+    root = parse(path)
     if root.tag != "Package":
         raise FileFormatError(path, f"is not a project: its root is {root.tag!r}", root.line)
     behaviors = [
@@ -166,47 +169,43 @@ def _project(path: PathName) -> tuple[Timeline, ...]:
     ]
     if not behaviors:
         raise FileFormatError(path, "names no behavior", root.line)
-    found: list[Timeline] = []
-    read: dict[tuple[Path, str], list[Timeline]] = {}
+    found = []
     for behavior in behaviors:
-        folder, xar = (_attribute(path, behavior, name) for name in ("src", "xar"))
+        folder, xar = (attribute(path, behavior, name) for name in ("src", "xar"))
         below = Path(folder) / xar
         if below.is_absolute() or ".." in below.parts:
             raise FileFormatError(path, f"names {str(below)!r}, outside its own folder", behavior.line)
         file = Path(path).parent / below
-        if (file, folder) not in read:  # a project may name one file any number of times
-            try:
-                read_bytes(file)
-            except FileFormatError as error:
-                raise FileFormatError(path, f"names a behavior: {error}", behavior.line) from error
-            read[file, folder] = list(_timelines(file, _parse(file), (folder,)))
-        found += read[file, folder]
-    if not found:
-        raise FileFormatError(path, "has no behavior with a timeline that moves a joint")
+        try:
+            read_bytes(file)
+        except FileFormatError as error:
+            raise FileFormatError(path, f"names a behavior: {error}", behavior.line) from error
+        found.append((folder, file))
     return tuple(found)
 
 
-def _timelines(path: PathName, element: _Element, boxes: tuple[str, ...]) -> Iterator[Timeline]:
+def _timelines(path: PathName, element: Element, boxes: tuple[str, ...]) -> Iterator[Timeline]:
     """Yield the timelines below an element, named by the boxes on the way to them."""
     if element.tag == "Box":
         boxes = (*boxes, element.attributes.get("name", "?"))
     if element.tag in ("Timeline", "Animation"):
-        timeline = _timeline(path, element, "/".join(boxes) or "Timeline")
+        timeline = timeline_of(path, element, "/".join(boxes) or "Timeline")
         if timeline is not None:
             yield timeline
     for child in element.children:
         yield from _timelines(path, child, boxes)
 
 
-def _timeline(path: PathName, element: _Element, name: str) -> Timeline | None:
+def timeline_of(path: PathName, element: Element, name: str) -> Timeline | None:
+    """Return what a Timeline or Animation element moves, or None."""
     elements = [curve for group in element.named("ActuatorList") for curve in group.named("ActuatorCurve")]
     heard = [curve for curve in elements if curve.attributes.get("mute", "0") not in ("1", "true")]
     if not any(curve.named("Key") for curve in heard):
         return None
-    fps = _number(path, element, "fps")
+    fps = number(path, element, "fps")
     if fps <= 0:
         raise FileFormatError(path, f"fps is {fps:g}, expected a rate above 0", element.line)
-    first = _number(path, element, "start_frame", "1")
+    first = number(path, element, "start_frame", "1")
     curves = [_curve(path, curve, fps, first) for curve in heard]
     kept = tuple(curve for curve in curves if curve is not None)
     try:
@@ -215,10 +214,10 @@ def _timeline(path: PathName, element: _Element, name: str) -> Timeline | None:
         raise FileFormatError(path, str(error), element.line) from error
 
 
-def _curve(path: PathName, element: _Element, fps: float, first: float) -> JointCurve | None:
-    joint = _attribute(path, element, "actuator")
+def _curve(path: PathName, element: Element, fps: float, first: float) -> JointCurve | None:
+    joint = attribute(path, element, "actuator")
     usual = _SHARE if joint in HANDS else _DEGREE
-    unit = int(_number(path, element, "unit", str(usual)))
+    unit = int(number(path, element, "unit", str(usual)))
     if unit == _UNSTATED:
         unit = usual
     if unit not in (_DEGREE, _SHARE):
@@ -228,7 +227,7 @@ def _curve(path: PathName, element: _Element, fps: float, first: float) -> Joint
     scale = math.radians(1.0) if unit == _DEGREE else 1.0
     keys: list[Key] = []
     for child in element.named("Key"):
-        frame = _number(path, child, "frame")
+        frame = number(path, child, "frame")
         if frame < first:
             continue
         time = (frame - first) / fps
@@ -237,66 +236,23 @@ def _curve(path: PathName, element: _Element, fps: float, first: float) -> Joint
             raise FileFormatError(path, reason, child.line)
         handles = _handles(path, child, fps, scale)
         try:
-            keys.append(Key(time, scale * _number(path, child, "value"), *handles))
+            keys.append(Key(time, scale * number(path, child, "value"), *handles))
         except InvalidValueError as error:
             raise FileFormatError(path, f"{joint}: {error}", child.line) from error
     return JointCurve(joint, tuple(keys)) if keys else None
 
 
-def _handles(path: PathName, key: _Element, fps: float, scale: float) -> tuple[Handle, Handle]:
+def _handles(path: PathName, key: Element, fps: float, scale: float) -> tuple[Handle, Handle]:
     found = {"left": Handle(), "right": Handle()}
     for tangent in key.named("Tangent"):
-        side = _attribute(path, tangent, "side")
-        kind = _attribute(path, tangent, "interpType")
+        side = attribute(path, tangent, "side")
+        kind = attribute(path, tangent, "interpType")
         if side not in found:
             raise FileFormatError(path, f"side is {side!r}, expected left or right", tangent.line)
         if kind not in _XML_KINDS:
             known = ", ".join(_XML_KINDS)
             raise FileFormatError(path, f"interpType is {kind!r}, expected one of {known}", tangent.line)
-        time = _number(path, tangent, "abscissaParam", "0") / fps
-        value = _number(path, tangent, "ordinateParam", "0") * scale
+        time = number(path, tangent, "abscissaParam", "0") / fps
+        value = number(path, tangent, "ordinateParam", "0") * scale
         found[side] = Handle(_XML_KINDS[kind], time, value)
     return found["left"], found["right"]
-
-
-def _attribute(path: PathName, element: _Element, name: str) -> str:
-    if name not in element.attributes:
-        raise FileFormatError(path, f"{element.tag} has no attribute {name!r}", element.line)
-    return element.attributes[name]
-
-
-def _number(path: PathName, element: _Element, name: str, otherwise: str | None = None) -> float:
-    text = _attribute(path, element, name) if otherwise is None else element.attributes.get(name, otherwise)
-    value = plain_number(text)
-    if not math.isfinite(value):
-        raise FileFormatError(
-            path, f"{name} of {element.tag} is {shortened(text)!r}, expected a finite number", element.line
-        )
-    return value
-
-
-def _parse(path: PathName) -> _Element:
-    """Return the root of an XML file; a document type, which could define entities, is refused."""
-    text = read_text(path)
-    parser = expat.ParserCreate()
-    document = _Element("", {}, 0)
-    open_elements = [document]
-
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, parser.CurrentLineNumber)
-        if len(open_elements) > _DEEPEST:
-            raise FileFormatError(path, f"nests more than {_DEEPEST} elements", element.line)
-        open_elements[-1].children.append(element)
-        open_elements.append(element)
-
-    def doctype(*_: object) -> None:
-        raise FileFormatError(path, "has a document type, expected none", parser.CurrentLineNumber)
-
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: open_elements.pop()
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise FileFormatError(path, f"is not a complete XML file: {error}", error.lineno) from error
-    return document.children[0]

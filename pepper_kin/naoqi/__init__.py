@@ -3,6 +3,7 @@
 Broker                                    a simulated Pepper with ALMotion, ALMemory, ...
 Host                                      serves them to clients of `qi`
 run_script, ScriptResult                  runs an unmodified script
+run_behavior, BehaviorResult              runs a project of Choregraphe
 RunLog                                    a run of the twin from what happened
 coverage, coverage_summary                which methods are simulated
 NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
+    from pepper_kin.naoqi.behaviors import BehaviorResult, run_behavior
     from pepper_kin.naoqi.broker import Broker
     from pepper_kin.naoqi.coverage_table import Covered, coverage, coverage_summary
     from pepper_kin.naoqi.errors import (
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from pepper_kin.supervision import RobotMotionStatus, UnusableStateError
 
 __all__ = [
+    "BehaviorResult",
     "Broker",
     "Covered",
     "FollowOptions",
@@ -55,6 +58,7 @@ __all__ = [
     "UnusableStateError",
     "coverage",
     "coverage_summary",
+    "run_behavior",
     "run_script",
     "states_of_run",
 ]

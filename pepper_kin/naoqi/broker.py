@@ -18,6 +18,9 @@ from pepper_kin.naoqi.posture import ALRobotPosture
 MOST_CALLS = 1000
 """Posted calls that are known, with their errors; beyond that, the oldest that has ended is forgotten."""
 
+POLL = 0.002
+"""What a look at a posted call takes [s]."""
+
 TOUCH_EVERY = 10
 """Cycles between two looks at bumpers and touch sensors."""
 
@@ -144,21 +147,25 @@ class Broker:
         if entry is None:
             with self.body.time.lock:
                 return self.body.tasks.by_number(number) is not None
-        if entry.is_alive():
-            entry.join(0.002)  # time passes for a caller that polls in a loop
-        return entry.is_alive()
+        if self.body.time.works:
+            self.body.time.spend(POLL)
+        elif not entry.over:
+            entry.join(POLL)  # time passes for a caller that polls in a loop
+        return not entry.over
 
     def wait_for(self, number: int, timeout: float | None) -> bool:
         """Wait for a posted call [s]; return whether it is still running."""
         entry = self._calls.get(number)
         if entry is None:
             return False
+        if self.body.time.works:
+            self.body.time.wait_until(lambda: entry.over, timeout)
         end = None if timeout is None else self.body.time.now + timeout
-        while entry.is_alive() and (end is None or self.body.time.now < end):
+        while not entry.over and (end is None or self.body.time.now < end):
             entry.join(0.02)
-        if entry.error is not None and not entry.is_alive():
+        if entry.error is not None and entry.over:
             raise entry.error
-        return entry.is_alive()
+        return not entry.over
 
     def stop_call(self, number: int) -> None:
         """End the motion tasks of a posted call."""
@@ -184,6 +191,7 @@ class _Call(threading.Thread):
         self.order = body.tasks.new_call()
         self.value: Any = None
         self.error: BaseException | None = None
+        self.over = False
 
     def run(self) -> None:
         """Do the call."""
@@ -192,6 +200,8 @@ class _Call(threading.Thread):
                 self.value = self._call()
         except Exception as error:
             self.error = error
+        finally:
+            self.over = True
 
 
 def other_modules() -> tuple[type[Module], ...]:

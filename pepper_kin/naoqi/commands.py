@@ -17,8 +17,10 @@ from pepper_kin.cli.terminal import FAILED, Json, check_record, one_of, print_js
 from pepper_kin.exceptions import InvalidValueError, PepperKinError
 from pepper_kin.file_access.atomic_file import check_file
 from pepper_kin.lazy_names import lazy_module
+from pepper_kin.naoqi.behaviors import PROJECTS
 from pepper_kin.naoqi.doctor import examine
 from pepper_kin.naoqi.qi_library import libqi
+from pepper_kin.naoqi.scripts import ScriptResult
 from pepper_kin.servers.end_signals import ended_by_signals
 
 body_page = lazy_module("pepper_kin.naoqi.body_page")
@@ -83,7 +85,10 @@ def serve(
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def run(
     context: typer.Context,
-    script: Annotated[Path, typer.Argument(help="A script for NAOqi, in Python 3 or 2.", exists=True)],
+    script: Annotated[
+        Path,
+        typer.Argument(help="A script in Python 3 or 2, or a project of Choregraphe.", exists=True),
+    ],
     fast: Annotated[
         bool, typer.Option("--fast", help="Let time pass as fast as it can be computed.")
     ] = False,
@@ -99,6 +104,8 @@ def run(
 ) -> None:
     """Run an unmodified script against the twin; what follows its name is handed to it.
 
+    A project of Choregraphe (.pml, .xar, .pkg or its folder) takes the name of one of its behaviors there.
+
     Example: pepper-kin naoqi run wave.py --fast
     """
     if max_time is not None and not max_time > 0:
@@ -106,16 +113,26 @@ def run(
     with _broker(mode, not fast, scene, view, record) as broker:
         broker.on_log = lambda time, text: print(f"[{time:8.2f} s] {text}", file=sys.stderr)
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
-            result = naoqi.run_script(script, context.args, broker=broker, longest=max_time)
+            result = _run(script, context.args, broker, max_time)
         logged = [{"time": time, "text": text} for time, text in broker.logged]
     if as_json:
         outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
         print_json(outcome)
     print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
-    if result.ended == "failed":
+    if result.error is not None and result.ended == "failed":
         traceback.print_exception(result.error)
     if not result.success:
         raise typer.Exit(result.code or FAILED)
+
+
+def _run(path: Path, arguments: list[str], broker: naoqi.Broker, longest: float | None) -> ScriptResult:
+    if not path.is_dir() and path.suffix.lower() not in PROJECTS:
+        return naoqi.run_script(path, arguments, broker=broker, longest=longest)
+    result = naoqi.run_behavior(path, *arguments[:1], broker=broker, longest=longest)
+    others = [name for name in result.behaviors if name != result.behavior]
+    said = f"; others: {', '.join(others)}" if others else ""
+    print(f"{path.name}: behavior {result.behavior}{said}", file=sys.stderr)
+    return result
 
 
 @app.command()

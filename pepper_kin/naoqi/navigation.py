@@ -18,6 +18,9 @@ from pepper_kin.naoqi.motion_base import Pose
 FARTHEST = 3.0
 """The farthest that `navigateTo` goes [m] (the maker's documents)."""
 
+ARC = 0.2
+"""The longest part of a circle that is gone as a line [rad]."""
+
 NO_MAP = "the twin keeps no map; its place is known"
 
 
@@ -120,15 +123,23 @@ class ALNavigation(Module):
         if trajectory[0] == "Composed":
             places = [Pose(0.0, 0.0, 0.0)]
             for part in trajectory[1:]:
-                for place in self._places(method, part):
-                    places.append(places[-1].moved(*place))
+                begin = places[-1]
+                places += [begin.moved(*place) for place in self._places(method, part)]
             return [list(place) for place in places[1:]]
-        if trajectory[0] != "Holonomic" or len(trajectory) < 3 or trajectory[1][0] != "Line":
+        path = trajectory[1] if trajectory[0] == "Holonomic" and len(trajectory) > 2 else None
+        if not isinstance(path, list | tuple) or len(path) < 2 or path[0] not in ("Line", "Circle"):
             raise self.fail(
-                method, f"got {quoted(trajectory)}, expected Composed or Holonomic parts with a Line"
+                method,
+                f"got {quoted(trajectory)}, expected Composed or Holonomic parts with a Line or a Circle",
             )
-        x, y = self.numbers(method, "Line", trajectory[1][1], 2)
-        return [[x, y, self.number(method, "theta", trajectory[2])]]
+        theta = self.number(method, "theta", trajectory[2])
+        x, y = self.numbers(method, str(path[0]), path[1], 2)
+        if path[0] == "Line":
+            return [[x, y, theta]]
+        span = self.number(method, "angle of the circle", path[2] if len(path) > 2 else None)
+        shares = np.linspace(0.0, 1.0, 1 + math.ceil(1 + abs(span) / ARC))[1:]
+        turned = [Pose(x, y, float(share * span)).moved(-x, -y, 0.0) for share in shares]
+        return [[p[0], p[1], float(share * theta)] for p, share in zip(turned, shares, strict=True)]
 
 
 class ALLocalization(Module):

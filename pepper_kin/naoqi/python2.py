@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import builtins
 import codecs
+import copy
 import functools
 import importlib
 import math
@@ -44,6 +45,7 @@ OLD_MODULES = {
     "cookielib": ("http.cookiejar",),
     "copy_reg": ("copyreg",),
     "httplib": ("http.client",),
+    "mutex": ("pepper_kin.naoqi.shims.mutex",),
     "thread": ("_thread",),
     "tkFileDialog": ("tkinter.filedialog",),
     "tkMessageBox": ("tkinter.messagebox",),
@@ -72,15 +74,41 @@ def program(path: Path) -> tuple[types.CodeType, bool]:
     Raises:
         FileFormatError: naming the line, for a text that is neither.
     """
-    text = read_bytes(path).decode("utf-8", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    text = read_bytes(path).decode("utf-8", errors="replace")
+    tree, old = _tree(path, text, None)
+    return _compiled(path, tree), old
+
+
+def old_program(path: Path, text: str, line: int) -> types.CodeType:
+    """Return the code of a program in Python 2 that stands in a file from a line on; see `program`."""
+    try:
+        tree = copy.deepcopy(_old_tree(text))
+    except FileFormatError as error:
+        raise FileFormatError(path, error.reason, line + (error.line or 1) - 1) from error
+    return _compiled(path, ast.increment_lineno(tree, line - 1))
+
+
+def _compiled(path: Path, tree: ast.Module) -> types.CodeType:
+    try:
+        return compile(tree, str(path), "exec")
+    except SyntaxError as error:
+        raise FileFormatError(path, f"cannot be compiled by Python: {error.msg}", error.lineno) from error
+
+
+@functools.lru_cache(256)
+def _old_tree(text: str) -> ast.Module:
+    return _tree(Path("text"), text, True)[0]
+
+
+def _tree(path: Path, text: str, old: bool | None) -> tuple[ast.Module, bool]:
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     source = _RESERVED.sub(".async_", _ASYNC_ARGUMENT.sub("_async=", text))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             tree = ast.parse(source, str(path))
-            if not _is_old(tree):
-                tree = ast.fix_missing_locations(_Interruptible().visit(tree))
-                return compile(tree, str(path), "exec"), False
+            if not old and not _is_old(tree):
+                return ast.fix_missing_locations(_Interruptible().visit(tree)), False
         first = None
     except SyntaxError as error:
         first = error
@@ -94,7 +122,7 @@ def program(path: Path) -> tuple[types.CodeType, bool]:
             if first is not None:
                 raise  # otherwise it is Python 3 with an old name or two
         tree = _OldMeaning(_TRUE_DIVISION.search(source) is None).visit(tree)
-        return compile(ast.fix_missing_locations(tree), str(path), "exec"), True
+        return ast.fix_missing_locations(tree), True
 
 
 def _is_old(tree: ast.AST) -> bool:
@@ -119,7 +147,7 @@ def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
     tool = _translator(package)
     try:
         text = str(tool.refactor_string(source.expandtabs(8).rstrip() + "\n", str(path)))
-        compile(text, str(path), "exec")
+        ast.parse(text, str(path))
     except Exception as error:
         line, said = first.lineno if first is not None else None, first.msg if first is not None else error
         context = getattr(error, "context", None)  # of the translator's parser, which reads Python 2
@@ -132,7 +160,8 @@ def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
 @functools.cache
 def _translator(package: str) -> Any:
     refactor = importlib.import_module(f"{package}.refactor")
-    return refactor.RefactoringTool(refactor.get_fixers_from_package(f"{package}.fixes"))
+    fixers = refactor.get_fixers_from_package(f"{package}.fixes")
+    return refactor.RefactoringTool([one for one in fixers if not one.endswith(".fix_input")])
 
 
 class _Interruptible(ast.NodeTransformer):
@@ -154,6 +183,20 @@ class _OldMeaning(_Interruptible):
 
     def __init__(self, whole: bool) -> None:
         self._whole = whole
+        self._functions = 0
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
+        self._functions += 1
+        self.generic_visit(node)
+        self._functions -= 1
+        return node
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.AST:
+        if not self._functions or node.level or node.names[0].name != "*":
+            return node
+        globals_ = _call("globals", [])
+        call = _call("__import_all__", [ast.Constant(node.module), globals_])
+        return ast.copy_location(ast.Expr(call), node)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         self.generic_visit(node)
@@ -171,7 +214,11 @@ class _OldMeaning(_Interruptible):
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
-        if not (isinstance(node.func, ast.Attribute) and node.func.attr in _OF_STRINGS):
+        if not isinstance(node.func, ast.Attribute):
+            return node
+        if node.func.attr in ("load", "loads"):  # of json, whose texts have one encoding now
+            node.keywords = [one for one in node.keywords if one.arg != "encoding"]
+        if node.func.attr not in _OF_STRINGS:
             return node
         first = [node.func.value, ast.Constant(node.func.attr)]
         return ast.copy_location(_call("__of_string__", [*first, *node.args], node.keywords), node)
@@ -205,6 +252,16 @@ def _of_string(value: Any, method: str, *arguments: Any, **named: Any) -> Any:
     return getattr(value, method)(*arguments, **named)
 
 
+def _import_all(name: str, space: dict[str, Any]) -> None:
+    """Import all names of a module, in a function."""
+    exec(f"from {name} import *", space)
+
+
+def _next(it: Any, *default: Any) -> Any:
+    """Return the next of an iterator; the translator makes that of every call of a method `next`."""
+    return it.next() if hasattr(it, "next") and not hasattr(it, "__next__") else builtins.next(it, *default)
+
+
 def _ord(character: Any) -> int:
     return character if isinstance(character, int) else builtins.ord(character)  # of bytes, which are numbers
 
@@ -236,8 +293,15 @@ def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callabl
         inner = sys._getframe(1).f_globals if globals is None else globals
         exec(program(Path(path))[0], inner, inner if locals is None else locals)
 
+    def evaluated(prompt: object = "") -> Any:
+        text = reads(prompt)
+        try:
+            return eval(text, sys._getframe(1).f_globals)
+        except (SyntaxError, NameError):
+            return text  # as programs for both versions expect it
+
     if old:
-        names |= _OLD_BUILTINS | {"execfile": execfile}
+        names |= _OLD_BUILTINS | {"execfile": execfile, "input": evaluated}
     interrupts = 0
 
     def caught() -> type[BaseException]:
@@ -252,12 +316,14 @@ def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callabl
 
 _OLD_BUILTINS: dict[str, Any] = {
     "__divided__": _divided,
+    "__import_all__": _import_all,
     "__of_string__": _of_string,
     "apply": lambda f, arguments=(), named=None: f(*arguments, **(named or {})),
     "buffer": memoryview,
     "cmp": lambda a, b: (a > b) - (a < b),
     "file": open,
     "intern": sys.intern,
+    "next": _next,
     "ord": _ord,
     "reduce": functools.reduce,
     "reload": importlib.reload,

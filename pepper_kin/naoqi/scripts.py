@@ -24,7 +24,7 @@ from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.python2 import ScriptImports, begin, program
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, qi_logging, set_broker, vision_definitions
-from pepper_kin.naoqi.simulated_time import TimeIsUp
+from pepper_kin.naoqi.simulated_time import SimulatedTime, TimeIsUp
 
 MODULES = {
     "naoqi": naoqi,
@@ -79,9 +79,9 @@ class ScriptTime(types.ModuleType):
         clock = broker.body.time
 
         def check() -> None:
-            if longest is not None and clock.now >= longest:
+            if clock.ended or (longest is not None and clock.now >= longest):
                 clock.interrupted = True
-                raise TimeIsUp(f"after {longest:g} s")
+                raise TimeIsUp(f"after {clock.now:g} s")
 
         def sleep(seconds: float) -> None:
             left = float(seconds) if longest is None else min(float(seconds), longest - clock.now)
@@ -123,10 +123,11 @@ def stand_ins(
         if not self.daemon:
             self.daemon = True  # waited for here, not by the process as it ends, which has no limit
             threads.append(self)
-        does = self.run
+        does, worker = self.run, broker.body.time.new_worker()
+        self.__dict__["worker"] = worker
 
         def run() -> None:
-            with suppress(TimeIsUp):
+            with suppress(TimeIsUp), broker.body.time.working(worker):
                 does()
 
         self.run = run  # type: ignore[method-assign]
@@ -180,55 +181,88 @@ def run_script(
     code, old = program(script)
     module = types.ModuleType("__main__")
     module.__file__ = str(script.resolve())
-    reads = input if sys.stdin is not None and sys.stdin.isatty() else _no_input
-    main, argv = sys.modules["__main__"], sys.argv
-    begun = broker.body.time.now
-    end = math.inf if longest is None else begun + longest
-    ended, status = "completed", 0
-    error: BaseException | None = None
-    with (
-        stand_ins(broker, script.parent, None if longest is None else begun + longest, reads) as threads,
-        _standstill(broker, longest) as stuck,
-    ):
-        broker.body.time.limit(end)
+
+    def script_runs(reads: Callable[..., str]) -> None:
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
-        try:
+        begin(code, old, module.__dict__, reads)
+
+    return run_program(script_runs, script.parent, broker, longest)
+
+
+def run_program(
+    does: Callable[[Callable[..., str]], None], folder: Path, broker: Broker, longest: float | None
+) -> ScriptResult:
+    """Run what scripts of a folder do, and wait for the threads that they begin.
+
+    Args:
+        does: Called with what reads a line that somebody types.
+        folder: Where scripts import from, which get the twin's clock.
+        broker: The simulated robot.
+        longest: See `run_script`.
+    """
+    clock = broker.body.time
+    begun = clock.now
+    end = math.inf if longest is None else begun + longest
+    with (
+        standstill(clock, longest) as stuck,
+        stand_ins(broker, folder, None if longest is None else begun + longest, reads_of_stdin()) as threads,
+    ):
+        clock.limit(end)
+
+        def waits() -> None:
             try:
-                begin(code, old, module.__dict__, reads)
+                with clock.working(clock.new_worker()):
+                    does(reads_of_stdin())
             except (Exception, SystemExit):
                 with suppress(KeyboardInterrupt):  # what it raised is the result
                     _wait_for(threads, broker, end)
                 raise
             _wait_for(threads, broker, end)
-        except TimeIsUp:
-            ended = "time is up"
-        except SystemExit as exit_:
-            ended = "exited"
-            status = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-            if exit_.code is not None and not isinstance(exit_.code, int):
-                print(exit_.code, file=sys.stderr)  # as Python does
-        except KeyboardInterrupt as interrupt:
-            if stuck.is_set():
-                ended = "time is up"
-            else:
-                ended, status, error = "interrupted", 130, interrupt
-        except Exception as failure:
-            ended, status, error = "failed", 1, failure
-        finally:
-            broker.body.time.limit(math.inf)
-            sys.modules["__main__"], sys.argv = main, argv
-    return ScriptResult(ended, status, broker.body.time.now - begun, error)
+
+        ended, status, error = ending(waits, stuck)
+        clock.limit(math.inf)
+    return ScriptResult(ended, status, clock.now - begun, error)
+
+
+def reads_of_stdin() -> Callable[..., str]:
+    """Return what reads a line that somebody types, where somebody can."""
+    return input if sys.stdin is not None and sys.stdin.isatty() else _no_input
+
+
+def ending(does: Callable[[], None], stuck: threading.Event) -> tuple[str, int, BaseException | None]:
+    """Run what may end in any way; return how it ended, its exit code and error, as `ScriptResult` has them.
+
+    Args:
+        does: What is run, whose `sys.argv` and `__main__` are lost afterwards.
+        stuck: Set where it was interrupted as its time was up; see `standstill`.
+    """
+    main, argv = sys.modules["__main__"], sys.argv
+    try:
+        does()
+    except TimeIsUp:
+        return "time is up", 0, None
+    except SystemExit as exit_:
+        if exit_.code is not None and not isinstance(exit_.code, int):
+            print(exit_.code, file=sys.stderr)  # as Python does
+        return "exited", exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None), None
+    except KeyboardInterrupt as interrupt:
+        return ("time is up", 0, None) if stuck.is_set() else ("interrupted", 130, interrupt)
+    except Exception as failure:
+        return "failed", 1, failure
+    finally:
+        sys.modules["__main__"], sys.argv = main, argv
+    return "completed", 0, None
 
 
 @contextmanager
-def _standstill(broker: Broker, longest: float | None) -> Iterator[threading.Event]:
+def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threading.Event]:
     """Interrupt a script that computes, reads or waits elsewhere while no time of the twin passes.
 
     Where the twin's clock stands that of the wall counts.  Who was interrupted may clean up as long as time
     passes, and is interrupted again where it stands for `STUCK`.
     """
     stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
-    clock, before = broker.body.time, signal.getsignal(signal.SIGINT)
+    before = signal.getsignal(signal.SIGINT)
     ignored = thread == threading.main_thread().ident and longest is not None and before is signal.SIG_IGN
     if ignored:  # as in jobs that a shell runs in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)

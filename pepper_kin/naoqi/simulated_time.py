@@ -6,7 +6,8 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from pepper_kin.naoqi.thread_priority import wake_promptly
 
@@ -18,6 +19,12 @@ LEAST_PAUSE = 1e-4
 
 GRACE = 10.0
 """Time in which an interrupted thread may clean up before it is interrupted again [s]."""
+
+PATIENCE = 0.1
+"""How long time waits for a worker that does not compute: it waits for something else [s]."""
+
+COMPUTES = 0.05
+"""Share of that time for which a worker that computes has the processor, at least."""
 
 LATEST = 5000
 """Cycles of which the delay is kept (100 s)."""
@@ -31,8 +38,9 @@ class SimulatedTime:
     """Time that passes in cycles of 20 ms, each of which calls a function.
 
     With `real_time` a thread runs the cycles against the wall clock; otherwise time passes only while
-    somebody
-    waits, and then as fast as the computer can: a script's `sleep(10)` takes what 500 cycles take.
+    somebody waits, and then as fast as the computer can: a script's `sleep(10)` takes what 500 cycles take.
+    Of threads that are `workers` one computes at a time, and no time passes meanwhile, so that what they do
+    does not depend on how fast they compute.
 
     Args:
         on_cycle: Called once a cycle, with the lock held.
@@ -57,6 +65,11 @@ class SimulatedTime:
         self._error: BaseException | None = None
         self._released = 0
         self._limited, self._limit = 0, math.inf
+        self._workers: dict[object, bool] = {}  # whether it computes
+        self._looks: dict[object, tuple[float, float]] = {}  # at those that compute: when, and processor time
+        self._threads: dict[object, int] = {}
+        self._waiting: dict[object, list[Callable[[], bool]]] = {}  # what workers wait for, the last first
+        self._thread_worker = threading.local()
         self.interrupted = False
 
     @property
@@ -65,9 +78,19 @@ class SimulatedTime:
         return self._error
 
     @property
+    def ended(self) -> bool:
+        """Whether it was stopped: nobody waits any more."""
+        return self._ended
+
+    @property
     def now(self) -> float:
         """Time since the start [s]."""
         return self._cycles * CYCLE
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the time of `limit` is over."""
+        return self.now >= self._limit - 1e-9
 
     def start(self) -> None:
         """Let the wall clock drive the cycles; without effect where time passes by waiting."""
@@ -104,25 +127,109 @@ class SimulatedTime:
         Raises:
             TimeIsUp: from the time of `limit` on.
         """
-        end = None if timeout is None else self.now + timeout
+        end = math.inf if timeout is None else self.now + timeout - 1e-9
+        worker = getattr(self._thread_worker, "value", None)
         with self._changed:
             released = self._released
-            while not done():
-                if self._ended or self._released != released or (end is not None and self.now >= end - 1e-9):
-                    return False
-                if self._error is not None:
-                    raise self._error
-                if self.now >= self._limit - 1e-9 and self._limited == threading.get_ident():
-                    self._limit += GRACE
-                    self.interrupted = True
-                    raise TimeIsUp(f"at {self.now:g} s")
-                if self.real_time and self._thread is not None:
-                    self._changed.wait(1.0)
-                else:
-                    self._advance()
-                    self._changed.notify_all()
-                    self._let_others_in()
+
+            def released_or_late() -> bool:
+                return self._ended or self._released != released or self.now >= end
+
+            self._set_aside(worker, lambda: done() or released_or_late())
+            try:
+                while not done() or not self._is_next(worker):
+                    if released_or_late() and self._is_next(worker):
+                        return False
+                    if self._error is not None:
+                        raise self._error
+                    if self.is_up and self._limited == threading.get_ident():
+                        self._limit += GRACE
+                        self.interrupted = True
+                        raise TimeIsUp(f"at {self.now:g} s")
+                    if self.real_time and self._thread is not None:
+                        self._changed.wait(1.0)
+                    elif any(self._workers.values()) or not self._is_last(worker):
+                        if not self._changed.wait(PATIENCE):
+                            self._look_who_computes()
+                    else:
+                        self._advance()
+                        self._changed.notify_all()
+                        self._let_others_in()
+            finally:
+                self._go_on(worker)
         return True
+
+    def new_worker(self) -> object:
+        """Return a worker that computes from now on, for `working`."""
+        worker = object()
+        with self._changed:
+            self._workers[worker] = True
+        return worker
+
+    @contextmanager
+    def working(self, worker: object) -> Iterator[None]:
+        """Let this thread be a worker, which is none any more afterwards."""
+        self._thread_worker.value = worker
+        self._threads[worker] = threading.get_ident()
+        try:
+            yield
+        finally:
+            self._thread_worker.value = None
+            with self._changed:
+                for known in (self._workers, self._threads, self._looks):
+                    known.pop(worker, None)
+                self._changed.notify_all()
+
+    def follow(self, worker: object) -> None:
+        """Wait until a worker waits or is over, while no time passes; not where the wall clock drives it."""
+        if not self.real_time:
+            self.wait_until(lambda: not self._workers.get(worker, False))
+
+    @property
+    def works(self) -> bool:
+        """Whether this thread is a worker."""
+        return getattr(self._thread_worker, "value", None) is not None
+
+    @property
+    def worker_count(self) -> int:
+        """How many workers there are."""
+        return len(self._workers)
+
+    def _look_who_computes(self) -> None:
+        """Wait no longer for workers that have not used the processor since this was called last."""
+        now = time.monotonic()
+        for worker, computes in self._workers.items():
+            if computes and worker in self._threads:
+                used = _processor_time(self._threads[worker])
+                at, before = self._looks.setdefault(worker, (now, used))
+                if now - at >= PATIENCE / 2:
+                    self._looks[worker] = now, used
+                    self._workers[worker] = used - before >= COMPUTES * (now - at)
+
+    def _set_aside(self, worker: object, ready: Callable[[], bool]) -> None:
+        if worker is not None:
+            self._workers[worker] = False
+            self._waiting.setdefault(worker, []).append(ready)
+            self._changed.notify_all()
+
+    def _is_next(self, worker: object) -> bool:
+        """Return whether no worker computes, and none that has waited longer is ready."""
+        if worker is None or self.real_time:
+            return True
+        ready = next(one for one, waits in self._waiting.items() if one is worker or waits[-1]())
+        return ready is worker and not any(self._workers.values())
+
+    def _is_last(self, worker: object) -> bool:
+        """Return whether no other worker is ready."""
+        return not any(waits[-1]() for one, waits in self._waiting.items() if one is not worker)
+
+    def _go_on(self, worker: object) -> None:
+        if worker is not None:
+            self._waiting[worker].pop()
+            if not self._waiting[worker]:  # else it waits in a cycle that it runs while it waits
+                del self._waiting[worker]
+                self._workers[worker] = True
+                self._looks.pop(worker, None)
 
     def spend(self, seconds: float) -> None:
         """Let the time pass that a call takes [s], where it passes by waiting only.
@@ -145,8 +252,10 @@ class SimulatedTime:
     def _let_others_in(self) -> None:
         """Give other threads a chance to take the lock between two cycles."""
         self._changed.release()
-        time.sleep(0)
-        self._changed.acquire()
+        try:
+            time.sleep(0)
+        finally:  # also where Ctrl-C comes
+            self._changed.acquire()
 
     def _advance(self) -> None:
         self._on_cycle()
@@ -173,3 +282,9 @@ class SimulatedTime:
             due += CYCLE
             if time.perf_counter() > due + 10 * CYCLE:  # the machine slept: do not run after it
                 due = time.perf_counter()
+
+
+def _processor_time(thread: int) -> float:
+    """Return the time for which a thread has had the processor [s]; 0 where the system does not say."""
+    clock = getattr(time, "pthread_getcpuclockid", None)
+    return 0.0 if clock is None else time.clock_gettime(clock(thread))

@@ -9,25 +9,32 @@ SimulationError, UnsimulatedError         what calls raise; `pybullet.error` whe
 NaoVirtual, RomeoVirtual, NaoFsr, PepperRosWrapper, NaoRosWrapper, RomeoRosWrapper   refused by name
 """
 
-from pepper_kin.qibullet.base_controller import PepperBaseController
-from pepper_kin.qibullet.camera import Camera, CameraDepth, CameraResolution, CameraRgb
-from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
-from pepper_kin.qibullet.fsr import NaoFsr
-from pepper_kin.qibullet.imu import Imu
-from pepper_kin.qibullet.joint import Joint
-from pepper_kin.qibullet.laser import Laser
-from pepper_kin.qibullet.link import Link
-from pepper_kin.qibullet.other_robots import (
-    NaoRosWrapper,
-    NaoVirtual,
-    PepperRosWrapper,
-    RomeoRosWrapper,
-    RomeoVirtual,
-)
-from pepper_kin.qibullet.pepper_virtual import PepperVirtual
-from pepper_kin.qibullet.robot_posture import PepperPosture
-from pepper_kin.qibullet.robot_virtual import RobotVirtual
-from pepper_kin.qibullet.simulation_manager import SimulationManager
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pepper_kin.lazy_names import lazily
+
+if TYPE_CHECKING:
+    from pepper_kin.qibullet.base_controller import PepperBaseController
+    from pepper_kin.qibullet.camera import Camera, CameraDepth, CameraResolution, CameraRgb
+    from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
+    from pepper_kin.qibullet.fsr import NaoFsr
+    from pepper_kin.qibullet.imu import Imu
+    from pepper_kin.qibullet.joint import Joint
+    from pepper_kin.qibullet.laser import Laser
+    from pepper_kin.qibullet.link import Link
+    from pepper_kin.qibullet.other_robots import (
+        NaoRosWrapper,
+        NaoVirtual,
+        PepperRosWrapper,
+        RomeoRosWrapper,
+        RomeoVirtual,
+    )
+    from pepper_kin.qibullet.pepper_virtual import PepperVirtual
+    from pepper_kin.qibullet.robot_posture import PepperPosture
+    from pepper_kin.qibullet.robot_virtual import RobotVirtual
+    from pepper_kin.qibullet.simulation_manager import SimulationManager
 
 __all__ = [
     "Camera",
@@ -52,3 +59,5 @@ __all__ = [
     "SimulationManager",
     "UnsimulatedError",
 ]
+
+__getattr__, __dir__ = lazily(__name__)

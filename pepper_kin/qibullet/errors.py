@@ -7,7 +7,7 @@ from typing import Any
 
 from pepper_kin.exceptions import PepperKinError
 
-__all__ = ["SimulationError", "UnsimulatedError"]
+__all__ = ["BulletError", "SimulationError", "UnsimulatedError"]
 
 
 def _bullet_error() -> Any:
@@ -19,10 +19,10 @@ def _bullet_error() -> Any:
     return pybullet.error
 
 
-_BulletError: Any = _bullet_error()
+BulletError: Any = _bullet_error()
 
 
-class SimulationError(PepperKinError, _BulletError):
+class SimulationError(PepperKinError, BulletError):
     """A call with wrong arguments, or to a simulation or a robot that there is not."""
 
 

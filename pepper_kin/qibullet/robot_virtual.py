@@ -162,8 +162,11 @@ class RobotVirtual:
         return None if camera is None else camera.subscribe(resolution, fps=fps)
 
     def unsubscribeCamera(self, handle: int) -> bool:
-        """Take no more pictures; return whether somebody had subscribed."""
-        camera = Camera._getCameraHandlesDict().get(handle)
+        """Take no more pictures; return whether somebody had subscribed.
+
+        In place of a handle the camera's number will do, as before version 1.4 of qiBullet.
+        """
+        camera = Camera._getCameraHandlesDict().get(handle, self.camera_dict.get(handle))
         return camera is not None and camera.unsubscribe()
 
     def getCamera(self, handle: int) -> Camera:
@@ -179,12 +182,17 @@ class RobotVirtual:
             )
         return cameras[handle]
 
-    def getCameraFrame(self, handle: int) -> NDArray[Any] | None:
+    def getCameraFrame(self, handle: int | None = None) -> NDArray[Any] | None:
         """Return the present picture: blue, green, red, shape (h, w, 3), or distances [mm], shape (h, w).
 
+        Without a handle, as before version 1.4 of qiBullet, that of the camera that was subscribed to last.
+
         Raises:
-            SimulationError: for a handle that nobody has.
+            SimulationError: for a handle that nobody has, or without one where no camera is subscribed to.
         """
+        if handle is None:
+            own = [k for k, one in Camera._getCameraHandlesDict().items() if one in self.camera_dict.values()]
+            handle = own[-1] if own else -1
         return self.getCamera(handle).getFrame()
 
     def getCameraResolution(self, handle: int) -> CameraResolution | None:

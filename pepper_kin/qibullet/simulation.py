@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import shortened
+from pepper_kin.model.poses import rpy_of
+from pepper_kin.qibullet.bodies import Standing
 from pepper_kin.qibullet.errors import SimulationError, UnsimulatedError
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
     from pepper_kin.naoqi.body_page import BodyPage
-    from pepper_kin.qibullet.robot_virtual import RobotVirtual
+    from pepper_kin.qibullet.pepper_virtual import PepperVirtual
 
 TIME_STEP = 1.0 / 240.0
 """Time of a step of Bullet, and so of `stepSimulation` [s]."""
@@ -36,23 +38,43 @@ class Simulation:
         gravity: [m/s^2], three numbers.
         light: Where the light was put [m], three numbers, or None.
         robots: By the number of their model.
+        bodies: What `pybullet` has put around them, by number.
     """
 
     def __init__(self, client: int, auto_step: bool, gui: bool, scene: Scene | None) -> None:
         self.client, self.auto_step, self.gui, self.scene = client, auto_step, gui, scene
         self.gravity: list[float] = list(EARTH)
         self.light: list[float] | None = None
-        self.robots: dict[int, RobotVirtual] = {}
+        self.robots: dict[int, PepperVirtual] = {}
+        self.bodies: dict[int, Standing] = {}
+        self._own_scene = scene
         self._next = 0
         self._pages: dict[int | None, BodyPage] = {}
 
-    def add(self, robot: RobotVirtual) -> int:
+    def add(self, robot: PepperVirtual) -> int:
         """Take a robot in; return the number of its model."""
+        number = self.new_number()
+        self.robots[number] = robot
+        return number
+
+    def new_number(self) -> int:
+        """Return the number of the next robot or body."""
         self._next += 1
-        self.robots[self._next] = robot
         return self._next
 
-    def robot(self, model: int) -> RobotVirtual:
+    def body(self, number: int) -> Standing:
+        """Return the body with a number.
+
+        Raises:
+            SimulationError: where there is none.
+        """
+        if number not in self.bodies:
+            known = ", ".join(map(str, self.bodies)) or "(none)"
+            got = shortened(repr(number))
+            raise SimulationError(f"no body {got} in simulation {self.client}; there are: {known}")
+        return self.bodies[number]
+
+    def robot(self, model: int) -> PepperVirtual:
         """Return the robot with a number.
 
         Raises:
@@ -65,7 +87,7 @@ class Simulation:
             )
         return self.robots[model]
 
-    def show(self, robot: RobotVirtual) -> None:
+    def show(self, robot: PepperVirtual) -> None:
         """Open a page in the browser that follows a robot, where the simulation has a `gui`."""
         if self.gui:
             from pepper_kin.naoqi.body_page import BodyPage
@@ -98,7 +120,17 @@ class Simulation:
             robot.body.set_gravity(self.gravity)
 
     def set_scene(self, scene: Scene | None) -> None:
-        """Put something else around the robots."""
+        """Put something else around the robots, beside the bodies."""
+        self._own_scene = scene
+        self.show_bodies()
+
+    def show_bodies(self) -> None:
+        """Put the bodies where they are now."""
+        scene = self._own_scene
+        for number, one in self.bodies.items():
+            for k, (shape, place) in enumerate(one.parts):
+                pose = one.base @ place
+                scene = (scene or Scene()).add(f"body {number}/{k}", shape, pose[:3, 3], rpy_of(pose[:3, :3]))
         self.scene = scene
         for robot in self.robots.values():
             robot.body.scene = scene
@@ -125,6 +157,11 @@ def end(client: int) -> bool:
     with _LOCK:
         del _SIMULATIONS[client]
     return True
+
+
+def all_running() -> tuple[int, ...]:
+    """Return the numbers of the simulations that run."""
+    return tuple(_SIMULATIONS)
 
 
 def running(client: object) -> Simulation | None:

@@ -44,6 +44,7 @@ class SimulationManager:
         """
         found = simulation_of(physics_client)
         found.clear()
+        found.bodies.clear()
         found.set_scene(None)
 
     def stopSimulation(self, physics_client: int) -> None:

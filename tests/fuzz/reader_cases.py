@@ -71,6 +71,7 @@ from pepper_kin.files import (
     read_joint_states,
     read_naoqi_export,
 )
+from pepper_kin.files.choregraphe_boxes import Box, read_behavior
 from pepper_kin.identification import read_log
 from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
@@ -246,6 +247,11 @@ READERS: dict[str, Reader] = {
     ),
     "Choregraphe behavior": Reader(
         "behavior.xar", with_path(read_choregraphe, timelines), xml_damage(BEHAVIOR)
+    ),
+    "Choregraphe boxes": Reader(
+        "behavior.xar",
+        with_path(read_behavior, lambda found: require(isinstance(found, Box), "boxes")),
+        xml_damage(BEHAVIOR),
     ),
     "Choregraphe project": Reader(
         "project.pml",

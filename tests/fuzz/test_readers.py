@@ -29,7 +29,7 @@ READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
     "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
-    "Choregraphe behavior", "Choregraphe project", "Choregraphe export", "run", "motion",
+    "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run", "motion",
     "recording header", "recording", "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF",
     "Pepper's meshes",
 )  # fmt: skip
@@ -41,6 +41,7 @@ WITHOUT_LARGE = {
     "SRDF text",
     "joint states",
     "columns of a CSV",
+    "Choregraphe boxes",
 }
 """Readers of texts and of files that others read."""
 NO_READERS = {

@@ -186,6 +186,19 @@ def test_programs_mean_what_they_meant_in_python_2(broker, tmp_path, capsys, pro
     assert out == printed + "\n"
 
 
+def test_old_meanings_that_the_translator_leaves(broker, tmp_path, capsys):
+    text = (
+        "import json, mutex, StringIO\nclass A:\n    def ask(self):\n        from os.path import *\n"
+        "        return basename('a/b'), self.next(2)\nsetattr(A, 'next', lambda self, k=1: k)\n"
+        "print A().ask(), A().next(), json.loads('[1]', encoding='latin-1')\nm = mutex.mutex()\n"
+        "def f(x):\n    print x, m.test()\nm.lock(f, 1)\nm.lock(f, 2)\nm.unlock()\nm.unlock()\n"
+        "print m.test()\n"
+    )
+    result, out = output_of(broker, tmp_path, capsys, text)
+    assert result.error is None
+    assert out.splitlines() == ["('b', 2) 1 [1]", "1 True", "2 True", "False"]
+
+
 def test_errors_name_the_line_of_the_program(broker, tmp_path, capsys):
     text = "import urllib2\n\nprint 'one'\n\ndef wrong():\n    return 1 / 0\n\nwrong()\n"
     result, _ = output_of(broker, tmp_path, capsys, text)

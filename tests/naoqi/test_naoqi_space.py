@@ -278,3 +278,20 @@ def test_the_mode_robot_refuses_what_pepper_refuses():
                 call()
         with pytest.raises(RefusedByRobotError, match="no feet"):
             broker.motion.getFootSteps()
+
+
+def test_navigation_goes_along_circles_and_composed_parts_begin_where_the_one_before_ended(broker):
+    """By hand: half a meter ahead, then a quarter of a circle to the left with a radius of half a meter."""
+    quarter = math.pi / 2
+    circle = ["Holonomic", ["Circle", [0.0, 0.5], quarter], quarter, 4.0]
+    parts = ["Composed", ["Holonomic", ["Line", [0.5, 0.0]], 0.0, 2.0], circle]
+    inside = []
+    broker.body.listeners.append(lambda: inside.append(broker.body.base_pose(True)[:2]))
+    assert broker.module("ALNavigation").moveAlong(parts)
+    assert broker.body.base_pose(True) == pytest.approx([1.0, 0.5, quarter], abs=0.02)
+    turned = np.array([place for place in inside if place[0] > 0.55])
+    assert np.linalg.norm(turned - [0.5, 0.5], axis=1) == pytest.approx(0.5, abs=0.03)  # on the circle
+    back = ["Composed", ["Composed", *parts[1:]], ["Holonomic", ["Line", [0.0, 0.5]], 0.0, 2.0]]
+    broker.module("ALNavigation").moveAlong(back)  # from (1, 0.5, pi/2), then to the left
+    assert broker.body.base_pose(True)[:2] == pytest.approx([0.5, 1.0], abs=0.03)
+    assert math.cos(broker.body.base_pose(True)[2]) == pytest.approx(-1.0, abs=0.01)

@@ -75,6 +75,9 @@ class Future:
     def wait(self, timeout: int = -1) -> int:
         """Wait for the result [ms], for ever if negative; return the state."""
         clock = current_broker().body.time
+        if clock.works and not clock.real_time:
+            clock.wait_until(self.isFinished, None if timeout < 0 else timeout / 1000.0)
+            return self._state
         end = None if timeout < 0 else clock.now + timeout / 1000.0
         while self._state == FutureState.Running and (end is None or clock.now < end):
             with self._changed:

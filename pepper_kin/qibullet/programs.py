@@ -1,0 +1,77 @@
+"""Programs for qiBullet, run as they are: `qibullet`, `pybullet` and `pybullet_data` are found here."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+import types
+from collections.abc import Sequence
+from pathlib import Path
+
+from pepper_kin import qibullet
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.file_access.atomic_file import as_path
+from pepper_kin.naoqi.python2 import ScriptImports, begin, program
+from pepper_kin.naoqi.scripts import ScriptResult, ending, reads_of_stdin, standstill
+from pepper_kin.naoqi.simulated_time import SimulatedTime
+from pepper_kin.qibullet import simulation
+
+
+def stand_ins() -> dict[str, types.ModuleType]:
+    """Return the modules that stand in for qiBullet's and Bullet's, by name."""
+    modules = {"qibullet": qibullet}
+    for path in Path(qibullet.__path__[0]).glob("*.py"):
+        if path.stem not in ("__init__", "commands", "programs"):
+            modules[f"qibullet.{path.stem}"] = importlib.import_module(f"{qibullet.__name__}.{path.stem}")
+    return modules | {name: modules.pop(f"qibullet.{name}") for name in ("pybullet", "pybullet_data")}
+
+
+def run_program(
+    path: str | Path, arguments: Sequence[str] = (), *, longest: float | None = None
+) -> ScriptResult:
+    """Run a program in this process, in Python 3 or 2; simulations that it leaves are ended.
+
+    Args:
+        path: The program.
+        arguments: What stands behind its name on the command line.
+        longest: Time after which it is interrupted, as by Ctrl-C [s].
+
+    Raises:
+        FileFormatError: for a file that is no program.
+        InvalidValueError: for a time that is not above 0.
+    """
+    if longest is not None and not longest > 0:
+        raise InvalidValueError("longest", longest, "a time above 0 [s]")
+    script = as_path(path)
+    code, old = program(script)
+    module = types.ModuleType("__main__")
+    module.__file__ = str(script.resolve())
+    reads, modules = reads_of_stdin(), stand_ins()
+    finder = ScriptImports(script.parent, reads)
+
+    def runs() -> None:
+        sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
+        begin(code, old, module.__dict__, reads)
+
+    before = {name: sys.modules.get(name) for name in modules}
+    sys.modules.update(modules)
+    sys.path.insert(0, str(script.parent.resolve()))
+    sys.meta_path.insert(0, finder)
+    begun = time.monotonic()
+    try:
+        with standstill(SimulatedTime(lambda: None, False), longest) as stuck:  # it stands: the wall's counts
+            ended, status, error = ending(runs, stuck)
+    finally:
+        for client in simulation.all_running():
+            simulation.end(client)
+        sys.meta_path.remove(finder)
+        sys.path.remove(str(script.parent.resolve()))
+        for name in finder.loaded:
+            sys.modules.pop(name, None)
+        for name, own in before.items():
+            if own is None:
+                del sys.modules[name]
+            else:
+                sys.modules[name] = own
+    return ScriptResult(ended, status, time.monotonic() - begun, error)
