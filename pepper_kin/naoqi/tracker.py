@@ -283,6 +283,10 @@ class ALTracker(Module):
         if self._task is not None:
             self.track(self._task.target)
 
+    def removeEffector(self, pEffector: str) -> None:
+        """Point at the target with nothing."""
+        self.setEffector("None")
+
     def setRelativePosition(self, target: Any) -> None:
         """Set where the base stays, [distance X, Y, angle, thresholds] from the target."""
         self._relative = self.numbers("setRelativePosition", "target", target)
