@@ -5,7 +5,7 @@ Host                                      serves them to clients of `qi`
 run_script, ScriptResult                  runs an unmodified script
 run_behavior, BehaviorResult              runs a project of Choregraphe
 RunLog                                    a run of the twin from what happened
-coverage                                  which methods are simulated
+coverage, coverage_summary                which methods are simulated
 NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
 Robot, RobotState                         a robot from outside: state, motions with a certificate
 FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
@@ -22,7 +22,7 @@ from pepper_kin.lazy_names import lazily
 if TYPE_CHECKING:
     from pepper_kin.naoqi.behaviors import BehaviorResult, run_behavior
     from pepper_kin.naoqi.broker import Broker
-    from pepper_kin.naoqi.coverage_table import Covered, coverage
+    from pepper_kin.naoqi.coverage_table import Covered, coverage, coverage_summary
     from pepper_kin.naoqi.errors import (
         NaoqiError,
         NotSimulatedError,
@@ -57,6 +57,7 @@ __all__ = [
     "ScriptResult",
     "UnusableStateError",
     "coverage",
+    "coverage_summary",
     "run_behavior",
     "run_script",
     "states_of_run",

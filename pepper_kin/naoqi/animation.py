@@ -108,6 +108,9 @@ class ALBehaviorManager(Module):
 
     isBehaviorPresent = isBehaviorInstalled
 
+    def _resolved(self, _method: str, name: str) -> str:
+        return name if self.isBehaviorInstalled(name) else ""
+
     def runBehavior(self, name: str) -> None:
         """Play an animation; blocks."""
         if not self.isBehaviorInstalled(name):

@@ -67,7 +67,7 @@ class Broker:
         self._memory, self._motion = ALMemory(self), ALMotion(self)
         for module in (self._memory, self._motion, ALRobotPosture(self)):
             self._modules[module.name] = module
-        for kind in _others():
+        for kind in other_modules():
             self._modules[kind.name] = kind(self)
         self._cycles = 0
         if scene is not None:
@@ -204,7 +204,7 @@ class _Call(threading.Thread):
             self.over = True
 
 
-def _others() -> tuple[type[Module], ...]:
+def other_modules() -> tuple[type[Module], ...]:
     """Return the modules besides memory, motion and postures."""
     from pepper_kin.naoqi import (
         animation,

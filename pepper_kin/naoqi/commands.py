@@ -241,11 +241,17 @@ def watchdog(
 
 
 @app.command()
-def methods(as_json: Json = False) -> None:
-    """List the methods of all modules, and which of them are not simulated.
+def methods(
+    as_json: Json = False,
+    counted: Annotated[bool, typer.Option("--table", help="Count them by module, as Markdown.")] = False,
+) -> None:
+    """List the methods of all modules: which are simulated, answered, or refused and why.
 
-    Example: pepper-kin naoqi methods
+    Example: pepper-kin naoqi methods --table
     """
+    if counted:
+        print(naoqi.coverage_summary())
+        return
     table = naoqi.coverage()
     if as_json:
         print_json([row._asdict() for row in table])

@@ -144,6 +144,17 @@ class ALLeds(Module):
                 self._fade("rotateEyes", light, color, 0.0, (0, 1, 2))
             self.body.time.sleep(turn / 8)
 
+    def earLedsSetAngle(self, degrees: int, duration: float, leaveOnAtEnd: bool) -> None:
+        """Show a direction with the ears, 0 up and 90 forward, for some seconds; blocks."""
+        number = round(self.number("earLedsSetAngle", "degrees", degrees) / 36.0) % 10
+        for light in EARS:
+            self._fade(
+                "earLedsSetAngle", light, ((0.0, 0.0, float(light.endswith(f"Led{number + 1}")))), 0.0, (2,)
+            )
+        self.body.time.sleep(max(self.number("earLedsSetAngle", "duration", duration), 0.0))
+        if not leaveOnAtEnd:
+            self._fade("earLedsSetAngle", "EarLeds", (0.0, 0.0, 0.0), 0.0, (2,))
+
     def createGroup(self, groupName: str, ledNames: Any) -> None:
         """Make a group of lights."""
         self._groups[groupName] = tuple(

@@ -166,6 +166,10 @@ class Module:
         """Return the error of a method."""
         return NaoqiError(self.name, method, reason)
 
+    def _instead(self, _method: str, *arguments: Any) -> Any:
+        """Call another method, named last: what the rows of old names hand over."""
+        return getattr(self, arguments[-1])(*arguments[:-1])
+
     def robot_refuses(self, method: str, why: str) -> None:
         """Refuse where the twin does as the robot.
 

@@ -29,8 +29,12 @@ class ALNavigation(Module):
 
     name = "ALNavigation"
     not_simulated = dict.fromkeys(
-        ("explore", "saveExploration", "loadExploration", "getMetricalMap", "getExplorationPath"), NO_MAP
-    )
+        (
+            "explore", "saveExploration", "loadExploration", "getMetricalMap", "getExplorationPath",
+            "startMapping", "computePathInMap", "setDefaultExploration",
+        ),
+        NO_MAP,
+    )  # fmt: skip
 
     def navigateTo(self, x: float, y: float, *arguments: Any) -> bool:
         """Go to a place in FRAME_ROBOT within 3 m, around obstacles; blocks; return whether it arrived."""
@@ -57,10 +61,14 @@ class ALNavigation(Module):
         return self._arrived(MoveToTask("moveAlong", places))
 
     def findFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
-        """Return [0, radius, [x, y]] of a free zone around the robot."""
-        return [0, self.number("findFreeZone", "desiredRadius", desiredRadius), [0.0, 0.0]]
+        """Return [0, radius, [x, y]] [m] of the free zone around where the robot is; 1 if it is smaller."""
+        desired = self.number("findFreeZone", "desiredRadius", desiredRadius)
+        x, y, _ = self.body.base_pose(True)
+        nearest = self.body.nearest_obstacle(desired)
+        radius = desired if nearest is None else min(desired, math.hypot(nearest[0] - x, nearest[1] - y))
+        return [int(radius < desired), radius, [float(x), float(y)]]
 
-    stopAndComputeFreeZone = findFreeZone
+    getFreeZone = stopAndComputeFreeZone = findFreeZone
 
     def stopNavigateTo(self) -> None:
         """Brake."""
@@ -178,6 +186,10 @@ class ALLocalization(Module):
     def getRobotOrientation(self, *_: Any) -> list[Any]:
         """Return [0, [yaw relative to home, uncertainty]] [rad]."""
         return [0, [self.getRobotPosition()[2], 0.0]]
+
+    def stopAll(self) -> None:
+        """Brake."""
+        self.broker.motion.stopMove()
 
     def clear(self, *_: Any) -> int:
         """Forget the home; return 0."""

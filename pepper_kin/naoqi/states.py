@@ -52,6 +52,10 @@ class ALBasicAwareness(Module):
         """Return whether it runs."""
         return bool(self.isEnabled() and not self._paused)
 
+    def isAwarenessPaused(self) -> bool:
+        """Return whether it is paused."""
+        return self._paused
+
     def isRunning(self, *arguments: Any) -> bool:
         """Return whether it runs, or a posted call does."""
         return super().isRunning(*arguments) if arguments else self.isAwarenessRunning()

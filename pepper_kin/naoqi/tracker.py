@@ -171,9 +171,10 @@ class ALTracker(Module):
             angles = gaze_angles(self.body, self._point(method, position, frame), whole_body=whole)
         self.broker.motion.move_together(method, angles, share)
 
-    def pointAt(self, effector: str, position: Any, frame: int, maxSpeed: float) -> None:
-        """Point with "LArm", "RArm" or "Arms" at a point; blocks."""
+    def pointAt(self, effector: str, position: Any, *arguments: Any) -> None:
+        """Point with "LArm", "RArm" or "Arms" at a point: (..., frame, share of speed); blocks."""
         method = "pointAt"
+        frame, maxSpeed = arguments if len(arguments) == 2 else (0, *arguments)
         if effector not in ("LArm", "RArm", "Arms"):
             raise self.fail(method, f"effector: got {quoted(effector)}, expected LArm, RArm or Arms")
         share = self.share(method, "maxSpeed", maxSpeed)
@@ -254,7 +255,7 @@ class ALTracker(Module):
         """Return whether the target has a place."""
         return not self.isTargetLost()
 
-    def getTargetPosition(self, pFrame: int) -> list[float]:
+    def getTargetPosition(self, pFrame: int = 0) -> list[float]:
         """Return the place of the target in a frame [m]; empty where nothing is known of it."""
         point = None if self._task is None else self.place_of(self._task.target)
         if point is None:
@@ -281,6 +282,10 @@ class ALTracker(Module):
         self.kept["effector",] = pEffector
         if self._task is not None:
             self.track(self._task.target)
+
+    def removeEffector(self, pEffector: str) -> None:
+        """Point at the target with nothing."""
+        self.setEffector("None")
 
     def setRelativePosition(self, target: Any) -> None:
         """Set where the base stays, [distance X, Y, angle, thresholds] from the target."""

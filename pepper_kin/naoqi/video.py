@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,16 @@ depth 23 [mm].
 
 LENSES = {0: "CameraTop", 1: "CameraBottom", 2: "CameraDepth"}
 
+_COLOR = {
+    0: (0, 255, 0), 1: (0, 127, 32), 2: (0, 255, 64), 3: (-180, 180, 0), 6: (0, 1024, 0), 7: (0, 1, 0),
+    8: (0, 1, 0), 11: (0, 1, 1), 12: (0, 1, 1), 13: (0, 1, 1), 17: (0, 65536, 0), 35: (0, 1, 0),
+}  # fmt: skip
+PARAMETERS = {0: _COLOR, 1: _COLOR, 2: {14: (0, 2, 1), 15: (1, 20, 1), 35: (0, 1, 0)}}
+"""Camera -> documented parameter -> least, most, and first value; gain and exposure have none documented."""
+
+SELECT = 18
+"""The parameter that chooses the active camera."""
+
 
 @dataclass
 class Subscription:
@@ -57,7 +67,7 @@ class ALVideoDevice(Module):
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
-        self._subscriptions: dict[str, Subscription] = {}
+        self._subscriptions: dict[str, list[Subscription]] = {}
         self._cameras: dict[tuple[int, int], Camera] = {}
         self._pictures: dict[tuple[int, int], tuple[float, NDArray[Any]]] = {}
         self._parameters: dict[tuple[int, int], int] = {}
@@ -67,24 +77,29 @@ class ALVideoDevice(Module):
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
         """Subscribe to a camera; return the name for `getImageRemote`."""
-        method = "subscribeCamera"
-        subscription = Subscription(
-            self._known(method, "cameraIndex", cameraIndex, CAMERAS),
-            self._known(method, "resolution", resolution, RESOLUTIONS),
-            self._known(method, "colorSpace", colorSpace, LAYERS),
-            int(self.number(method, "fps", fps)),
-        )
-        handle = next(h for k in range(1000) if (h := f"{name}_{k}") not in self._subscriptions)
-        self._subscriptions[handle] = subscription
-        return handle
+        return self.subscribeCameras(name, [cameraIndex], [resolution], [colorSpace], fps)
 
     def subscribe(self, name: str, resolution: int, colorSpace: int, fps: int) -> str:
         """Subscribe to the active camera; return the name for `getImageRemote`."""
         return self.subscribeCamera(name, self._active, resolution, colorSpace, fps)
 
     def subscribeCameras(self, name: str, cameras: Any, resolutions: Any, colorSpaces: Any, fps: int) -> str:
-        """Subscribe to the first of several cameras."""
-        return self.subscribeCamera(name, cameras[0], resolutions[0], colorSpaces[0], fps)
+        """Subscribe to several cameras; return the name for `getImagesRemote`."""
+        method = "subscribeCameras"
+        if not len(cameras) == len(resolutions) == len(colorSpaces) > 0:
+            raise self.fail(method, "expected as many resolutions and color spaces as cameras")
+        subscriptions = [
+            Subscription(
+                self._known(method, "cameraIndex", camera, CAMERAS),
+                self._known(method, "resolution", resolution, RESOLUTIONS),
+                self._known(method, "colorSpace", space, LAYERS),
+                int(self.number(method, "fps", fps)),
+            )
+            for camera, resolution, space in zip(cameras, resolutions, colorSpaces, strict=True)
+        ]
+        handle = next(h for k in range(1000) if (h := f"{name}_{k}") not in self._subscriptions)
+        self._subscriptions[handle] = subscriptions
+        return handle
 
     def unsubscribe(self, handle: str) -> bool:
         """End a subscription; return whether there was one."""
@@ -106,7 +121,9 @@ class ALVideoDevice(Module):
 
         [width, height, layers, color space, s, us, bytes, camera, left, top, right and bottom angle (rad)]
         """
-        subscription = self._subscription("getImageRemote", handle)
+        return self._image(self._subscription("getImageRemote", handle))
+
+    def _image(self, subscription: Subscription) -> list[Any]:
         width, height = RESOLUTIONS[subscription.resolution]
         stamp = self.broker.wall_time()
         data = self._drawn(subscription)
@@ -134,29 +151,20 @@ class ALVideoDevice(Module):
         """Let a picture go."""
         return handle in self._subscriptions
 
-    def setResolution(self, handle: str, resolution: int) -> bool:
-        """Change the resolution of a subscription."""
-        subscription = self._subscription("setResolution", handle)
-        subscription.resolution = self._known("setResolution", "resolution", resolution, RESOLUTIONS)
-        return True
-
-    def setColorSpace(self, handle: str, colorSpace: int) -> bool:
-        """Change the color space of a subscription."""
-        subscription = self._subscription("setColorSpace", handle)
-        subscription.color_space = self._known("setColorSpace", "colorSpace", colorSpace, LAYERS)
-        return True
-
     def setFrameRate(self, handle: str, fps: int) -> bool:
         """Change the pictures a second of a subscription."""
-        self._subscription("setFrameRate", handle).fps = int(self.number("setFrameRate", "fps", fps))
+        for subscription in self._all("setFrameRate", handle):
+            subscription.fps = int(self.number("setFrameRate", "fps", fps))
         return True
 
-    def getActiveCamera(self, *_: Any) -> int:
-        """Return the camera that `subscribe` takes."""
-        return self._active
+    def getActiveCamera(self, *handle: str) -> int:
+        """Return the camera of a subscription, or that which `subscribe` takes."""
+        return self._subscription("getActiveCamera", handle[0]).camera if handle else self._active
 
     def setActiveCamera(self, *arguments: Any) -> bool:
-        """Choose the camera that `subscribe` takes."""
+        """Choose the camera of a subscription, or that which `subscribe` takes."""
+        if len(arguments) == 2:
+            return self._write("setActiveCamera", *arguments, "camera")
         self._active = self._known("setActiveCamera", "camera", arguments[-1], CAMERAS)
         return True
 
@@ -168,7 +176,19 @@ class ALVideoDevice(Module):
         """Return whether there is a camera with this index."""
         return cameraIndex in CAMERAS
 
-    openCamera = closeCamera = startCamera = stopCamera = isCameraOpen
+    openCamera = closeCamera = startCamera = stopCamera = startFrameGrabber = stopFrameGrabber = isCameraOpen
+
+    def isCameraStarted(self, cameraIndex: int) -> bool:
+        """Return whether somebody looks through a camera."""
+        return any(cameraIndex == each.camera for all_ in self._subscriptions.values() for each in all_)
+
+    def isFrameGrabberOff(self, cameraIndex: int) -> bool:
+        """Return whether nobody looks through a camera."""
+        return not self.isCameraStarted(cameraIndex)
+
+    def getCameraModel(self, cameraIndex: int) -> int:
+        """Return 3, an OV5640, or 4, the depth camera's XTION."""
+        return 4 if self._known("getCameraModel", "cameraIndex", cameraIndex, CAMERAS) == 2 else 3
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
         """Keep a parameter of a camera; pictures do not change."""
@@ -177,10 +197,28 @@ class ALVideoDevice(Module):
 
     def getParameter(self, cameraIndex: int, parameter: int) -> int:
         """Return a parameter of a camera."""
-        return self._parameters.get((int(cameraIndex), int(parameter)), 0)
+        default = PARAMETERS.get(int(cameraIndex), {}).get(int(parameter), (0, 0, 0))[2]
+        return self._parameters.get((int(cameraIndex), int(parameter)), default)
+
+    def getParameterList(self, cameraIndex: int) -> list[int]:
+        """Return the documented parameters of a camera."""
+        return list(PARAMETERS[self._known("getParameterList", "cameraIndex", cameraIndex, CAMERAS)])
+
+    def getParameterRange(self, cameraIndex: int, parameter: int) -> list[int]:
+        """Return the least and the most value of a documented parameter."""
+        method = "getParameterRange"
+        known = PARAMETERS[self._known(method, "cameraIndex", cameraIndex, CAMERAS)]
+        return list(known[self._known(method, "parameter", parameter, known)][:2])
+
+    def setParameterToDefault(self, cameraIndex: int, parameter: int) -> bool:
+        """Forget a parameter of a camera."""
+        self._parameters.pop((int(cameraIndex), int(parameter)), None)
+        return True
 
     def setParam(self, parameter: int, value: int, *camera: int) -> bool:
-        """Keep a parameter of the active camera, or another."""
+        """Keep a parameter of the active camera, or another; the parameter 18 chooses the active one."""
+        if parameter == SELECT:
+            return self.setActiveCamera(value)
         return self.setParameter(camera[0] if camera else self._active, parameter, value)
 
     def getParam(self, parameter: int, *camera: int) -> int:
@@ -196,26 +234,132 @@ class ALVideoDevice(Module):
         """Return the angles [rad] of a place in the picture (0 to 1 from the left and from the top)."""
         method = "getAngularPositionFromImagePosition"
         x, y = self.numbers(method, "imgPos", imgPos, 2)
-        lens = camera_intrinsics(CAMERAS[self._known(method, "cameraIndex", cameraIndex, CAMERAS)], "QVGA")
-        return [float(np.arctan2(160.0 - 320.0 * x, lens.fx)), float(np.arctan2(240.0 * y - 120.0, lens.fy))]
+        fx, fy = self._lens(method, cameraIndex)
+        return [float(np.arctan((0.5 - x) / fx)), float(np.arctan((y - 0.5) / fy))]
 
     def getImagePositionFromAngularPosition(self, cameraIndex: int, angPos: Any) -> list[float]:
         """Return the place in the picture (0 to 1 from the left and from the top) of angles [rad]."""
         method = "getImagePositionFromAngularPosition"
         yaw, pitch = self.numbers(method, "angPos", angPos, 2)
-        lens = camera_intrinsics(CAMERAS[self._known(method, "cameraIndex", cameraIndex, CAMERAS)], "QVGA")
-        return [0.5 - float(np.tan(yaw)) * lens.fx / 320.0, 0.5 + float(np.tan(pitch)) * lens.fy / 240.0]
+        fx, fy = self._lens(method, cameraIndex)
+        return [0.5 - float(np.tan(yaw)) * fx, 0.5 + float(np.tan(pitch)) * fy]
 
-    # Pictures.
+    def getAngularSizeFromImageSize(self, cameraIndex: int, imgSize: Any) -> list[float]:
+        """Return the angles [rad] that a size in the picture (shares of it) has in its middle."""
+        method = "getAngularSizeFromImageSize"
+        sizes = self.numbers(method, "imgSize", imgSize, 2)
+        return [
+            2.0 * float(np.arctan(x / 2.0 / f))
+            for x, f in zip(sizes, self._lens(method, cameraIndex), strict=True)
+        ]
+
+    def getImageSizeFromAngularSize(self, cameraIndex: int, angSize: Any) -> list[float]:
+        """Return the size in the picture (shares of it) of angles [rad] in its middle."""
+        method = "getImageSizeFromAngularSize"
+        angles = self.numbers(method, "angSize", angSize, 2)
+        return [
+            2.0 * float(np.tan(a / 2.0)) * f
+            for a, f in zip(angles, self._lens(method, cameraIndex), strict=True)
+        ]
+
+    def getImageInfoFromAngularInfo(self, cameraIndex: int, angInfo: Any) -> list[float]:
+        """Return place and size in the picture, as shares of it, of angles and angular sizes [rad]."""
+        angles = self.numbers("getImageInfoFromAngularInfo", "angInfo", angInfo, 4)
+        place = self.getImagePositionFromAngularPosition(cameraIndex, angles[:2])
+        return place + self.getImageSizeFromAngularSize(cameraIndex, angles[2:])
+
+    def getImageInfoFromAngularInfoWithResolution(
+        self, cameraIndex: int, angInfo: Any, resolution: int
+    ) -> list[float]:
+        """Return place and size in the picture [pixels] of angles and angular sizes [rad]."""
+        shares = self.getImageInfoFromAngularInfo(cameraIndex, angInfo)
+        known = self._known(
+            "getImageInfoFromAngularInfoWithResolution", "resolution", resolution, RESOLUTIONS
+        )
+        return [share * pixels for share, pixels in zip(shares, RESOLUTIONS[known] * 2, strict=True)]
+
+    def getHorizontalFOV(self, cameraIndex: int) -> float:
+        """Return how wide the picture is [rad]."""
+        return self.getAngularSizeFromImageSize(cameraIndex, [1.0, 1.0])[0]
+
+    def getVerticalFOV(self, cameraIndex: int) -> float:
+        """Return how high the picture is [rad]."""
+        return self.getAngularSizeFromImageSize(cameraIndex, [1.0, 1.0])[1]
+
+    def _lens(self, method: str, camera: Any) -> tuple[float, float]:
+        """Return the focal lengths, as shares of the width and height of the picture."""
+        lens = camera_intrinsics(CAMERAS[self._known(method, "cameraIndex", camera, CAMERAS)], "QVGA")
+        return lens.fx / 320.0, lens.fy / 240.0
+
+    def resolutionToSizes(self, resolution: int) -> list[int]:
+        """Return width and height [pixels] of a resolution."""
+        return list(RESOLUTIONS[self._known("resolutionToSizes", "resolution", resolution, RESOLUTIONS)])
+
+    def sizesToResolution(self, width: int, height: int) -> int:
+        """Return the resolution of a width and height [pixels]; -1 if there is none."""
+        return next((number for number, sizes in RESOLUTIONS.items() if sizes == (width, height)), -1)
+
+    # What the rows of the table hand over: the last argument comes from there.
 
     def _read(self, method: str, handle: Any, what: str) -> int:
         return int(getattr(self._subscription(method, handle), what))
 
+    def _read_each(self, method: str, handle: Any, what: str) -> list[int]:
+        return [getattr(subscription, what) for subscription in self._all(method, handle)]
+
+    def _write(self, method: str, handle: Any, value: Any, what: str) -> bool:
+        return all(self._write_each(method, handle, [value] * len(self._all(method, handle)), what))
+
+    def _write_each(self, method: str, handle: Any, values: Any, what: str) -> list[bool]:
+        known = {"camera": CAMERAS, "resolution": RESOLUTIONS, "color_space": LAYERS}[what]
+        for subscription, value in zip(self._all(method, handle), values, strict=False):
+            setattr(subscription, what, self._known(method, what, value, known))
+        return [True] * len(values)
+
+    def _of_camera(self, method: str, handle: Any, *more: Any) -> Any:
+        """Call a method, named last, with the camera of a subscription."""
+        return getattr(self, more[-1])(self._subscription(method, handle).camera, *more[:-1])
+
+    def _of_cameras(self, method: str, handle: Any, parameter: int, *more: Any) -> list[Any]:
+        """Call a method, named last, with each camera of a subscription, and its value, if any."""
+        cameras = self._read_each(method, handle, "camera")
+        values = [[value] for value in more[0]] if len(more) > 1 else [[] for _ in cameras]
+        call = getattr(self, more[-1])
+        return [call(camera, parameter, *value) for camera, value in zip(cameras, values, strict=False)]
+
+    def _of_active(self, _method: str, *more: Any) -> Any:
+        """Call a method, named last, with the active camera."""
+        return getattr(self, more[-1])(self._active, *more[:-1])
+
+    def _images(self, method: str, handle: Any) -> list[list[Any]]:
+        return [self._image(subscription) for subscription in self._all(method, handle)]
+
+    def _raw_images(self, method: str, handle: Any) -> list[list[Any]]:
+        """Return pictures in the color spaces of the cameras: YUV422, or depth."""
+        raw = [replace(each, color_space=17 if each.camera == 2 else 9) for each in self._all(method, handle)]
+        return [self._image(subscription) for subscription in raw]
+
+    def _raw_image(self, method: str, handle: Any) -> list[Any]:
+        return self._raw_images(method, handle)[0]
+
+    def _released(self, method: str, handle: Any) -> list[bool]:
+        return [True for _ in self._all(method, handle)]
+
+    # Pictures.
+
     def _subscription(self, method: str, handle: Any) -> Subscription:
-        if handle not in self._subscriptions:
-            known = ", ".join(self._subscriptions) or "(none)"
+        return self._all(method, handle)[0]
+
+    def _all(self, method: str, handle: Any) -> list[Subscription]:
+        """Return the subscriptions of a name, one for each of its cameras, or those of a camera's index."""
+        looking = self._subscriptions
+        found = looking.get(handle) or [
+            each for all_ in looking.values() for each in all_ if each.camera == handle
+        ]
+        if not found:
+            known = ", ".join(looking) or "(none)"
             raise self.fail(method, f"{quoted(handle)} is no subscription; there are: {known}")
-        return self._subscriptions[handle]
+        return found
 
     def _known(self, method: str, quantity: str, value: Any, known: Any) -> int:
         number = int(self.number(method, quantity, value))

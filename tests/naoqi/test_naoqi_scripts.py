@@ -1,7 +1,6 @@
 """Scripts run as they are: in Python 2 with proxies, in Python 3 with sessions."""
 
 import json
-import math
 import signal
 import subprocess
 import sys
@@ -9,13 +8,10 @@ import threading
 import traceback
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.naoqi import run_script
-from pepper_kin.naoqi.shims import almath
 
 SCRIPTS = Path(__file__).parent / "scripts"
 
@@ -85,29 +81,6 @@ def test_a_file_that_is_no_script_is_refused(broker, tmp_path):
     script.write_text("def broken(:\n")
     with pytest.raises(FileFormatError, match=r"no\.py"):
         run_script(script, broker=broker)
-
-
-def test_almath_is_geometry():
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        numbers = rng.uniform(-1.2, 1.2, 6)
-        transform = almath.transformFromPosition6D(almath.Position6D(*numbers))
-        expected = pin.SE3(pin.rpy.rpyToMatrix(*numbers[3:]), numbers[:3])
-        assert transform.toVector() == pytest.approx(list(expected.homogeneous.ravel()), abs=1e-12)
-        assert list(almath.position6DFromTransform(transform)) == pytest.approx(list(numbers), abs=1e-9)
-        other = almath.transformFromRotZ(0.3)
-        product = expected.homogeneous @ pin.SE3(pin.rpy.rpyToMatrix(0, 0, 0.3), np.zeros(3)).homogeneous
-        assert (transform * other).toVector() == pytest.approx(list(product.ravel()), abs=1e-12)
-        assert (transform * transform.inverse()).isNear(almath.Transform(), 1e-9)
-
-
-def test_dubins_ways_arrive():
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        goal = almath.Pose2D(*rng.uniform(-2, 2, 2), rng.uniform(-3, 3))
-        *_, last = almath.getDubinsSolutions(goal, 0.3)
-        assert math.hypot(last.x - goal.x, last.y - goal.y) < 1e-9
-        assert abs(math.remainder(last.theta - goal.theta, 2 * math.pi)) < 1e-9
 
 
 def test_a_folder_and_code_that_is_nested_too_deep_are_refused(broker, tmp_path):
