@@ -13,6 +13,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -73,9 +74,10 @@ class BrowserSession:
         chromium = find_chromium()
         if chromium is None:
             raise MissingDependencyError("chromium", "apt-get install chromium", "a picture of a page")
-        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._start(chromium)
         try:
+            with _uninterrupted():
+                self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+                self._start(chromium)
             self._open()
         except BaseException:
             self.close()
@@ -104,6 +106,8 @@ class BrowserSession:
 
     def close(self) -> None:
         """End the browser."""
+        if not hasattr(self, "_browser"):
+            return  # it could not be started
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._browser.pid, signal.SIGKILL)  # its helpers too, which would go on writing files
         self._browser.wait()
@@ -241,3 +245,16 @@ def screenshot(
         time = session.span()[0] if at_time is None else at_time
         picture = session.whole_picture(time) if panel else session.picture(time)
     return atomic_file.write_bytes(png_path, picture)
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let Ctrl-C wait until what was begun has a name by which it can be ended."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
