@@ -15,6 +15,7 @@ from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.ros.commands import Commands
 from pepper_kin.ros.controllers import CONTROLLERS, TRAJECTORY, Controller
+from pepper_kin.ros.driver_services import DriverServices
 from pepper_kin.ros.errors import NotCarriedError
 from pepper_kin.ros.following import BrakeTask, FollowTask
 from pepper_kin.ros.kinematics_services import KinematicsServices
@@ -32,7 +33,7 @@ logger = logging.getLogger(__name__)
 COMMAND_TIMEOUT = 0.5
 """A velocity command holds this long [s]."""
 
-SENSOR_RATE, ODOMETRY_RATE, STATE_RATE = 10.0, 15.0, 50.0
+SENSOR_RATE, ODOMETRY_RATE, STATE_RATE, DIAGNOSTICS_RATE = 10.0, 15.0, 50.0, 1.0
 """Messages a second [Hz]."""
 
 
@@ -92,6 +93,7 @@ class RobotNode(Closable):
             self.listen(f"/{robot}/joint_trajectory", TRAJECTORY, whole.on_trajectory)
             self.commands = Commands(self, command_timeout, robot, stamped)
             self.planning, self.kinematics = PlanningService(self), KinematicsServices(self)
+            self.driver = DriverServices(self)
             self._pictures = Pictures(self, names, resolution)
         except BaseException:
             self.close()
@@ -228,6 +230,8 @@ class RobotNode(Closable):
             self._publish(self._odometry, lambda: states.odometry(now, self.odometry))
         if self._due(SENSOR_RATE):
             self._publish_sensors(now)
+        if self._due(DIAGNOSTICS_RATE):
+            self.driver.publish()
         for topic, message in self._sensors.touches():
             self._touches[topic].publish(message)
         for controller in self.controllers.values():

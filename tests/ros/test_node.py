@@ -302,3 +302,68 @@ def test_nothing_moves_after_the_node_has_closed(node):
     assert np.abs(body.controller.twist).max() < 1e-9
     assert abs(body.command_rate("HeadYaw")) < 1e-9
     assert node.transport.topics == {}
+
+
+def call(node, name, type_name, **fields):
+    request = message_type(f"{type_name}_Request")(**fields)
+    return node.transport.call_service(name, type_name, request)
+
+
+def test_the_robot_says_what_it_is_as_the_driver_does(node):
+    info = call(node, "/naoqi_driver/get_robot_config", "naoqi_bridge_msgs/srv/GetRobotInfo").info
+    assert (info.type, info.number_of_arms, info.number_of_hands) == (info.PEPPER, 2, 2)
+    told = heard(node, "/info")
+    node.transport.flush(60.0)
+    assert told[0].data.startswith("RobotConfig/Body/Type: ")
+    language = "naoqi_bridge_msgs/srv/GetString"
+    assert call(node, "/naoqi_driver/get_language", language).data == "English"
+    for name, success, kept in (("French", True, "French"), ("Klingon", False, "French")):
+        change = call(node, "/naoqi_driver/set_language", "naoqi_bridge_msgs/srv/SetString", data=name)
+        assert change.success is success
+        assert call(node, "/naoqi_driver/get_language", language).data == kept
+    say(node, "/speech", message_type("std_msgs/msg/String")(data="hello"))
+    assert list(node.driver.said) == ["hello"]
+
+
+def test_diagnostics_are_sent_once_a_second_with_the_limits_of_the_description(node):
+    told = heard(node, "/diagnostics")
+    node.body.set_stiffness({"LElbowYaw": 0.25})
+    node.body.time.sleep(3.01)
+    node.transport.flush(60.0)
+    assert len(told) == 4  # at 0, 1, 2 and 3 s
+    by_name = {one.name: {pair.key: pair.value for pair in one.values} for one in told[-1].status}
+    elbow, pepper = by_name["naoqi_driver_joints:LElbowYaw"], node.body.pepper
+    k = pepper.joint_index("LElbowYaw")
+    wanted = (
+        pepper.lower_limits[k],
+        pepper.upper_limits[k],
+        pepper.velocity_limits[k],
+        pepper.effort_limits[k],
+    )
+    found = [float(elbow[key]) for key in ("minAngle", "maxAngle", "maxVelocity", "maxTorque")]
+    assert found == pytest.approx(wanted)
+    assert (
+        float(elbow["Stiffness"]) == float(by_name["naoqi_driver_joints:Status"]["Lowest Stiffness"]) == 0.25
+    )
+    assert int(by_name["naoqi_driver_battery:Status"]["Percentage"]) > 60
+    assert {one.level for one in told[-1].status} == {0}
+
+
+def test_controllers_claim_their_joints_while_they_move_them(node):
+    listing = "controller_manager_msgs/srv/ListControllers"
+
+    def claimed():
+        listed = call(node, "/controller_manager/list_controllers", listing).controller
+        assert [one.name for one in listed] == list(node.controllers)
+        assert {one.state for one in listed} == {"active"}
+        return {one.name: list(one.claimed_interfaces) for one in listed if one.claimed_interfaces}
+
+    assert claimed() == {}
+    handle = node.transport.send_goal(
+        HEAD, ACTION, goal(trajectory(["HeadYaw", "HeadPitch"], (1.0, [0.3, 0.1])))
+    )
+    node.body.time.sleep(0.5)
+    assert claimed() == {"Head_controller": ["HeadYaw/position", "HeadPitch/position"]}
+    node.body.time.sleep(2.0)
+    assert handle.result(10.0).status == GoalStatus.SUCCEEDED
+    assert claimed() == {}

@@ -232,6 +232,7 @@ class _Part(Closable):
     def __init__(self, transport: ZenohTransport, kind: str, name: str, type_name: str, qos: QoS) -> None:
         self.transport, self.name, self.closed = transport, name, False
         self.key = transport.key(name, type_name)
+        self._busy = threading.Lock()  # what is used cannot be ended
         self._entity = self._declared(qos)
         self._token = transport.token(kind, name, type_name, qos)
 
@@ -241,12 +242,14 @@ class _Part(Closable):
 
     def close(self) -> None:
         """End it."""
-        if not self.closed:
+        with self._busy:
+            if self.closed:
+                return
             self.closed = True
             with contextlib.suppress(self.transport._zenoh.ZError):  # where the session has ended before
                 self._token.undeclare()
                 self._entity.undeclare()
-            self.transport.discard(self)
+        self.transport.discard(self)
 
 
 class ZenohPublisher(_Part, Publisher):
@@ -276,16 +279,19 @@ class ZenohPublisher(_Part, Publisher):
 
     def publish(self, message: Any) -> None:
         """Send a message."""
-        if self.closed:
-            raise TransportError(self.name, "the publisher is closed; advertise the topic again")
         if not isinstance(message, self._kind):
             check_message(message, self._kind)
-        self._entity.put(encode(message), attachment=_attached(next(self._count), self._identifier))
+        data = encode(message)
+        with self._busy:
+            if self.closed:
+                raise TransportError(self.name, "the publisher is closed; advertise the topic again")
+            self._entity.put(data, attachment=_attached(next(self._count), self._identifier))
 
     @property
     def subscription_count(self) -> int:
         """1 where somebody subscribes."""
-        return 0 if self.closed else int(self._entity.matching_status.matching)
+        with self._busy:
+            return 0 if self.closed else int(self._entity.matching_status.matching)
 
 
 class ZenohSubscription(_Part):
