@@ -68,7 +68,7 @@ class DriverServices:
     def robot_config(self, _: Any) -> Any:
         """Return naoqi_bridge_msgs/srv/GetRobotInfo_Response: what `ALMotion.getRobotConfig` says."""
         known = dict(zip(*table("motion")["robot_config"], strict=True))
-        kind = message_type("naoqi_bridge_msgs/msg/RobotInfo")
+        kind: Any = message_type("naoqi_bridge_msgs/msg/RobotInfo")
         info = kind(
             type=kind.PEPPER,
             model=known["Model Type"],
