@@ -22,6 +22,7 @@ from pepper_kin.ros.kinematics_services import KinematicsServices
 from pepper_kin.ros.message_parts import time_message
 from pepper_kin.ros.pictures import Pictures
 from pepper_kin.ros.planning import PlanningService
+from pepper_kin.ros.planning_scene import PlanningScene
 from pepper_kin.ros.qos import LATCHED, RELIABLE, TRANSFORMS, QoS
 from pepper_kin.ros.sensor_messages import CAMERAS, SensorMessages
 from pepper_kin.ros.state_messages import StateMessages
@@ -93,7 +94,7 @@ class RobotNode(Closable):
             self.listen(f"/{robot}/joint_trajectory", TRAJECTORY, whole.on_trajectory)
             self.commands = Commands(self, command_timeout, robot, stamped)
             self.planning, self.kinematics = PlanningService(self), KinematicsServices(self)
-            self.driver = DriverServices(self)
+            self.driver, self.planning_scene = DriverServices(self), PlanningScene(self)
             self._pictures = Pictures(self, names, resolution)
         except BaseException:
             self.close()
