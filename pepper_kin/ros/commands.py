@@ -46,7 +46,7 @@ class Commands:
         node: What it belongs to.
         timeout: A velocity, or a target of a hand, holds this long [s]; then the robot brakes.
         robot: Name of the robot in topics.
-        stamped: Whether `/cmd_vel` is a TwistStamped.
+        stamped: Whether `/cmd_vel` is a TwistStamped where the transport does not tell types apart.
     """
 
     def __init__(self, node: RobotNode, timeout: float, robot: str, stamped: bool) -> None:
@@ -54,10 +54,14 @@ class Commands:
         self._drive: DriveTask | None = None
         self._reach: ReachTask | None = None
         self._reaching = threading.Lock()
-        if stamped:
-            node.listen("/cmd_vel", "geometry_msgs/msg/TwistStamped", self.on_stamped_velocity)
-        else:
-            node.listen("/cmd_vel", "geometry_msgs/msg/Twist", self.on_velocity)
+        both = [
+            ("geometry_msgs/msg/Twist", self.on_velocity),
+            ("geometry_msgs/msg/TwistStamped", self.on_stamped_velocity),
+        ]
+        first, second = reversed(both) if stamped else both
+        node.listen("/cmd_vel", *first)
+        if (name := node.transport.second_type("/cmd_vel", second[0])) is not None:
+            node.listen(name, *second)
         node.listen(f"/model/{robot}/cmd_vel", "geometry_msgs/msg/Twist", self.on_velocity)
         node.listen("/joint_angles", "naoqi_bridge_msgs/msg/JointAnglesWithSpeed", self.on_joint_angles)
         node.listen("/move_base_simple/goal", "geometry_msgs/msg/PoseStamped", self.on_base_goal)

@@ -49,7 +49,8 @@ class RobotNode(Closable):
         robot: Name of the robot in the topics of the paper's simulation.
         noise: Whether sensors are disturbed as real ones are.
         command_timeout: A velocity command holds this long [s].
-        stamped: Whether `/cmd_vel` is a TwistStamped, as Nav2 sends by default, not naoqi_driver2's Twist.
+        stamped: Whether `/cmd_vel` is a TwistStamped, as Nav2 sends by default, not naoqi_driver2's Twist,
+            over rclpy and Cyclone DDS; other transports take both.
 
     Attributes:
         topics: Name -> type of the topics that it publishes.

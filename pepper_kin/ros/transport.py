@@ -234,6 +234,13 @@ class Transport(Closable):
         `advertise`.
         """
 
+    def second_type(self, topic: str, type_name: str) -> str | None:
+        """Return the name by which a topic that has a type already is subscribed to in a second one.
+
+        None where a topic can have one type only.
+        """
+        return None
+
     @abstractmethod
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
         """Answer calls of a service by `callback(request) -> response` until closed; raises as `advertise`.

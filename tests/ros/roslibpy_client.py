@@ -80,12 +80,18 @@ def topics(ros):
     until(lambda: abs(joint("LElbowYaw") + 1.0) + abs(joint("RElbowYaw") - 1.0) < 0.01)
     until(lambda: abs(joint("HeadYaw") - 0.25) < 0.005)
     drove = []
-    for topic in ("/cmd_vel", "/model/pepper_robot/cmd_vel"):
+    plain = {"linear": {"x": 0.1}}
+    for topic, kind, message in (
+        ("/cmd_vel", "Twist", plain),
+        ("/model/pepper_robot/cmd_vel", "Twist", plain),
+        ("/cmd_vel", "TwistStamped", {"header": {"frame_id": "base_link"}, "twist": plain}),
+    ):
         x = place()
-        drive = roslibpy.Topic(ros, topic, "geometry_msgs/msg/Twist")
+        drive = roslibpy.Topic(ros, topic, f"geometry_msgs/msg/{kind}")
         for _ in range(10):
-            drive.publish(roslibpy.Message({"linear": {"x": 0.1}}))
+            drive.publish(roslibpy.Message(message))
             time.sleep(0.1)
+        drive.unadvertise()
         time.sleep(1.0)
         drove.append(place() - x)
     x = place()

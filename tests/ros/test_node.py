@@ -149,14 +149,21 @@ def test_a_velocity_holds_until_the_watchdog_stops_it(node):
     assert np.abs(node.body.controller.twist).max() < 1e-9
 
 
-def test_stamped_velocities_in_a_frame_of_the_base_drive():
-    """As Nav2 sends them by default."""
-    stamped = message_type("geometry_msgs/msg/TwistStamped")
-    with LocalTransport() as transport, RobotNode(Body(real_time=False), transport, stamped=True) as node:
-        for frame, goes in (("base_footprint", True), ("", True), ("map", False)):
-            message = stamped(twist=twist(0.2, 0.0, 0.3))
-            message.header.frame_id = frame
-            say(node, "/cmd_vel", message)
+@pytest.mark.parametrize("first", [False, True])
+def test_velocities_come_with_and_without_a_stamp(first):
+    """As Nav2 sends them by default, in a frame of the base, and as naoqi_driver2 takes them."""
+    stamped, plain = (message_type(f"geometry_msgs/msg/{name}") for name in ("TwistStamped", "Twist"))
+    with LocalTransport() as transport, RobotNode(Body(real_time=False), transport, stamped=first) as node:
+        assert transport.topics["/cmd_vel"] == (stamped if first else plain).type_name
+        assert not [name for name in transport.topics if " of " in name]
+        for frame, goes in (("base_footprint", True), ("", True), ("map", False), (None, True)):
+            message = twist(0.2, 0.0, 0.3)
+            if frame is not None:
+                message = stamped(twist=message)
+                message.header.frame_id = frame
+            with transport.advertise("/cmd_vel", message.type_name) as publisher:
+                publisher.publish(message)
+            transport.flush(60.0)
             node.body.time.sleep(0.4)
             assert bool(node.body.controller.twist[0] > 0.1) == goes
             node.body.time.sleep(1.5)

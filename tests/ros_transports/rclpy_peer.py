@@ -162,8 +162,14 @@ def send_goal(name, type, data):
     until(client.server_is_ready)
     feedback = []
     goal = deserialize_message(base64.b64decode(data), kind.Goal)
-    future = client.send_goal_async(goal, feedback.append)
-    until(future.done)
+    for _ in range(4):  # an answer is lost where the server does not know yet who asked
+        future = client.send_goal_async(goal, feedback.append)
+        try:
+            until(future.done, 6.0)
+            break
+        except TimeoutError:
+            feedback.clear()
+    until(future.done, 0.0)
     handle = future.result()
     if not handle.accepted:
         return {"accepted": False}

@@ -6,7 +6,10 @@ from random_messages import random_message
 
 from pepper_kin.ros_messages import message_names, message_type, type_hash
 
-NOT_INSTALLED = ("moveit_msgs", "object_recognition_msgs", "rmw_dds_common", "service_msgs")
+NOT_INSTALLED = (
+    "moveit_msgs", "object_recognition_msgs", "octomap_msgs", "controller_manager_msgs", "rmw_dds_common",
+    "service_msgs",
+)  # fmt: skip
 """Packages without a wheel, or that are not meant for topics."""
 
 TYPES = [

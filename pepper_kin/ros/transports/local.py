@@ -40,6 +40,7 @@ class LocalTransport(Transport):
         self.lock = threading.RLock()
         self.written: tuple[Any, str] = (None, "")
         self._topics: dict[str, Topic] = {}
+        self._second: dict[tuple[str, str], str] = {}  # topic and its second type -> name within
         self._services: dict[str, Service] = {}
         self._actions: dict[str, Action] = {}
         self._closed = False
@@ -57,7 +58,9 @@ class LocalTransport(Transport):
     def topics(self) -> dict[str, str]:
         """Name and type of all topics that somebody publishes or subscribes to."""
         with self.lock:
-            return {name: t.type_name for name, t in sorted(self._topics.items()) if t.is_used}
+            within = set(self._second.values())
+            used = {name: t for name, t in sorted(self._topics.items()) if t.is_used}
+            return {name: t.type_name for name, t in used.items() if name not in within}
 
     def flush(self, timeout: float = SERVER_WAIT) -> None:
         """Wait until all messages so far have been called back: before simulated time goes on, for example.
@@ -96,6 +99,7 @@ class LocalTransport(Transport):
         """
         with self.lock:
             self._check_open(name)
+            name = self._second.get((name, str(type_name)), name)
             found = self._topics.get(name)
             if found is None and type_name is None:
                 raise TransportError(name, "it is not known, and no type was stated; state its type")
@@ -114,6 +118,13 @@ class LocalTransport(Transport):
     def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callback) -> Closable:
         """Call back with every message, on a thread of the subscription; see `Transport.subscribe`."""
         return Subscription(self, self.topic(topic, type_name), qos, callback)
+
+    def second_type(self, topic: str, type_name: str) -> str:
+        """Return the name of a topic's second type; clients state the topic's own, and that type."""
+        with self.lock:
+            return self._second.setdefault(
+                (topic, message_type(type_name).type_name), f"{topic} of {type_name}"
+            )
 
     def listen(self, topic: str, type_name: str | None, callback: Callback) -> Closable:
         """Call back with every message on the thread that publishes it: for callbacks that return at once."""

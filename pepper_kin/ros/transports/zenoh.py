@@ -87,6 +87,10 @@ class ZenohTransport(Transport):
         with self._lock:
             return self._kept(topic, lambda: ZenohSubscription(self, topic, kind, qos, callback))
 
+    def second_type(self, topic: str, type_name: str) -> str:
+        """Return the topic: types are apart."""
+        return topic
+
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
         """Answer calls, each on a thread; see `Transport.offer_service`."""
         message_type(f"{type_name}_Request")
