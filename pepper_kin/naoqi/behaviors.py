@@ -23,11 +23,15 @@ from pepper_kin.files.choregraphe_boxes import Box, Diagram, find_behaviors, rea
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.joint_tasks import CurveTask
 from pepper_kin.naoqi.python2 import begin, old_program
-from pepper_kin.naoqi.scripts import ScriptResult, run_program
+from pepper_kin.naoqi.scripts import ScriptResult, check_longest, run_program
 from pepper_kin.naoqi.shims import naoqi, qi, qi_logging
 from pepper_kin.naoqi.shims.proxy import CALL
+from pepper_kin.naoqi.simulated_time import TimeIsUp
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.trajectory.key_curve import Handle, Key
+
+TIMELINE = "timeline"
+"""Name of the tasks that play timelines."""
 
 PROJECTS = (".pml", ".xar", ".pkg")
 """Endings of files that `run_behavior` takes, beside folders."""
@@ -66,8 +70,7 @@ def run_behavior(
         FileFormatError: for what is no project, or a box that cannot be read.
         InvalidValueError: for a behavior that the project has not, or a time that is not above 0.
     """
-    if longest is not None and not longest > 0:
-        raise InvalidValueError("longest", longest, "a time above 0 [s]")
+    check_longest(longest)
     with tempfile.TemporaryDirectory() as unpacked:
         found = find_behaviors(as_path(path), Path(unpacked))
         chosen = next(iter(found)) if name is None else name
@@ -124,9 +127,15 @@ class Behavior:
             root.start()
             clock.wait_until(self._is_over)
         finally:
-            with suppress(Exception):
+            with suppress(Exception, TimeIsUp):
                 root.unload()
+            self._end_timelines()  # also where a box did not let the others be unloaded
             self.broker.add_module("ALFrameManager", manager)
+
+    def _end_timelines(self) -> None:
+        body = self.broker.body
+        with body.time.lock:
+            body.tasks.kill([task for task in body.tasks if task.name == TIMELINE], body)
 
     def beside(self, does: Callable[[], None]) -> None:
         """Let something go on beside the caller, who goes on when it waits for time to pass."""
@@ -532,7 +541,7 @@ class Player:
         begun, body = self._frame, self._box.behavior.broker.body
         keys = self._keys(begun)
         if keys:
-            self._task = body.do(CurveTask("timeline", keys))
+            self._task = body.do(CurveTask(TIMELINE, keys))
         shown = [(d.frame, k, d) for k, layer in enumerate(self._timeline.layers) for d in layer]
         for frame, layer, diagram in sorted(shown, key=lambda one: one[:2]):
             if begun <= frame <= self._timeline.last:

@@ -185,6 +185,8 @@ class Broker:
 class _Call(threading.Thread):
     """A call beside the caller, with the error that ended it."""
 
+    of_robot = True  # it goes on where the script ends that posted it
+
     def __init__(self, call: Callable[[], Any], body: Body) -> None:
         super().__init__(daemon=True)
         self._call, self._body = call, body

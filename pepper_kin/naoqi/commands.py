@@ -117,7 +117,7 @@ def run(
         logged = [{"time": time, "text": text} for time, text in broker.logged]
     if as_json:
         outcome = {"ended": result.ended, "code": result.code, "duration": result.duration, "logged": logged}
-        print_json(outcome)
+        print_json(outcome | {"failures": [list(one) for one in getattr(result, "failures", ())]})
     print(f"{script.name}: {result.ended} after {result.duration:.2f} s", file=sys.stderr)
     if result.error is not None and result.ended == "failed":
         traceback.print_exception(result.error)

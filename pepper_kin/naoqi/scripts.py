@@ -118,20 +118,35 @@ def stand_ins(
         return imported(name, globals, locals, fromlist, level)
 
     threads, begins = list[threading.Thread](), threading.Thread.start
+    twin, workers, over = broker.body.time, list[object](), threading.Event()
 
     def start(self: threading.Thread) -> None:
+        if self.ident is not None:
+            begins(self)  # which refuses: it has been started
         if not self.daemon:
             self.daemon = True  # waited for here, not by the process as it ends, which has no limit
             threads.append(self)
-        does, worker = self.run, broker.body.time.new_worker()
+        does, worker = self.run, twin.new_worker()
         self.__dict__["worker"] = worker
+        if not getattr(self, "of_robot", False):
+            workers.append(worker)
 
         def run() -> None:
-            with suppress(TimeIsUp), broker.body.time.working(worker):
-                does()
+            try:
+                with twin.working(worker):
+                    does()
+            except TimeIsUp:
+                pass
+            except Exception:
+                if not over.is_set():  # else it met the end of what it ran in
+                    raise
 
         self.run = run  # type: ignore[method-assign]
-        begins(self)
+        try:
+            begins(self)
+        except BaseException:
+            twin.dismiss([worker])
+            raise
 
     sys.modules.update(MODULES)
     set_broker(broker)
@@ -142,6 +157,8 @@ def stand_ins(
     try:
         yield threads
     finally:
+        over.set()
+        twin.dismiss(workers)
         builtins.__import__ = imported
         threading.Thread.start = begins  # type: ignore[method-assign]
         sys.path.remove(own)
@@ -175,18 +192,36 @@ def run_script(
         FileFormatError: for a file that is no script.
         InvalidValueError: for a time that is not above 0.
     """
+    check_longest(longest)
+    script = as_path(path)
+    return run_program(main_program(script, arguments), script.parent, broker, longest)
+
+
+def check_longest(longest: float | None) -> None:
+    """Refuse a time that is not above 0 [s].
+
+    Raises:
+        InvalidValueError: for such a time.
+    """
     if longest is not None and not longest > 0:
         raise InvalidValueError("longest", longest, "a time above 0 [s]")
-    script = as_path(path)
+
+
+def main_program(script: Path, arguments: Sequence[str]) -> Callable[[Callable[..., str]], None]:
+    """Return what runs a script as `__main__`, called with what reads a line that somebody types.
+
+    Raises:
+        FileFormatError: for a file that is no script.
+    """
     code, old = program(script)
     module = types.ModuleType("__main__")
     module.__file__ = str(script.resolve())
 
-    def script_runs(reads: Callable[..., str]) -> None:
+    def runs(reads: Callable[..., str]) -> None:
         sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
         begin(code, old, module.__dict__, reads)
 
-    return run_program(script_runs, script.parent, broker, longest)
+    return runs
 
 
 def run_program(

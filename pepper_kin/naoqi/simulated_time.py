@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from pepper_kin.naoqi.thread_priority import wake_promptly
@@ -125,7 +125,7 @@ class SimulatedTime:
             timeout: The longest time to wait, on this clock [s]; for ever if omitted.
 
         Raises:
-            TimeIsUp: from the time of `limit` on.
+            TimeIsUp: from the time of `limit` on, and in workers that were dismissed.
         """
         end = math.inf if timeout is None else self.now + timeout - 1e-9
         worker = getattr(self._thread_worker, "value", None)
@@ -139,7 +139,9 @@ class SimulatedTime:
             try:
                 while not done() or not self._is_next(worker):
                     if released_or_late() and self._is_next(worker):
-                        return False
+                        return done()
+                    if worker is not None and worker not in self._workers:
+                        raise TimeIsUp("nobody waits for this thread any more")
                     if self._error is not None:
                         raise self._error
                     if self.is_up and self._limited == threading.get_ident():
@@ -180,6 +182,13 @@ class SimulatedTime:
                     known.pop(worker, None)
                 self._changed.notify_all()
 
+    def dismiss(self, workers: Iterable[object]) -> None:
+        """Let workers have no more time: their waits, and those that they begin, raise `TimeIsUp`."""
+        with self._changed:
+            for worker in workers:
+                self._workers.pop(worker, None)
+            self._changed.notify_all()
+
     def follow(self, worker: object) -> None:
         """Wait until a worker waits or is over, while no time passes; not where the wall clock drives it."""
         if not self.real_time:
@@ -208,7 +217,8 @@ class SimulatedTime:
 
     def _set_aside(self, worker: object, ready: Callable[[], bool]) -> None:
         if worker is not None:
-            self._workers[worker] = False
+            if worker in self._workers:
+                self._workers[worker] = False
             self._waiting.setdefault(worker, []).append(ready)
             self._changed.notify_all()
 
@@ -228,8 +238,9 @@ class SimulatedTime:
             self._waiting[worker].pop()
             if not self._waiting[worker]:  # else it waits in a cycle that it runs while it waits
                 del self._waiting[worker]
-                self._workers[worker] = True
                 self._looks.pop(worker, None)
+                if worker in self._workers:  # else it was dismissed
+                    self._workers[worker] = True
 
     def spend(self, seconds: float) -> None:
         """Let the time pass that a call takes [s], where it passes by waiting only.

@@ -10,10 +10,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pepper_kin import qibullet
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
-from pepper_kin.naoqi.python2 import ScriptImports, begin, program
-from pepper_kin.naoqi.scripts import ScriptResult, ending, reads_of_stdin, standstill
+from pepper_kin.naoqi.python2 import ScriptImports
+from pepper_kin.naoqi.scripts import (
+    ScriptResult,
+    check_longest,
+    ending,
+    main_program,
+    reads_of_stdin,
+    standstill,
+)
 from pepper_kin.naoqi.simulated_time import SimulatedTime
 from pepper_kin.qibullet import simulation
 
@@ -41,19 +47,10 @@ def run_program(
         FileFormatError: for a file that is no program.
         InvalidValueError: for a time that is not above 0.
     """
-    if longest is not None and not longest > 0:
-        raise InvalidValueError("longest", longest, "a time above 0 [s]")
+    check_longest(longest)
     script = as_path(path)
-    code, old = program(script)
-    module = types.ModuleType("__main__")
-    module.__file__ = str(script.resolve())
-    reads, modules = reads_of_stdin(), stand_ins()
-    finder = ScriptImports(script.parent, reads)
-
-    def runs() -> None:
-        sys.modules["__main__"], sys.argv = module, [str(script), *arguments]
-        begin(code, old, module.__dict__, reads)
-
+    runs, reads, modules = main_program(script, arguments), reads_of_stdin(), stand_ins()
+    finder, others = ScriptImports(script.parent, reads), simulation.all_running()
     before = {name: sys.modules.get(name) for name in modules}
     sys.modules.update(modules)
     sys.path.insert(0, str(script.parent.resolve()))
@@ -61,10 +58,11 @@ def run_program(
     begun = time.monotonic()
     try:
         with standstill(SimulatedTime(lambda: None, False), longest) as stuck:  # it stands: the wall's counts
-            ended, status, error = ending(runs, stuck)
+            ended, status, error = ending(lambda: runs(reads), stuck)
     finally:
-        for client in simulation.all_running():
+        for client in set(simulation.all_running()).difference(others):
             simulation.end(client)
+        modules["pybullet"]._forget()
         sys.meta_path.remove(finder)
         sys.path.remove(str(script.parent.resolve()))
         for name in finder.loaded:

@@ -100,6 +100,12 @@ def __getattr__(name: str) -> Callable[..., Any]:
     return refuse
 
 
+def _forget() -> None:
+    """Forget search paths, sliders and shapes: those of a program that has ended."""
+    for known in (_PATHS, _SLIDERS, _SHAPES):
+        known.clear()
+
+
 # Simulations.
 
 

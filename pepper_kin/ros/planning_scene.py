@@ -162,10 +162,10 @@ class PlanningScene:
         for name in scene.attached:
             one = scene.attached[name]
             there = scene.release(name, body.pepper, q).objects[name]
-            told = self._objects({name: (there.geometry, there.transform_object_to_world)})
+            messages = self._objects({name: (there.geometry, there.transform_object_to_world)})
             made.robot_state.attached_collision_objects += [
                 _ATTACHED(link_name=one.frame, object=each, touch_links=sorted(one.touch_links))
-                for each in told
+                for each in messages
             ]
         names = sorted({name for pair in scene.allowed for name in pair})
         matrix = made.allowed_collision_matrix

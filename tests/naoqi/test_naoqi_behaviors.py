@@ -266,6 +266,19 @@ def test_a_behavior_that_waits_ends_when_its_time_is_up(run):
     assert result.duration == pytest.approx(3.0, abs=0.1)
 
 
+def test_nothing_of_a_behavior_moves_after_its_time(broker, run):
+    """Not even where a box does not let the others be unloaded."""
+    stubborn = box(1, "stubborn", script(onUnload="while True: time.sleep(0.1)", onInput_onStart="pass"))
+    frames = [(k, diagram([])) for k in range(1, 500, 50)]
+    moves = box(2, "moves", "", timeline(1000, {"HeadYaw": {500: 60, 1000: -60}}, frames))
+    result, _ = run([stubborn, moves], (0, 2, 1, 2), (0, 2, 2, 2), longest=3.0)
+    assert result.ended == "time is up"
+    yaw = broker.motion.getAngles("HeadYaw", False)[0]
+    assert yaw > 0.05
+    broker.body.time.sleep(3.0)
+    assert broker.motion.getAngles("HeadYaw", False)[0] == pytest.approx(yaw, abs=0.03)
+
+
 def test_projects_folders_and_applications_name_their_behaviors(broker, tmp_path):
     folder = tmp_path / "app"
     for name in ("first", "second"):

@@ -252,6 +252,52 @@ def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, ca
     assert (result.ended, result.success) == ("time is up", True)
 
 
+ENDLESS = """\
+import threading, time
+m = __import__('naoqi').ALProxy('ALMotion')
+def f():
+    while True:
+        m.angleInterpolation('HeadYaw', 0.5, 1.0, True)
+        m.angleInterpolation('HeadYaw', -0.5, 1.0, True)
+t = threading.Thread(target=f)
+"""
+TWICE = """\
+import threading, time
+t = threading.Thread(target=len, args=('',))
+t.start()
+t.join()
+try:
+    t.start()
+except RuntimeError:
+    print 'refused'
+time.sleep(2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("ends", "how"),
+    [
+        ("t.start()", "time is up"),
+        ("t.daemon = True\nt.start()\ntime.sleep(2.2)", "completed"),
+        ("t.start()\nraise SystemExit(0)", "exited"),
+    ],
+)
+def test_no_thread_of_a_program_moves_the_robot_after_it(broker, tmp_path, capsys, ends, how):
+    result, _ = output_of(broker, tmp_path, capsys, f"{ENDLESS}{ends}\n", longest=4.0)
+    assert result.ended == how
+    broker.motion.killAll()
+    yaw = broker.motion.getAngles("HeadYaw", False)[0]
+    broker.body.time.sleep(3.0)
+    assert broker.motion.getAngles("HeadYaw", False)[0] == pytest.approx(yaw, abs=1e-3)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_thread_that_is_started_twice_does_not_stop_the_clock(broker, tmp_path, capsys):
+    result, out = output_of(broker, tmp_path, capsys, TWICE, longest=10.0)
+    assert (result.ended, out) == ("completed", "refused\n")
+    assert result.duration == pytest.approx(2.0, abs=0.05)
+
+
 def test_threads_of_a_program_do_their_work_after_its_last_line(broker, tmp_path, capsys):
     text = (
         "import threading, time\nfrom naoqi import ALProxy\ndef work():\n    time.sleep(1)\n"

@@ -11,7 +11,7 @@ import pybullet as bullet
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.qibullet import PepperVirtual, SimulationError, UnsimulatedError
+from pepper_kin.qibullet import PepperVirtual, SimulationError, SimulationManager, UnsimulatedError
 from pepper_kin.qibullet import pybullet as p
 from pepper_kin.qibullet.programs import run_program
 
@@ -214,13 +214,14 @@ def test_programs_run_as_they_are(tmp_path, capsys):
     (tmp_path / "helper.py").write_text("print 'old helper'\n")
     program = tmp_path / "program.py"
     program.write_text(PROGRAM + "print(round(pybullet.getBasePositionAndOrientation(body)[0][2], 6))\n")
-    before = sys.modules["pybullet"]
+    before, own = sys.modules["pybullet"], SimulationManager().launchSimulation(gui=False)
     result = run_program(program)
     assert (result.ended, result.error) == ("completed", None)
     assert capsys.readouterr().out.splitlines() == ["old helper", "0.025"]
     assert sys.modules["pybullet"] is before
     assert "qibullet" not in sys.modules
-    assert pk.qibullet.simulation.all_running() == ()
+    assert pk.qibullet.simulation.all_running() == (own,)  # that of the program has ended
+    SimulationManager().stopSimulation(own)
     program.write_text(PROGRAM + "while True:\n    manager.stepSimulation(client)\n")
     result = run_program(program, longest=1.0)
     assert (result.ended, result.success) == ("time is up", True)

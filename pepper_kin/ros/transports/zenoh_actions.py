@@ -25,6 +25,7 @@ _STATUS = "action_msgs/msg/GoalStatusArray"
 _NONE, _REJECTED, _UNKNOWN, _TERMINATED = range(4)  # return codes of CancelGoal
 _MOST_ENDED = 100  # goals that have ended and whose results are kept
 _LOOK_EVERY = 0.5  # time between two looks at whether clients are still there [s]
+_LAST_ANSWERS = 0.2  # time for results to leave before the services end [s]
 _LONGEST = 1e6  # time for which a result is waited for, where no other is set [s]
 
 
@@ -58,7 +59,10 @@ class OfferedAction(Closable):
         """Abort goals under way and offer the action no more."""
         if not self._closed.is_set():
             self._closed.set()
+            under_way = bool(self._action.goals)
             self._action.close()
+            if under_way:
+                time.sleep(_LAST_ANSWERS)
             for part in (*self._services, self._statuses, self._feedback):
                 part.close()
             self._transport.discard(self)  # type: ignore[arg-type]
