@@ -200,8 +200,6 @@ def _obj(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.in
             vertices.append(_numbers(file, words[1:4], number))
         elif words[0] == "f":
             corners = [_obj_index(file, word, len(vertices), number) for word in words[1:]]
-            if len(corners) < 3:
-                raise FileFormatError(file, f"a face with {len(corners)} corners", number)
             faces += [[corners[0], *corners[k : k + 2]] for k in range(1, len(corners) - 1)]
     return np.array(vertices, dtype=float).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,8 +11,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.exceptions import ModelError, ModelWarning, shortened
 from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model.mended_urdf import mend
 from pepper_kin.model.xml_source import (
     XmlText,
     attribute_of,
@@ -33,7 +35,6 @@ MOST_LINKS = 10_000
 """Links, at most: Pinocchio compares the name of each with all before it."""
 LONGEST_CHAIN = 3000
 """Joints between the root and a link, at most: Pinocchio reads them in one another, on a stack that ends."""
-XACRO = "xacro"
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
@@ -129,24 +130,23 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
 
     Raises:
         ModelError: naming the element that is malformed, missing, doubled or disconnected.
+
+    Warns:
+        ModelWarning: naming what was mended, see `mended_urdf`.
     """
-    text = with_bound_prefixes(text)
+    text = with_bound_prefixes(text.lstrip())
     root = parse_xml(text, "URDF")
-    _refuse_xacro(root)
+    mended = mend(root)
+    for what in mended:
+        warnings.warn(f"URDF: {what}", ModelWarning, stacklevel=3)
+    if mended:
+        text = ET.tostring(root, encoding="unicode")
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))
     joints = tuple(_joint(element) for element in root.findall("joint"))
     _check_tree(links, joints)
     document = UrdfDocument(root.get("name", "robot"), text, links, joints, tuple(package_dirs))
     document.keep_tree(root)
     return document
-
-
-def _refuse_xacro(root: ET.Element) -> None:
-    """Refuse xacro sources: without what their macros stand for they would be another robot."""
-    for element in root.iter():
-        space, brace, tag = str(element.tag).rpartition("}")
-        if (brace and XACRO in space) or tag.startswith(f"{XACRO}:"):
-            raise ModelError(f"URDF: holds <xacro:{tag}>; expand it first: xacro FILE > robot.urdf")
 
 
 def _joint(element: ET.Element) -> Joint:
@@ -168,8 +168,6 @@ def _joint(element: ET.Element) -> Joint:
     bounded = kind != "continuous"
     lower = number_of(limit, "lower", 0.0, f"joint {name}") if bounded else -math.inf
     upper = number_of(limit, "upper", 0.0, f"joint {name}") if bounded else math.inf
-    if lower > upper:
-        raise ModelError(f"URDF: joint {name}: lower limit {lower} is above upper limit {upper}")
     mimic, dynamics = element.find("mimic"), element.find("dynamics")  # a fixed joint follows nothing
     dynamics = ET.Element("dynamics") if dynamics is None else dynamics
     return Joint(
@@ -219,12 +217,9 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
     _check_depth(links, parent_of, roots[0])
     if len(links) > MOST_LINKS:
         raise ModelError(f"URDF: {len(links)} links, at most {MOST_LINKS} are read")
-    moving = {joint.name for joint in joints if joint.type != "fixed"}
-    if len(moving) > MOST_MOVING:
-        raise ModelError(f"URDF: {len(moving)} joints move, at most {MOST_MOVING} are read")
-    for joint in joints:
-        if joint.mimic is not None and joint.mimic[0] not in moving:
-            raise ModelError(f"URDF: joint {joint.name} mimics an unknown joint {joint.mimic[0]!r}")
+    moving = sum(joint.type != "fixed" for joint in joints)
+    if moving > MOST_MOVING:
+        raise ModelError(f"URDF: {moving} joints move, at most {MOST_MOVING} are read")
 
 
 def _check_depth(links: tuple[str, ...], parent_of: dict[str, str], root: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, shortened
+from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning
 from pepper_kin.model.expanded_urdf import urdf_folder
 from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.shapes import (
@@ -117,11 +117,8 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
     if element.tag in ("cylinder", "capsule"):
         length = number_of(element, "length", 0.0, name)
         return Cylinder(radius, length) if element.tag == "cylinder" else Capsule(radius, length)
-    if element.tag == "mesh":
-        x, y, z = numbers_of(element.get("scale"), 3, (1.0, 1.0, 1.0), f"scale of mesh {name}")
-        path = resolve_mesh(attribute_of(element, "filename", name), package_dirs)
-        return Mesh(path, (x, y, z))
-    raise ModelError(f"URDF: shape {name} has an unknown geometry <{shortened(element.tag)}>")
+    x, y, z = numbers_of(element.get("scale"), 3, (1.0, 1.0, 1.0), f"scale of mesh {name}")
+    return Mesh(resolve_mesh(attribute_of(element, "filename", name), package_dirs), (x, y, z))
 
 
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:

@@ -1,10 +1,12 @@
 import pickle
+import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.exceptions import FileFormatError, ModelError, UnknownNameError
+from pepper_kin.exceptions import FileFormatError, ModelError, ModelWarning, UnknownNameError
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -16,6 +18,8 @@ ARM = """<robot name="arm">
   <joint name="slide" type="prismatic"><parent link="upper"/><child link="lower"/><axis xyz="1 0 0"/>
     <limit lower="0" upper="0.5" effort="10" velocity="1"/></joint>
 </robot>"""
+SCALED = '<mesh filename="a.stl" scale="1 1 1 1"/>'
+SHAPE = "<collision><geometry>{}</geometry></collision>"
 
 
 def test_continuous_joint_has_one_coordinate_without_bounds():
@@ -27,13 +31,48 @@ def test_continuous_joint_has_one_coordinate_without_bounds():
     np.testing.assert_allclose(pose[:3, 3], [0, 0.3, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message", "limits"),
+    [
+        ('lower="0" upper="0.5"', 'lower="0.5" upper="0"', "lower limit 0.5 is above upper limit 0", None),
+        ('velocity="1"', 'velocity="-1"', "velocity is -1; it is read as no limit", np.inf),
+        ("</robot>", '<x:leg xmlns:x="http://ros.org/xacro" side="l"/></robot>', "<xacro:leg>", None),
+        ('<link name="lower">', f'<link name="lower">{SHAPE.format("<plane/>")}', "geometry <plane>", None),
+        (
+            '<link name="lower">',
+            f'<link name="lower">{SHAPE.format(SCALED)}',
+            "scale '1 1 1 1' is not 3 numbers",
+            None,
+        ),
+        (
+            '<child link="lower"/>',
+            '<child link="lower"/><mimic joint="thumb"/>',
+            "slide mimics an unknown joint 'thumb'; it moves by itself",
+            None,
+        ),
+    ],
+)
+def test_what_pinocchio_reads_is_mended_and_said(old, new, message, limits):
+    assert old in ARM
+    text = "\n" + ARM.replace(old, new, 1)
+    with pytest.warns(ModelWarning, match=re.escape(message)):
+        robot = pk.load_robot(text)
+    model = pin.buildModelFromXML(text.strip())
+    q = np.array([0.7, 0.3])
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array([np.cos(0.7), np.sin(0.7), 0.3]))
+    there = data.oMf[model.getFrameId("lower")].homogeneous
+    np.testing.assert_allclose(pk.kinematics.frame_pose(robot, q, "lower"), there, atol=1e-12)
+    assert (robot.lower_limits[1], robot.upper_limits[1]) == (0.0, 0.5)
+    assert robot.velocity_limits[1] == (1.0 if limits is None else limits)
+
+
 def test_faults_are_named():
     for old, new, message in [
         ('<link name="lower">', '<link name="upper">', "two links are named 'upper'"),
         ('<child link="lower"/>', '<child link="wrist"/>', "unknown link 'wrist'"),
         ('<child link="lower"/>', '<child link="upper"/>', "link 'upper' has two parent joints"),
         ('type="prismatic"', 'type="floating"', "joint slide has type 'floating'"),
-        ('lower="0"', 'lower="1"', "slide: lower limit 1.0 is above upper limit 0.5"),
         ('velocity="1"', 'velocity="fast"', "velocity='fast' is not a finite number"),
         ("</robot>", "", "not well-formed"),
         ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "entities are not allowed"),
