@@ -21,10 +21,12 @@ class StateModule(Module):
     accepted: tuple[str, ...] = ()
     answers: dict[str, Any] = {}  # noqa: RUF012
     defaults: dict[str, Any] = {}  # noqa: RUF012
+    signals: tuple[str, ...] = ()
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
         self._values: dict[str, Any] = dict(self.defaults)
+        vars(self).update({name: Signal() for name in self.signals})
 
     def getMethodList(self) -> list[str]:
         """Return the names of all methods that are listed."""
@@ -79,6 +81,7 @@ def _state_module(name: str) -> type[StateModule]:
         "accepted": accepted,
         "answers": entry.get("answers", {}),
         "defaults": defaults,
+        "signals": tuple(entry.get("signals", ())),
         "not_simulated": entry.get("refuses", {}),
     }
     return type(name, (StateModule,), content)
@@ -86,11 +89,6 @@ def _state_module(name: str) -> type[StateModule]:
 
 class ALTabletService(_state_module("ALTabletService")):  # type: ignore[misc]
     """The tablet: what it would show is logged."""
-
-    def __init__(self, broker: Any) -> None:
-        super().__init__(broker)
-        self.onTouchDown, self.onTouchUp, self.onTouch = Signal(), Signal(), Signal()
-        self.onInputText, self.onJSEvent, self.videoFinished = Signal(), Signal(), Signal()
 
     def robotIp(self) -> str:
         """Return the address of the robot as the tablet knows it."""

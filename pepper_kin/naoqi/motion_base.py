@@ -77,9 +77,8 @@ class BaseMethods(Module):
     def moveTo(self, *arguments: Any) -> bool:
         """Go to a place in FRAME_ROBOT; blocks.
 
-        Forms: (x, y, theta), with a duration [s], with a configuration, with both; ([[x, y, theta], ...]),
-        with a
-        configuration.
+        Forms: (x, y, theta), with a duration [s], with a configuration, with both; for NAO
+        ([[x, y, theta], ...]), each place as seen from the one before, with a configuration.
 
         Returns:
             Whether it arrived.
@@ -136,8 +135,14 @@ class BaseMethods(Module):
             return self.body.do(MoveToTask(method, places[-1:], duration=duration))
 
     def waitUntilMoveIsFinished(self) -> None:
-        """Wait until no task moves the base; a velocity that nobody stops is not waited for."""
-        self.body.time.wait_until(lambda: not any(isinstance(t, MoveToTask) for t in self.body.tasks))
+        """Wait until no task moves the base and it stands; a velocity that nobody stops is not waited for."""
+
+        def finished() -> bool:
+            moves = self._moves()
+            ends = any(isinstance(t, MoveToTask) or not getattr(t, "twist", np.ones(1)).any() for t in moves)
+            return not ends and (bool(moves) or bool(np.abs(self.body.controller.twist).max() < 1e-6))
+
+        self.body.time.wait_until(finished)
 
     waitUntilWalkIsFinished = waitUntilMoveIsFinished
 
@@ -230,8 +235,13 @@ class BaseMethods(Module):
         """Return places, duration and configuration of the forms of `moveTo`."""
         if arguments and isinstance(arguments[0], list | tuple):
             first, rest = arguments[0], arguments[1:]
-            rows = first if first and isinstance(first[0], list | tuple) else [first]
-            places = [self.numbers(method, "controlPoint", row, 3) for row in rows]
+            rows, here, places = [first], Pose(0.0, 0.0, 0.0), []
+            if first and isinstance(first[0], list | tuple):
+                self.robot_refuses(method, "control points are for NAO")
+                rows = list(first)
+            for row in rows:
+                here = here.moved(*self.numbers(method, "controlPoint", row, 3))
+                places.append(list(here))
             return places, None, rest[0] if rest else None
         if len(arguments) < 3:
             raise self.fail(method, f"got {len(arguments)} arguments, expected x, y and theta")

@@ -33,6 +33,7 @@ OLD_MODULES = {
     "ConfigParser": ("configparser",),
     "Cookie": ("http.cookies",),
     "HTMLParser": ("html.parser",),
+    "Image": ("PIL.Image",),
     "Queue": ("queue",),
     "SimpleHTTPServer": ("http.server",),
     "SocketServer": ("socketserver",),
@@ -59,7 +60,7 @@ OLD_MODULES = {
 
 _OLD_NAMES = {"xrange", "raw_input", "unicode", "basestring", "long", "unichr", "execfile", "reduce", "cmp"}
 _OLD_METHODS = {"has_key", "iteritems", "itervalues", "iterkeys"}
-_OF_STRINGS = {"decode", "encode", "fromstring", "tostring"}
+_OF_STRINGS = {"decode", "encode", "frombuffer", "frombytes", "fromstring", "tostring"}
 _RESERVED = re.compile(r"\.async\b")
 _ASYNC_ARGUMENT = re.compile(r"\basync\s*=")
 _TRUE_DIVISION = re.compile(r"^\s*from\s+__future__\s+import\s[^\n]*\bdivision\b", re.MULTILINE)
@@ -214,6 +215,8 @@ class _OldMeaning(_Interruptible):
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
+        if isinstance(node.func, ast.Name) and node.func.id == "str" and len(node.args) == 1:
+            node.func.id = "__str__"
         if not isinstance(node.func, ast.Attribute):
             return node
         if node.func.attr in ("load", "loads"):  # of json, whose texts have one encoding now
@@ -240,16 +243,23 @@ def _of_string(value: Any, method: str, *arguments: Any, **named: Any) -> Any:
             coded = getattr(codecs, method)(value.encode("latin-1"), codec.replace("string", "unicode"))
             return coded.decode("latin-1") if isinstance(coded, bytes) else coded
         return value
-    if method == "fromstring" and not hasattr(value, "fromstring") and hasattr(value, "frombytes"):
-        return value.frombytes(*arguments, **named)  # pictures of PIL
-    if method == "fromstring" and hasattr(value, "frombuffer") and not named.get("sep"):
-        data = arguments[0]
-        return value.frombuffer(
-            data.encode("latin-1") if isinstance(data, str) else data, *arguments[1:], **named
+    if method.startswith("from"):
+        module = hasattr(value, "frombuffer")  # of pictures, after mode and size, or of arrays
+        place = 2 if module and not hasattr(value, "ndarray") else 0
+        arguments = tuple(
+            one.encode("latin-1") if k == place and isinstance(one, str) and not named.get("sep") else one
+            for k, one in enumerate(arguments)
         )
+        if method == "fromstring" and not named.get("sep"):
+            newer = "frombuffer" if module and place == 0 else "frombytes"
+            method = newer if hasattr(value, newer) else method
     if method == "tostring" and hasattr(value, "tobytes"):
         return value.tobytes(*arguments, **named)
     return getattr(value, method)(*arguments, **named)
+
+
+def _str(value: Any) -> str:
+    return value.decode("latin-1") if isinstance(value, bytes | bytearray) else str(value)
 
 
 def _import_all(name: str, space: dict[str, Any]) -> None:
@@ -318,6 +328,7 @@ _OLD_BUILTINS: dict[str, Any] = {
     "__divided__": _divided,
     "__import_all__": _import_all,
     "__of_string__": _of_string,
+    "__str__": _str,
     "apply": lambda f, arguments=(), named=None: f(*arguments, **(named or {})),
     "buffer": memoryview,
     "cmp": lambda a, b: (a > b) - (a < b),

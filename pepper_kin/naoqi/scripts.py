@@ -14,10 +14,12 @@ import threading
 import time as wall
 import types
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
@@ -100,10 +102,10 @@ class ScriptTime(types.ModuleType):
 @contextmanager
 def stand_ins(
     broker: Broker, folder: Path, longest: float | None, reads: Callable[..., str]
-) -> Iterator[list[threading.Thread]]:
+) -> Iterator[Callable[[], None]]:
     """Let imports find the stand-ins, and those of the script's folder the twin's clock.
 
-    Yields the threads that the script begins and that Python would wait for at its end.
+    Yields a function that waits for the threads of the script that Python would wait for at its end.
     """
     before = {name: sys.modules.get(name) for name in MODULES}
     clock, finder = ScriptTime(broker, longest), ScriptImports(folder, reads)
@@ -118,6 +120,7 @@ def stand_ins(
         return imported(name, globals, locals, fromlist, level)
 
     threads, begins = list[threading.Thread](), threading.Thread.start
+    pools, creates = WeakSet[ThreadPoolExecutor](), ThreadPoolExecutor.__init__
     twin, workers, over = broker.body.time, list[object](), threading.Event()
 
     def start(self: threading.Thread) -> None:
@@ -148,19 +151,35 @@ def stand_ins(
             twin.dismiss([worker])
             raise
 
+    def create(self: ThreadPoolExecutor, *arguments: Any, **named: Any) -> None:
+        pools.add(self)
+        creates(self, *arguments, **named)
+
+    def wait() -> None:
+        """Wait for threads, and those that they begin, until the time is up; pools end when they are idle."""
+        for pool in pools:
+            pool.shutdown(wait=False)
+        for thread in threads:
+            while thread.is_alive() and (longest is None or twin.now < longest):
+                thread.join(0.02)
+            if thread.is_alive():
+                raise TimeIsUp(f"at {longest:g} s")
+
     sys.modules.update(MODULES)
     set_broker(broker)
     builtins.__import__ = import_
+    ThreadPoolExecutor.__init__ = create  # type: ignore[method-assign]
     threading.Thread.start = start  # type: ignore[method-assign]
     sys.path.insert(0, own)
     sys.meta_path.insert(0, finder)
     try:
-        yield threads
+        yield wait
     finally:
         over.set()
         twin.dismiss(workers)
         builtins.__import__ = imported
         threading.Thread.start = begins  # type: ignore[method-assign]
+        ThreadPoolExecutor.__init__ = creates  # type: ignore[method-assign]
         sys.path.remove(own)
         sys.meta_path.remove(finder)
         for name in finder.loaded:
@@ -240,7 +259,7 @@ def run_program(
     end = math.inf if longest is None else begun + longest
     with (
         standstill(clock, longest) as stuck,
-        stand_ins(broker, folder, None if longest is None else begun + longest, reads_of_stdin()) as threads,
+        stand_ins(broker, folder, None if longest is None else begun + longest, reads_of_stdin()) as wait,
     ):
         clock.limit(end)
 
@@ -250,9 +269,9 @@ def run_program(
                     does(reads_of_stdin())
             except (Exception, SystemExit):
                 with suppress(KeyboardInterrupt):  # what it raised is the result
-                    _wait_for(threads, broker, end)
+                    wait()
                 raise
-            _wait_for(threads, broker, end)
+            wait()
 
         ended, status, error = ending(waits, stuck)
         clock.limit(math.inf)
@@ -329,15 +348,6 @@ def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threadin
         watcher.join()
         if ignored:
             signal.signal(signal.SIGINT, before)
-
-
-def _wait_for(threads: list[threading.Thread], broker: Broker, end: float) -> None:
-    """Wait for threads, and those that they begin, until a time of the twin [s]."""
-    for thread in threads:
-        while thread.is_alive() and broker.body.time.now < end:
-            thread.join(0.02)
-        if thread.is_alive():
-            raise TimeIsUp(f"at {end:g} s")
 
 
 def _no_input(prompt: object = "") -> str:

@@ -74,6 +74,7 @@ class ALVideoDevice(Module):
         self._active = 0
         # A separate thread, so that cycles need not wait for a time slice of it.
         self._drawing = ThreadPoolExecutor(1, "naoqi-camera", yield_to_others)
+        self._drawing.submit(int)  # begins the thread, before a script runs that would have to wait for it
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
         """Subscribe to a camera; return the name for `getImageRemote`."""

@@ -174,6 +174,9 @@ def test_modules_beside_a_script_are_translated_and_forgotten(broker, tmp_path, 
          "[1, 2, 255] [97, 98]"),
         ("import numpy\nfrom naoqi import ALProxy\n"
          "print(numpy.fromstring(bytes(bytearray([1, 2])), numpy.uint8).tolist())", "[1, 2]"),
+        ("import Image, naoqi\n"
+         "picture = Image.fromstring('RGB', (2, 1), str(bytearray([1, 2, 3, 200, 5, 6])))\n"
+         "print picture.getpixel((1, 0)), len(str(bytearray([200]))), str(7)", "(200, 5, 6) 1 7"),
         ("print '\u00e9'.decode('utf-8') + u'!'.encode('utf8'), 'ff'.decode('hex')[0]", "\u00e9! \u00ff"),
         ("d = {'a': 1}\nprint d.has_key('a'), d.keys() + [2], d.items()", "True ['a', 2] [('a', 1)]"),
         ("print round(2.5), cmp(1, 2), reduce(lambda a, b: a + b, xrange(4)), raw_input()", "\n3.0 -1 6 "),
@@ -250,6 +253,22 @@ def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, ca
     finally:
         signal.signal(signal.SIGINT, before)
     assert (result.ended, result.success) == ("time is up", True)
+
+
+POOLS = """\
+import concurrent.futures, threading, time
+video = __import__('naoqi').ALProxy('ALVideoDevice')
+handle = video.subscribeCamera('x', 0, 8, 11, 10)
+print(len(video.getImageRemote(handle)[6]))
+pool = concurrent.futures.ThreadPoolExecutor(2)
+pool.submit(lambda: (time.sleep(2.0), print('late')))
+"""
+
+
+def test_a_script_ends_when_its_pools_and_cameras_have_nothing_to_do(broker, tmp_path, capsys):
+    result, out = output_of(broker, tmp_path, capsys, POOLS, longest=60.0)
+    assert (result.ended, out.split()) == ("completed", [str(40 * 30 * 3), "late"])
+    assert result.duration == pytest.approx(2.0, abs=0.1)
 
 
 ENDLESS = """\

@@ -136,8 +136,8 @@ def test_move_to_arrives(motion, target):
         ([[0.0, 0.0, -math.pi]], -math.pi),
         ([[0.0, 0.0, float(np.float32(math.pi))]], math.pi),
         ([[0.2, 0.0, -3.1416]], -math.pi),
-        ([[0.0, 0.0, math.pi / 2], [0.0, 0.0, -math.pi / 2]], -math.pi / 2),
-        ([[0.0, 0.0, 2.0], [0.0, 0.0, -2.5]], 2 * math.pi - 2.5),
+        ([[0.0, 0.0, math.pi / 2], [0.0, 0.0, -math.pi / 2]], 0.0),
+        ([[0.0, 0.0, 2.0], [0.0, 0.0, -2.5]], -0.5),
     ],
 )
 @pytest.mark.parametrize("before", [0.0, 0.7, -3.0])
@@ -153,10 +153,29 @@ def test_half_a_turn_goes_the_way_that_its_sign_says(broker, motion, before, pla
     assert motion.getRobotPosition(False)[2] - begin == pytest.approx(turned, abs=0.02)
 
 
-def test_control_points_are_in_the_frame_of_the_start(motion):
-    motion.moveTo(0.0, 0.0, math.pi / 2)
-    motion.moveTo([[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
+def test_control_points_are_seen_from_the_one_before(motion):
+    """The maker's example of curves hands them over so."""
+    motion.moveTo([[0.0, 0.0, math.pi / 2], [0.2, 0.0, 0.0], [0.1, 0.0, 0.0]])
     assert motion.getRobotPosition(True) == pytest.approx([0.0, 0.3, math.pi / 2], abs=1.2e-2)
+
+
+def test_control_points_are_for_nao():
+    with Broker(mode="robot", real_time=False) as robot:
+        robot.motion.wakeUp()
+        with pytest.raises(NaoqiError, match="control points are for NAO"):
+            robot.motion.moveTo([[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("end", ["moveToward", "killMove"])
+def test_a_move_is_finished_when_the_base_stands(broker, motion, end):
+    motion.move(0.3, 0.0, 0.0)
+    broker.body.time.sleep(2.0)
+    motion.waitUntilMoveIsFinished()  # somebody drives it on: that is not waited for
+    assert motion.getRobotVelocity()[0] == pytest.approx(0.3)
+    motion.moveToward(0.0, 0.0, 0.0) if end == "moveToward" else motion.killMove()
+    motion.waitUntilMoveIsFinished()
+    assert not motion.moveIsActive()
+    assert motion.getRobotVelocity() == pytest.approx([0.0, 0.0, 0.0])
 
 
 def test_a_velocity_is_kept_until_somebody_stops_it(broker, motion):
