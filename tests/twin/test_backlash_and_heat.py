@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.core.simulation.actuator_model import CONTINUOUS as CONTINUOUS_ROW
+from pepper_kin.core.simulation.actuator_model import LIMIT, ActuatorTable
+from pepper_kin.core.simulation.actuator_model import PLAY as PLAY_ROW
+from pepper_kin.core.simulation.drive_state import HELD
+from pepper_kin.core.simulation.implicit_step import CONSTANT, CONSTANT_LIMIT
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.twin import Recorder, Twin, TwinBatch, actuator_parameters
+from pepper_kin.twin.step_kernel import Variant, parameters
 
 DISC = """
 <robot name="rotor"><link name="world"/>
@@ -175,6 +181,14 @@ def test_pieces_and_resumed_recordings_repeat_to_the_bit(pepper, tmp_path):
     for name in ("position", "velocity", "torque"):
         np.testing.assert_array_equal(getattr(resumed, name), getattr(onward, name))
     np.testing.assert_array_equal(other.temperature, whole.temperature)
+
+
+def test_rows_and_places_are_those_of_the_tables():
+    assert len(ActuatorTable._fields) == HELD
+    for name, row in {"limit": LIMIT, "play": PLAY_ROW, "continuous_torque": CONTINUOUS_ROW}.items():
+        assert ActuatorTable._fields[row] == name
+    for motor in (False, True):
+        assert parameters(Variant(motor))[CONSTANT_LIMIT - CONSTANT] == "limit"
 
 
 def test_without_them_not_a_bit_changes(pepper):

@@ -13,7 +13,7 @@
 Pepper's motors lose stiffness, their share of the torque, in the same way once they are hot (NAOqi's
 documentation of ALBodyTemperature: "automatic limitation of the Stiffness"); its figures are not published.
 
-Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), 2.1, for the play operator.
+Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), for the play operator.
 """
 
 from __future__ import annotations
