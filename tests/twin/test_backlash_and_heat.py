@@ -12,6 +12,7 @@ from pepper_kin.core.simulation.implicit_step import CONSTANT, CONSTANT_LIMIT
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.twin import Recorder, Twin, TwinBatch, actuator_parameters
 from pepper_kin.twin.step_kernel import Variant, parameters
+from pepper_kin.twin.world import World
 
 DISC = """
 <robot name="rotor"><link name="world"/>
@@ -181,6 +182,20 @@ def test_pieces_and_resumed_recordings_repeat_to_the_bit(pepper, tmp_path):
     for name in ("position", "velocity", "torque"):
         np.testing.assert_array_equal(getattr(resumed, name), getattr(onward, name))
     np.testing.assert_array_equal(other.temperature, whole.temperature)
+
+
+def test_a_world_out_of_reach_and_a_push_without_force_change_nothing(pepper):
+    base, vary = drives(pepper, 1)
+    params = base.changed(**{name: values[0] for name, values in vary.items()})
+    far = pk.Scene().add_box("far", (1, 1, 1), (9, 9, 9))
+    machines = [
+        Twin(pepper, H, actuators=params, world=w, substeps=2) for w in (None, World(pepper, far), None)
+    ]
+    machines[2].push("LArm_effector", [0, 0, 0], start=0.1, duration=0.2)
+    runs = [machine.follow(moves(pepper, 250)) for machine in machines]
+    for machine, run in zip(machines[1:], runs[1:], strict=True):
+        np.testing.assert_allclose(run.torque, runs[0].torque, atol=1e-9)
+        np.testing.assert_allclose(machine.temperature, machines[0].temperature, atol=1e-12)
 
 
 def test_rows_and_places_are_those_of_the_tables():
