@@ -77,6 +77,13 @@ def test_motion_within_the_play_moves_nothing_and_outlives_a_call(rotor):
     assert machine.state.position[0] == pytest.approx(0.1, abs=1e-6)
 
 
+def test_a_joint_within_its_play_sags_by_its_stiffness_and_creeps_no_further(rotor):
+    machine = twin(rotor, backlash=PLAY)
+    for _ in range(3):
+        machine.follow(np.zeros((2000, 1)), load=np.full((2000, 1), 50.0))
+        assert machine.state.position[0] == pytest.approx(50.0 / 5e4, rel=1e-6)
+
+
 def test_constant_torque_heats_as_the_closed_form(rotor):
     machine = twin(rotor, mode="torque", **HEAT)
     for count in (1, 499, 700):
@@ -106,6 +113,8 @@ def test_torque_demanded_for_ever_ends_at_the_continuous_one(rotor, limit):
     assert np.abs(np.diff(torque)).max() < steepest * r * H / TIME
     assert torque[-1] == pytest.approx(CONTINUOUS, rel=1e-6)
     assert machine.temperature[0] == pytest.approx(1.0, rel=1e-6)
+    hot = machine.follow(np.zeros((1, 1)), effort=np.full((1, 1), 8.0))
+    assert hot.torque[1, 0] == pytest.approx(CONTINUOUS, rel=1e-6)
     machine.reset()
     again = machine.follow(np.zeros((1, 1)), effort=np.full((1, 1), 8.0))
     assert again.torque[1, 0] == 8.0
