@@ -28,6 +28,9 @@ _MOTOR = (
     "stall_torque",
     "no_load_speed",
     "encoder_resolution",
+    "backlash",
+    "continuous_torque",
+    "thermal_time",
 )
 
 

@@ -42,6 +42,7 @@ def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> Actuat
         upper=np.tile(np.minimum(pepper.upper_limits, _FAR), robots),
         lower=np.tile(np.maximum(pepper.lower_limits, -_FAR), robots),
         resolution=np.array(actuators.encoder_resolution),
+        play=np.where(actuators.in_mode(POSITION), actuators.backlash, 0.0),
         **{name: np.array(getattr(actuators, name)) for name in _SAME},
     )
 

@@ -17,8 +17,8 @@ POSITION, VELOCITY, TORQUE = "position", "velocity", "torque"
 MODES = (POSITION, VELOCITY, TORQUE)
 
 _GIVEN = ("stiffness", "damping", "stop_stiffness", "stop_damping")
-_ZERO = ("rotor_inertia", "viscous_friction", "coulomb_friction", "encoder_resolution")
-_UNBOUNDED = ("torque_limit", "stall_torque", "no_load_speed")
+_ZERO = ("rotor_inertia", "viscous_friction", "coulomb_friction", "encoder_resolution", "backlash")
+_UNBOUNDED = ("torque_limit", "stall_torque", "no_load_speed", "continuous_torque", "thermal_time")
 QUANTITIES = (*_GIVEN, *_ZERO, *_UNBOUNDED, "strength")
 
 
@@ -54,6 +54,11 @@ class ActuatorParameters(FrozenArrays):
         no_load_speed: Speed at which the motor's torque is zero [rad/s or m/s], shape (n,); inf if omitted.
         encoder_resolution: The servo reads positions in multiples of this [rad or m], shape (n,); 0 (exact)
             if omitted.
+        backlash: Half the play of the gear, as in `JointResponse`, between the position wanted and the one
+            that a servo in position mode holds [rad or m], shape (n,); 0 if omitted.
+        continuous_torque: Torque that the motor gives for ever without overheating; the torque limit falls to
+            it as the motor gets hot [N m or N], shape (n,); inf, always cold, if omitted.
+        thermal_time: Time constant of that heating, many timesteps [s], shape (n,); inf if omitted.
         latency: Commands act this much later [s], rounded to timesteps of the twin.
     """
 
@@ -72,6 +77,9 @@ class ActuatorParameters(FrozenArrays):
     stall_torque: Array = None  # type: ignore[assignment]
     no_load_speed: Array = None  # type: ignore[assignment]
     encoder_resolution: Array = None  # type: ignore[assignment]
+    backlash: Array = None  # type: ignore[assignment]
+    continuous_torque: Array = None  # type: ignore[assignment]
+    thermal_time: Array = None  # type: ignore[assignment]
     latency: float = 0.0
 
     def __post_init__(self) -> None:
@@ -96,8 +104,9 @@ class ActuatorParameters(FrozenArrays):
                 raise InvalidValueError(quantity, f"shape {limit.shape}", f"shape ({n},)")
             self._refuse(quantity, limit, ~(limit > 0), "a number above 0, or infinity for none")
             object.__setattr__(self, quantity, read_only(limit))
-        endless = np.isfinite(self.no_load_speed) & ~np.isfinite(self.stall_torque)
-        self._refuse("stall_torque", self.stall_torque, endless, "a number, as there is a no_load_speed")
+        for given, needed in (("no_load_speed", "stall_torque"), ("continuous_torque", "thermal_time")):
+            endless = np.isfinite(getattr(self, given)) & ~np.isfinite(getattr(self, needed))
+            self._refuse(needed, getattr(self, needed), endless, f"a number, as there is a {given}")
         if not (np.isfinite(self.latency) and self.latency >= 0):
             raise InvalidValueError("latency", self.latency, "a finite time of at least 0 s")
         self._check_modes()

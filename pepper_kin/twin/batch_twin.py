@@ -113,10 +113,15 @@ class TwinBatch:
         """Present velocities [rad/s or m/s], shape (N, n)."""
         return self._v.copy()
 
+    @property
+    def temperature(self) -> Array:
+        """Temperatures of the motors, from 0 (cold) to 1, as of a `Twin`, shape (N, n)."""
+        return self._simulator.temperature
+
     def reset(
         self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, rows: ArrayLike | None = None
     ) -> None:
-        """Put the robots, or some of them, somewhere; the others go on as if nothing had happened.
+        """Put the robots, or some of them, somewhere with cold motors; the others go on undisturbed.
 
         Args:
             q: Positions [rad or m], shape (n,), or one for each of k robots, shape (k, n); the neutral
@@ -142,6 +147,7 @@ class TwinBatch:
         still = np.zeros_like(position)
         command = Command(position, still, self._feedforward(position, still, still, rest))
         self._delay.fill(command, places, self.count)
+        self._simulator.reset(places)
 
     def execute(
         self,

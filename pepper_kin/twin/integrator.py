@@ -156,6 +156,17 @@ class Integrator:
         # Machine code runs beside Python, in a working memory of which there is one.
         self._turn = threading.RLock()
 
+    @property
+    def temperature(self) -> Array:
+        """Temperatures of the motors after the last step, from 0 (cold) to 1 (hottest), shape (n,)."""
+        return np.zeros(self._pepper.n) if self._made is None else self._made.temperature[0]
+
+    def reset(self) -> None:
+        """Forget the steps taken: the motors are cold, and joints with backlash are held where they are."""
+        with self._turn:
+            if self._made is not None:
+                self._made.reset()
+
     def gravity_torque(self, q: Array) -> Array:
         """Return g(q) [N m or N], shape (n,)."""
         return np.asarray(dynamics.gravity_torque(self._pepper, q))

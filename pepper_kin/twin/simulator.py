@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.simulation.actuator_model import ActuatorTable
+from pepper_kin.core.simulation.actuator_model import LIMIT, ActuatorTable
 from pepper_kin.core.simulation.contact_step import no_world
-from pepper_kin.core.simulation.implicit_step import RobotTables, StepWorkspace
+from pepper_kin.core.simulation.drive_state import COLD_LIMIT, HELD, TEMPERATURE, remembers
+from pepper_kin.core.simulation.implicit_step import CONSTANT, CONSTANT_LIMIT, RobotTables, StepWorkspace
 from pepper_kin.core.simulation.rollout import Inputs, Log, Span, rollout
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
 
+_ALL = slice(None)
 _WEIGHT = 512  # rows that a robot counts as when work is shared among threads
 
 
@@ -83,6 +85,10 @@ class Simulator:
         constant.append(np.full((self.robots, 1), timestep))
         constant += [scale] if scale is not None else []
         constant += list(carried.values())
+        law = list(actuators)
+        if actuators.play.any() or np.isfinite(actuators.continuous_torque).any():
+            decay = np.exp(-timestep / actuators.thermal_time)
+            law += [np.full_like(decay, np.nan), np.zeros_like(decay), decay, actuators.limit]
         step, solve = self._addresses(
             6 * self._n + sum(values.shape[1] for values in constant), len(mass_places(pepper))
         )
@@ -91,10 +97,29 @@ class Simulator:
             self._lanes,
             step,
             solve,
-            np.ascontiguousarray(np.stack([self._blocks(values) for values in actuators], axis=1)),
+            np.ascontiguousarray(np.stack([self._blocks(values) for values in law], axis=1)),
             self._blocks(np.concatenate(constant, axis=1)),
             np.array(mass_places(pepper), dtype=np.int64).T.copy(),
         )
+
+    @property
+    def temperature(self) -> Array:
+        """Temperatures of the motors, 0 when cold to 1 for the hottest they may be, shape (N, n)."""
+        law = self.tables.law
+        return self._robots(law[:, TEMPERATURE]) if remembers(law) else np.zeros((self.robots, self._n))
+
+    def reset(self, robots: NDArray[np.int64] | slice = _ALL) -> None:
+        """Cool motors, and take up the backlash, of some robots by their numbers, shape (k,), or of all."""
+        law, constant = self.tables.law, self.tables.constant
+        if not remembers(law):
+            return
+        chosen = np.zeros((self.robots, self._n))
+        chosen[robots] = 1.0
+        where, m = self._blocks(chosen) > 0, law.shape[2]
+        limits = constant[:, (CONSTANT_LIMIT - CONSTANT) * m : (CONSTANT_LIMIT - CONSTANT + 1) * m]
+        law[:, HELD][where], law[:, TEMPERATURE][where] = np.nan, 0.0
+        for values in (law[:, LIMIT], limits):
+            values[where] = law[:, COLD_LIMIT][where]
 
     def run(
         self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1

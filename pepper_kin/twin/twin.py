@@ -115,12 +115,17 @@ class Twin:
         return TwinState.of_read_only(self._step * self._timestep, self._q, self._v, self._torque, self._a)
 
     @property
+    def temperature(self) -> Array:
+        """Temperatures of the motors, from 0 (cold) to 1, the hottest that the derated limit allows, (n,)."""
+        return self._integrator.temperature
+
+    @property
     def pushes(self) -> tuple[Push, ...]:
         """Pushes, past and to come."""
         return self._pushes
 
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
-        """Put the twin somewhere and set its clock to zero; pushes stay.
+        """Put the twin somewhere with cold motors and set its clock to zero; pushes stay.
 
         What lies in a world stays where it lies, for `execute` resets too: see `twin.world.reset()`.
 
@@ -143,6 +148,7 @@ class Twin:
         rest = np.zeros(self.pepper.n)
         feedforward = self._feedforward(position, rest, rest, rest)
         self._delay.fill(Command(position, rest, feedforward))
+        self._integrator.reset()
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
         held = np.where(self._torque_mode, 0.0, held)
         self._torque = self._integrator.present_torque(self._q, self._v, self._q, self._v, held)

@@ -56,6 +56,9 @@ class ActuatorTable(NamedTuple):
         stop_stiffness: Ks.
         stop_damping: Ds.
         resolution: Of the encoder, 0 for exact.
+        play: Half the backlash, 0 unless in position mode; see `drive_state`.
+        continuous_torque: Torque that does not overheat the motor, inf for any.
+        thermal_time: Time constant of its heating, inf for none.
     """
 
     kp: Array
@@ -73,11 +76,14 @@ class ActuatorTable(NamedTuple):
     stop_stiffness: Array
     stop_damping: Array
     resolution: Array
+    play: Array
+    continuous_torque: Array
+    thermal_time: Array
 
 
 # Rows of the parameters of many joints, in the order of `ActuatorTable`.
 KP, KD, STRENGTH, FEEDFORWARD, LIMIT, STALL, LINE, VISCOUS, COULOMB, ROTOR, UPPER, LOWER = range(12)
-STOP_STIFFNESS, STOP_DAMPING, RESOLUTION = 12, 13, 14
+STOP_STIFFNESS, STOP_DAMPING, RESOLUTION, PLAY, CONTINUOUS, THERMAL_TIME = 12, 13, 14, 15, 16, 17
 
 
 @compiled(lean=True, inline=True)

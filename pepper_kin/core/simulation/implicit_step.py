@@ -60,7 +60,8 @@ class RobotTables(NamedTuple):
         lanes: W.
         step_kernel: Address of the kernel of a step on the first guess.
         solve_kernel: Address of the kernel that solves (M + diag(extra)) a = right.
-        law: Parameters of the joints, one row for each of `ActuatorTable`, shape (B, rows, m).
+        law: Parameters of the joints, one row for each of `ActuatorTable`, and, where any has backlash or
+            gets warm, what `drive_state` remembers of them, shape (B, rows, m).
         constant: What does not change in the step kernel's input, shape (B, c).
         places: Row and column of each entry of the mass matrix, shape (2, p).
     """
@@ -101,6 +102,7 @@ class StepWorkspace(NamedTuple):
 
 # Parts of `step_input` and `step_output`, m values each.
 Q, V, Q_REF, V_REF, FEEDFORWARD_TORQUE, LOAD, CONSTANT = 0, 1, 2, 3, 4, 5, 6
+CONSTANT_LIMIT = CONSTANT + 3  # torque limits, the fourth of the constants
 NEXT_Q, NEXT_V, TORQUE, SERVO, BIAS, MASS = 0, 1, 2, 3, 4, 5
 # Rows of `rows` and `flags`.
 INTERCEPT, SLOPE, BEFORE, WAY, GONE = 0, 1, 2, 3, 4

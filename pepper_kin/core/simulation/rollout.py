@@ -9,6 +9,7 @@ import numpy as np
 from pepper_kin.core.simulation.actuator_model import STRENGTH
 from pepper_kin.core.simulation.contact_solver import RobotMotion
 from pepper_kin.core.simulation.contact_step import NO_WORLD, SOLVED, WorldTables, contact_step
+from pepper_kin.core.simulation.drive_state import hold_in_play, remember, remembers
 from pepper_kin.core.simulation.implicit_step import (
     ALIVE,
     CONSTANT,
@@ -123,6 +124,7 @@ def _advance_blocks(
     m, lanes, status = state.shape[2], robots.lanes, DONE
     step_input, step_output = space.step_input, space.step_output
     coupled = world.kind != NO_WORLD
+    stateful = remembers(robots.law)
     for b in range(span.first, span.last):
         for e in range(m):
             step_input[e], step_input[V * m + e] = state[0, b, e], state[1, b, e]
@@ -133,6 +135,8 @@ def _advance_blocks(
         left, good, row, until = lanes, 0, 0, span.every
         for k in range(span.steps):
             _read_inputs(b, k, robots, inputs, step_input)
+            if stateful:
+                hold_in_play(b, robots.law, step_input)
             calm = implicit_step(b, robots, space)
             if coupled:
                 outcome, calm = _couple(calm, robots, space, world, equation)
@@ -143,6 +147,8 @@ def _advance_blocks(
                 left = _stop_unsound(b, k, 1 + k // span.every, robots, space, log)
                 if left == 0:
                     break
+            if stateful:
+                remember(b, robots, space)
             _copy(step_output[: 2 * m], step_input[: 2 * m])
             good += 1
             until -= 1
@@ -169,6 +175,8 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
     Returns:
         Whether the new state is sound.
     """
+    if remembers(robots.law):
+        hold_in_play(0, robots.law, space.step_input)
     calm = implicit_step(0, robots, space)
     write_equation(calm, robots, space, mass_hat, force)
     return is_sound(0, 1, space)
