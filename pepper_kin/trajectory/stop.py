@@ -94,8 +94,8 @@ def stop(
     if not -TIME_TOLERANCE <= at <= trajectory.duration + TIME_TOLERANCE:
         raise InvalidValueError("at", f"{shown(at)} s", f"a time within [0, {trajectory.duration:.9g}] s")
     at = min(max(at, 0.0), trajectory.duration)
-    options = {"balance": balance, "payload": payload, "scene": scene}
-    limits = _limits(pepper, motion_limits(pepper, torque=torque, **options))
+    allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
+    limits = _limits(pepper, allowed)
     if jerk is not None:
         limits = replace(limits, jerk=jerk_limits(pepper, jerk))
     if np.abs(trajectory(at).velocity).max() <= _AT_REST:
