@@ -23,6 +23,7 @@ from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.samples import Samples, names_and_units
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
 from pepper_kin.trajectory.segment_values import checked_derivatives
+from pepper_kin.trajectory.stop import Stop, stop
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -335,6 +336,38 @@ class Trajectory(FrozenArrays):
             InvalidValueError: where joints differ, the two do not meet, or one is shorter than the overlap.
         """
         return editing.blended(self, other, overlap)
+
+    def stop(self, pepper: PepperModel, at: float, how: str = "path", **options: Any) -> Stop:
+        """Return the hardest stop from an instant on, which begins at position and velocity of this motion.
+
+        "path": along the way of this motion, only slower, within limits of acceleration at every instant,
+        and of torque and balance at the nodes of intervals of at most 5 ms with a reserve between.  Where
+        this motion keeps its limits and the robot could rest anywhere on the way, there always is one, and
+        no other leaves less of the way behind: on every interval it has the least d2s/dt2 that
+            |q'' x + q' d2s/dt2| <= a  and  |torque| <= tau,  x = (ds/dt)^2,
+        allow (`pepper_kin.core.timing.stopping`).  With `jerk` a smooth slow-down is tried that keeps all
+        limits (not the fastest), else the rest of the motion is the stop: often so where the motion itself
+        is at its jerk limits, and `Stop.how` says so.
+        "joints": every joint brakes by itself, with the same share of its acceleration limit, and with its
+        jerk limit where `jerk` is given.  It leaves the way.  Positions, torque and balance are examined, and
+        `Stop.exceeded` names those that no share tried keeps.
+
+        Args:
+            pepper: The robot, which gives the limits.
+            at: The instant [s].
+            how: "path" or "joints".
+            **options: `scene`, around which the clearance is measured, and whose attached objects count with
+                their mass; `torque`, False to leave it out; `balance` [m], `jerk` and `payload` as in
+                `retime`, None to leave them out.
+
+        Raises:
+            InvalidValueError: for joints that are not the robot's, a time outside the motion, an option out
+                of range.
+            UnknownNameError: for another way to stop.
+            InfeasibleError: of "path", where the motion ends before it can stop, or passes a posture that the
+                robot could not hold.
+        """
+        return stop(pepper, self, at, how=how, **options)
 
     def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
         """Return which limit acts at times t [s], shape (T,); see `pepper_kin.trajectory.active_limits`."""

@@ -1,0 +1,118 @@
+"""Stops from any instant of a motion: time to compute, limits, time to rest: `python benchmarks/live.py [N]`.
+
+Times are of the thread's processor time.  N instants of stops are examined, 1,000,000 if not given; torques
+by `newton_euler`, which no stop is computed with.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+import pepper_kin as pk
+from pepper_kin import dynamics
+from pepper_kin.core.timing import stopping
+from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.trajectory import stop as stops
+
+MOTIONS, PER_STOP = 60, 100
+TOLERANCE = 1e-9
+
+
+def fastest_motions(pepper, rng):
+    """Return planned motions between random postures, the legs near upright, timed at full limits."""
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    found = []
+    while len(found) < MOTIONS:
+        start, goal = rng.uniform(lower, upper, (2, pepper.n))
+        try:
+            plan = pk.plan(pepper, start, goal, timeout=1.0)
+            if plan.success:
+                found.append(pk.retime(pepper, plan))
+        except pk.exceptions.PepperKinError:
+            continue  # a posture in collision, or too heavy to hold
+    return found
+
+
+def core_time(pepper, motion, at):
+    """Return the time that machine code takes for velocity and acceleration [s]."""
+    order, size = motion.coefficients.shape[1], 512
+    path = stopping.StopPath(
+        np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty((size, order, pepper.n)),
+        np.empty(size + 1),
+    )  # fmt: skip
+    none = np.empty(0)
+    limits = stopping.StopLimits(pepper.acceleration_limits, np.empty((3, 3 * size, 0)), none, none)
+    ahead = motion.between(at, min(at + 0.2, motion.duration))
+    breaks, motion_rows = np.empty(size + 1), np.empty((size, 2 * order - 1, pepper.n))
+    basis = stops._basis(order)
+    begin = time.thread_time()
+    count = stopping.cut_path(ahead.breaks, ahead.coefficients, 0.0, stops._STEP, path)
+    used = stopping.stop_profile(count, basis, path, limits) or count
+    stopping.stop_polynomials(used, path, breaks, motion_rows)
+    return time.thread_time() - begin
+
+
+def limits_broken(pepper, stop, rng):
+    """Return how many of random instants of a stop break a limit of the robot."""
+    state = stop.trajectory(rng.uniform(0.0, stop.duration, PER_STOP))
+    torque = dynamics.newton_euler(pepper, *state)
+    broken = np.zeros(PER_STOP, dtype=bool)
+    for value, limit in (
+        (state.velocity, pepper.velocity_limits),
+        (state.acceleration, pepper.acceleration_limits),
+        (torque, pepper.effort_limits),
+    ):
+        broken |= np.any(np.abs(value) > limit * (1 + TOLERANCE), axis=1)
+    broken |= np.any(state.position > pepper.upper_limits + 1e-9, axis=1)
+    broken |= np.any(state.position < pepper.lower_limits - 1e-9, axis=1)
+    return int(broken.sum())
+
+
+def line(name, values, scale, unit):
+    middle, slow, most = np.percentile(values, (50, 99, 100)) * scale
+    print(f"{name:44}{middle:9.4g} / {slow:.4g} / {most:.4g} {unit}")
+
+
+def main():
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    motions = fastest_motions(pepper, rng)
+    core, plain, free, whole, rest, joints = [], [], [], [], [], []
+    broken = refused = kept = 0
+    for k in range(count // PER_STOP):
+        motion = motions[k % MOTIONS]
+        at = float(rng.uniform(0.0, motion.duration - 1e-3))
+        try:
+            begin = time.thread_time()
+            stop = motion.stop(pepper, at)
+            whole.append(time.thread_time() - begin)
+        except InfeasibleError:
+            refused += 1
+            continue
+        rest.append(stop.duration)
+        broken += limits_broken(pepper, stop, rng)
+        if k % 7 == 0:  # shares no factor with the number of motions
+            begin = time.thread_time()
+            light = motion.stop(pepper, at, torque=False)
+            plain.append(time.thread_time() - begin)
+            free.append(light.duration)
+            core.append(core_time(pepper, motion, at))
+            alone = motion.stop(pepper, at, how="joints")
+            joints.append(alone.duration)
+            kept += not alone.exceeded
+    print(f"{len(rest)} stops, {len(rest) * PER_STOP} instants; {refused} refused; p50 / p99 / greatest")
+    line("machine code, velocity and acceleration", core, 1e6, "us")
+    line("stop(torque=False)", plain, 1e6, "us")
+    line("stop()", whole, 1e6, "us")
+    line("time to rest along the path", rest, 1.0, "s")
+    line("the same, torque=False", free, 1.0, "s")
+    line('time to rest, how="joints"', joints, 1.0, "s")
+    print(f"{'limits broken along the path':44}{broken:9}")
+    print(f"{'of joints, within torque and position':44}{kept:9} of {len(joints)}")
+    assert broken == 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,342 @@
+"""Stops: from an instant of a motion to rest, within its limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import comb
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin import collision
+from pepper_kin.arrays import Array
+from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.core.splines import evaluate_on_segments, quintic_hermite
+from pepper_kin.core.timing.grid import coefficient_states
+from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop_polynomials, stop_profile
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.joint_vectors import as_real, shown
+from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.limits import (
+    JerkLike,
+    Limits,
+    MotionLimits,
+    jerk_limits,
+    motion_limits,
+    quantities_of,
+)
+from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
+
+_STEP = 0.005  # [s] greatest length of an interval
+_AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
+_SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
+_LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
+_ROUNDING = 1e-9  # of a limit
+_AT_REST = 1e-9  # [rad/s or m/s]
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop, which begins with position and velocity of the motion that it ends.
+
+    Attributes:
+        trajectory: From the instant, which is its time 0, to rest.
+        how: "path"; "end" where only the whole rest of the motion keeps jerk limits; or "joints".
+        exceeded: Limits that joints by themselves would not keep: "position", "torque", "balance"; empty for
+            stops along the path.
+        clearance: Least distance between bodies at every millisecond [m], at most 0 in contact; None without
+            a scene.
+    """
+
+    trajectory: Trajectory
+    how: str
+    exceeded: tuple[str, ...] = ()
+    clearance: float | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time until rest [s]."""
+        return self.trajectory.duration
+
+    @property
+    def end(self) -> Array:
+        """Where the robot rests [rad or m], shape (n,)."""
+        return self.trajectory.end
+
+
+def stop(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    at: float,
+    *,
+    how: str = "path",
+    scene: Scene | None = None,
+    torque: bool = True,
+    balance: float | None = None,
+    jerk: JerkLike | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> Stop:
+    """Return the hardest stop from an instant of a motion; see `Trajectory.stop`."""
+    refuse_other_joints(pepper, trajectory.joint_names)
+    if how not in ("path", "joints"):
+        raise UnknownNameError("way to stop", how, ("path", "joints"))
+    at, world = as_real(at), None if scene is None else checked_world(scene)
+    if not -TIME_TOLERANCE <= at <= trajectory.duration + TIME_TOLERANCE:
+        raise InvalidValueError("at", f"{shown(at)} s", f"a time within [0, {trajectory.duration:.9g}] s")
+    at = min(max(at, 0.0), trajectory.duration)
+    allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
+    limits = _limits(pepper, allowed)
+    if jerk is not None:
+        limits = replace(limits, jerk=jerk_limits(pepper, jerk))
+    if np.abs(trajectory(at).velocity).max() <= _AT_REST:
+        found = Stop(_resting(trajectory, at), how)
+    elif how == "joints":
+        found = _of_joints(pepper, trajectory, at, limits)
+    else:
+        found = Stop(_along_path(trajectory, at, limits, pepper), how)
+        if jerk is not None:
+            found = _with_jerk(pepper, trajectory, at, limits, found.duration)
+    return found if world is None else _measured(pepper, found, world)
+
+
+@kept_for_robot(most=32)
+def _limits(pepper: PepperModel, allowed: MotionLimits) -> Limits:
+    return allowed.of(pepper, pepper.acceleration_limits, drives=True)
+
+
+def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+    return type(trajectory)(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
+
+
+def _resting(trajectory: Trajectory, at: float) -> Trajectory:
+    """Return a millisecond of rest, for a robot that does not move."""
+    return _like(trajectory, np.array([0.0, EXAMINED_EVERY]), trajectory(at).position[None, None])
+
+
+def _along_path(trajectory: Trajectory, at: float, limits: Limits, pepper: PepperModel) -> Trajectory:
+    """Return the stop along the path.
+
+    Raises:
+        InfeasibleError: where the motion ends before it can stop, or passes a posture that the robot could
+            not hold.
+    """
+    breaks, coefficients = trajectory.breaks, trajectory.coefficients
+    if coefficients.shape[1] < 3:
+        coefficients = np.pad(coefficients, ((0, 0), (0, 3 - coefficients.shape[1]), (0, 0)))
+    _, order, n = coefficients.shape
+    ahead, left = _AHEAD, trajectory.duration - at
+    while True:
+        inside = np.searchsorted(breaks, [at, at + ahead])
+        size = int(inside[1] - inside[0]) + math.ceil(min(ahead, left) / _STEP) + 2
+        path = StopPath(
+            np.empty(size, np.int64), np.empty(size), np.empty(size), np.empty((size, order, n)),
+            np.empty(size + 1),
+        )  # fmt: skip
+        count = cut_path(breaks, coefficients, at, _STEP, path)
+        effects, low, high = _effects(pepper, limits, coefficients, path, count)
+        bounds = StopLimits(limits.acceleration, effects, low, high)
+        used = stop_profile(count, _basis(order), path, bounds)
+        if used or count < size:
+            break
+        ahead *= 2
+    rest = effects[0, : 3 * (used or count)]
+    if np.any((rest < low) | (rest > high)):
+        reason = "along it the robot passes a posture that it could not hold at rest"
+        raise InfeasibleError("stop along the path", reason, "let the motion go on, or how='joints'")
+    if not used:
+        if not _ends_at_rest(trajectory):
+            reason = f"{left:.4g} s of the motion are left, and it ends in motion"
+            raise InfeasibleError(
+                "stop along the path", reason, "a motion that ends at rest, or how='joints'"
+            )
+        used = count
+    times, motion = np.empty(used + 1), np.empty((used, 2 * order - 1, n))
+    stop_polynomials(used, path, times, motion)
+    if times[-1] > left > TIME_TOLERANCE and _ends_at_rest(trajectory):
+        return trajectory.between(at, trajectory.duration)
+    return _like(trajectory, times, motion)
+
+
+def _ends_at_rest(trajectory: Trajectory) -> bool:
+    return float(np.abs(trajectory(trajectory.duration).velocity).max()) <= _AT_REST
+
+
+@lru_cache(maxsize=64)
+def _basis(order: int) -> Array:
+    """Return Bernstein coefficients of the powers up to order - 2 on [0, 1], shape (order - 1, order - 1)."""
+    m = order - 2
+    return np.array(
+        [[comb(i, p) / comb(m, p) if p <= i else 0.0 for p in range(m + 1)] for i in range(m + 1)]
+    )
+
+
+def _effects(
+    pepper: PepperModel, limits: Limits, coefficients: Array, path: StopPath, count: int
+) -> tuple[Array, Array, Array]:
+    """Return torques and edge moments of the intervals and their limits; see `StopLimits`."""
+    quantities = quantities_of(pepper, limits)
+    torques, edges = quantities.torque_limit, quantities.edges
+    low = np.concatenate([-torques, np.zeros(edges)])
+    high = np.concatenate([torques, np.full(edges, np.inf)])
+    if not low.size:
+        return np.empty((3, 3 * count, 0)), low, high
+    n = coefficients.shape[2]
+    at, states = np.empty((3, 3 * count, n)), np.empty((3, 9 * count, n))
+    local = path.local[:count, None] + path.step[:count, None] * np.array([0.0, 0.5, 1.0])
+    evaluate_on_segments(coefficients, np.repeat(path.segment[:count], 3), local.ravel(), at)
+    coefficient_states(at, states)
+    found = np.concatenate([quantities.torque(*states), quantities.moments(*states)], axis=1)
+    return np.ascontiguousarray(found.reshape(3, 3 * count, low.size)), low, high
+
+
+def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits) -> Stop:
+    """Return the stop of joints that brake each by itself.
+
+    All brake with the same share of their limits of acceleration, the greatest tried with which no other
+    limit is exceeded; with none of them, the greatest.
+    """
+    state, tried = trajectory(at), []
+    for share in _SHARES:
+        phases = np.array(
+            [
+                _braking(*motion)
+                for motion in zip(
+                    state.velocity,
+                    state.acceleration,
+                    share * limits.acceleration,
+                    np.full(pepper.n, np.inf) if limits.jerk is None else limits.jerk,
+                    strict=True,
+                )
+            ]
+        )
+        motion = _joined_phases(trajectory, state.position, phases)
+        tried.append(Stop(motion, "joints", _exceeded(pepper, motion, limits)))
+        if not tried[-1].exceeded:
+            return tried[-1]
+    return tried[0]
+
+
+def _braking(v: float, a: float, most: float, jerk: float) -> list[tuple[float, float, float, float]]:
+    """Return the fastest way of a joint to v = a = 0, in three phases.
+
+    With a jerk j it goes to the acceleration b, against v + a |a| / 2 j, keeps it, and goes to zero, where
+        b^2 = j |v| + a^2 / 2,  b <= a_max
+    (signs for v > 0).  Without a limit of jerk it keeps a_max until rest.
+
+    Returns:
+        Duration [s], and velocity, acceleration and jerk at the start of each phase.
+    """
+    if not math.isfinite(jerk):
+        return [(abs(v) / most, v, -math.copysign(most, v), 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)]
+    sign = -math.copysign(1.0, v + a * abs(a) / (2 * jerk))
+    v, a, most = -sign * v, -sign * a, max(most, abs(a))
+    peak = min(math.sqrt(max(jerk * v + a * a / 2, 0.0)), most)
+    first, last = max(a + peak, 0.0) / jerk, peak / jerk
+    reached = v + a * first - jerk * first * first / 2
+    keep = max(reached - peak * last / 2, 0.0) / peak if peak > 0.0 else 0.0
+    return [
+        (first, -sign * v, -sign * a, sign * jerk),
+        (keep, -sign * reached, sign * peak, 0.0),
+        (last, -sign * (reached - peak * keep), sign * peak, -sign * jerk),
+    ]
+
+
+def _joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Trajectory:
+    """Return the motion of phases as `_braking` returns, shape (n, 3, 4), from positions, shape (n,)."""
+    step = phases[:, :, 0]
+    ends = np.cumsum(step, axis=1)
+    v, a, j = phases[:, :, 1], phases[:, :, 2], phases[:, :, 3]
+    gone = np.cumsum(step * (v + step * (a / 2 + step * j / 6)), axis=1)
+    starts, places = ends - step, position[:, None] + gone
+    places = np.concatenate([position[:, None], places], axis=1)
+    times = np.unique(np.concatenate([[0.0], ends.ravel()]))
+    times = times[np.append(True, np.diff(times) > TIME_TOLERANCE)]
+    pieces = np.zeros((times.size - 1, 4, position.size))
+    for k, middle in enumerate((times[1:] + times[:-1]) / 2):
+        at = (ends < middle).sum(axis=1)
+        joints = np.arange(position.size)
+        pieces[k, 0] = places[joints, at]
+        moving = np.flatnonzero(at < 3)
+        at = at[moving]
+        since = times[k] - starts[moving, at]
+        v0, a0, j0 = v[moving, at], a[moving, at], j[moving, at]
+        pieces[k, 0, moving] += since * (v0 + since * (a0 / 2 + since * j0 / 6))
+        pieces[k, 1, moving] = v0 + since * (a0 + since * j0 / 2)
+        pieces[k, 2, moving], pieces[k, 3, moving] = (a0 + since * j0) / 2, j0 / 6
+    return _like(trajectory, times, pieces)
+
+
+def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
+    """Return which limits a motion exceeds: of polynomials anywhere, of torque and balance every 1 ms."""
+    found = []
+    for order, (name, low, high) in enumerate(
+        (
+            ("position", pepper.lower_limits, pepper.upper_limits),
+            ("velocity", -limits.velocity, limits.velocity),
+            ("acceleration", -limits.acceleration, limits.acceleration),
+            ("jerk", None if limits.jerk is None else -limits.jerk, limits.jerk),
+        )
+    ):
+        if low is not None and high is not None and not _within(motion, order, low, high):
+            found.append(name)
+    quantities = quantities_of(pepper, limits)
+    states = motion(sample_times(motion.duration, EXAMINED_EVERY))
+    if np.any(np.abs(quantities.torque(*states)) > quantities.torque_limit * (1 + _ROUNDING)):
+        found.append("torque")
+    if np.any(quantities.moments(*states) < 0.0):
+        found.append("balance")
+    return tuple(found)
+
+
+def _within(motion: Trajectory, order: int, low: Array, high: Array) -> bool:
+    rows = derivative(motion.coefficients, order)
+    slack = _ROUNDING * np.maximum(1.0, np.minimum(np.abs(high), 1e6))
+    most, least = maxima(motion.breaks, rows).value, -maxima(motion.breaks, -rows).value
+    return bool(np.all(most <= high + slack) and np.all(least >= low - slack))
+
+
+def _with_jerk(
+    pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits, shortest: float
+) -> Stop:
+    """Return a stop along the path that keeps jerk limits too.
+
+    The motion's time is run as s(t) = at + T (r - r^3 + r^4 / 2), r = t / T, whose speed 1 - 3 r^2 + 2 r^3
+    begins and ends evenly, for the least T tried that keeps all limits; between nodes 2 ms apart it is the
+    quintic.  Limits of jerk are not convex in this way, so that there may be none: then the rest of the
+    motion itself is the stop.
+    """
+    left, duration = trajectory.duration - at, 1.2 * shortest
+    for _ in range(_TRIALS):
+        if duration / 2 >= left:
+            break
+        r = np.linspace(0.0, 1.0, math.ceil(duration / 0.002) + 1)[:, None]
+        speed, change = 1 - 3 * r**2 + 2 * r**3, (-6 * r + 6 * r**2) / duration
+        path = trajectory((at + duration * (r - r**3 + r**4 / 2)).ravel())
+        velocity = path.velocity * speed
+        acceleration = path.acceleration * speed**2 + path.velocity * change
+        times = duration * r.ravel()
+        pieces = quintic_hermite(np.diff(times), path.position, velocity, acceleration)
+        motion = _like(trajectory, times, pieces)
+        if not _exceeded(pepper, motion, limits):
+            return Stop(motion, "path")
+        duration *= _LONGER
+    return Stop(trajectory.between(at, trajectory.duration), "end")
+
+
+def _measured(pepper: PepperModel, found: Stop, scene: Scene) -> Stop:
+    """Return a stop with its clearance."""
+    motion = found.trajectory
+    states: NDArray[np.float64] = motion(sample_times(motion.duration, EXAMINED_EVERY)).position
+    nearest = collision.least_clearance(pepper, states, scene)
+    clearance = nearest.distance if nearest.forbidden is None else min(nearest.distance, 0.0)
+    return Stop(motion, found.how, found.exceeded, float(clearance))
