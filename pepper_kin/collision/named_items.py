@@ -43,6 +43,15 @@ class NamedItems(Mapping[str, Item], Generic[Item]):
             grown._count = self._count + 1
             return grown
 
+    def replaced(self, changed: Mapping[str, Item]) -> NamedItems[Item]:
+        """Return these items with others in the place of some, by their names."""
+        found: NamedItems[Item] = object.__new__(NamedItems)
+        found._names, found._places, found._count = self._names, self._places, self._count
+        found._items = self._items[: self._count]
+        for name, item in changed.items():
+            found._items[self._places[name]] = item
+        return found
+
     def __getitem__(self, name: str) -> Item:
         place = self._places[name]
         if place >= self._count:

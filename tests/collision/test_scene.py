@@ -10,7 +10,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, SceneObject, TriangleMesh
-from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, ModelError, PepperKinError, UnknownNameError
 
 BASE = ("Tibia", "WheelB_link", "WheelFL_link", "WheelFR_link")
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.1
@@ -148,6 +148,51 @@ def test_arrays_are_copied_and_read_only():
     for array in (cloud.points, hull.vertices, hull.faces):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
+
+
+def test_objects_move_at_once_and_clouds_are_swapped():
+    scene = (
+        pk.Scene()
+        .add_box("a", (0.1, 0.2, 0.3), (1, 0, 0), rpy=(0.1, 0.2, 0.3))
+        .add_sphere("b", 0.1, (0, 1, 0))
+    )
+    scene = scene.add_half_space("floor", (0, 0, 1)).allow("floor", "Tibia")
+    turned = (
+        pk.Scene().add_box("a", (1, 1, 1), (2, 2, 2), rpy=(0, 0, 1)).objects["a"].transform_object_to_world
+    )
+    moved = scene.moved({"b": (3, 1, 0), "a": turned})
+    expected = scene.move("b", (3, 1, 0)).move("a", (2, 2, 2), (0, 0, 1))
+    assert moved.equals(expected)
+    assert moved.names == scene.names
+    assert scene.moved({"a": (5, 0, 0)}).equals(scene.move("a", (5, 0, 0), (0.1, 0.2, 0.3)))
+    one, other = moved.add_sphere("c", 0.1, (0, 0, 3)), scene.add_box("c", (1, 1, 1), (0, 0, 4))
+    assert moved.names == ("a", "b", "floor")
+    assert isinstance(one.objects["c"].geometry, pk.model.Sphere)
+    assert isinstance(other.objects["c"].geometry, pk.model.Box)
+    points = np.random.default_rng(0).uniform(1, 2, (50, 3))
+    swapped = one.with_cloud("d", points, 0.01).with_cloud("d", points + 1, 0.02)
+    assert swapped.equals(one.add_point_cloud("d", points + 1, 0.02))
+    assert swapped.with_cloud("c", points, 0.01).names == swapped.names
+
+
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        ({"c": (0, 0, 0)}, "'c'"),
+        ({"a": (0, 0)}, "position of 'a'"),
+        ({"a": np.diag([1.0, 1.0, -1.0, 1.0])}, "pose of 'a'.*rigid"),
+        ({"a": np.diag([1.0, 1.0, 1.0, 2.0])}, "pose of 'a'.*rigid"),
+        ({"a": (0, 0, np.nan)}, "of 'a'"),
+        ({"a": (0, 0, 1e9)}, "another unit"),
+        ({"cup": (0, 0, 1)}, "release it"),
+        ([("a", (0, 0, 0))], "a mapping"),
+        ({"a": [[1], 2]}, "of 'a'"),
+    ],
+)
+def test_poses_that_no_object_can_take_are_refused(poses, message):
+    scene = pk.Scene().add_box("a", (1, 1, 1), (0, 0, 9)).add_sphere("cup", 0.02, (0, 0, 0))
+    with pytest.raises(PepperKinError, match=message):
+        scene.attach("cup", "l_gripper", np.eye(4)).moved(poses)
 
 
 def test_convex_mesh_keeps_corners_and_faces_outward():
