@@ -49,8 +49,8 @@ def _joints(root: ET.Element) -> Iterator[str]:
                 limit.set("lower", limit.get("upper", "0"))
                 limit.set("upper", f"{lower}")
                 yield f"joint {name}: lower limit {lower} is above upper limit {upper}; they changed places"
-        for key in ("velocity", "effort") if limit is not None else ():
-            if plain_number(limit.get(key, "0")) < 0.0:
+        for key in ("velocity", "effort"):
+            if limit is not None and plain_number(limit.get(key, "0")) < 0.0:
                 yield f"joint {name}: {key} is {limit.attrib.pop(key)}; it is read as no limit"
         if mimic is not None and mimic.get("joint") and mimic.get("joint") not in moving:
             joint.remove(mimic)
