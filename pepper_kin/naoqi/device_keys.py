@@ -106,6 +106,7 @@ class DeviceKeys:
             keys[f"{TOP}{name}/Speed/Actuator/Value"] = keys[f"{TOP}{name}/Speed/Sensor/Value"]
         for key, sensor in table("devices")["touches"].items():
             keys[f"{TOP}{key}/Sensor/Value"] = partial(self._touch, sensor)
+            keys[table("devices")["events"][sensor]] = partial(self._touch, sensor)
         for side in ("Front", "Back"):
             keys[f"{TOP}Platform/{side}/Sonar/Sensor/Value"] = partial(self._sonar, side)
         self._add_lasers()

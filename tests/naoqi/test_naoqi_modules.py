@@ -114,6 +114,7 @@ def test_lasers_and_sonars_see_the_scene():
 
 def test_a_press_is_an_event(broker):
     got = []
+    assert broker.memory.getData("MiddleTactilTouched") == 0.0
     broker.memory.subscriber("MiddleTactilTouched").signal.connect(got.append)
     broker.memory.press("head_touch_middle", True)
     assert broker.memory.getData("Device/SubDeviceList/Head/Touch/Middle/Sensor/Value") == 1.0
