@@ -20,6 +20,7 @@ def environment_variables(**variables):
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "PYTHONPATH": str(ros_environment.ROOT),
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # memory shared with what was killed swallows messages
     }
     return ros_environment.clean_environment() | common | variables
 

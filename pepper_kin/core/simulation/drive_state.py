@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from pepper_kin.core.simulation.actuator_model import CONTINUOUS, LIMIT, PLAY
+from pepper_kin.core.simulation.actuator_model import CONTINUOUS, LIMIT, PLAY, ActuatorTable
 from pepper_kin.core.simulation.implicit_step import (
     ALIVE,
     CONSTANT,
@@ -39,7 +39,8 @@ WARM = 0.8
 
 # Rows of `RobotTables.law` after the parameters: the position that the joint is held to, NaN after a reset,
 # the temperature, its decay in a step, and the torque limit of the cold motor.
-HELD, TEMPERATURE, DECAY, COLD_LIMIT = 18, 19, 20, 21
+HELD = len(ActuatorTable._fields)
+TEMPERATURE, DECAY, COLD_LIMIT = HELD + 1, HELD + 2, HELD + 3
 
 
 @compiled(lean=True)
