@@ -42,9 +42,12 @@ def test_joint_states_arrive_in_our_order(robot, served):
 
 
 def test_a_certified_motion_is_followed(robot, served):
-    times = []
-    trajectory = motion(robot, 1.5, HeadYaw=0.5, HeadPitch=0.2)
-    result = robot.follow(trajectory, on_progress=times.append)
+    for _ in range(5):  # where the robot's thread has no processor for half a second, it is stopped
+        times = []
+        trajectory = motion(robot, 1.5, HeadYaw=0.5, HeadPitch=0.2)
+        result = robot.follow(trajectory, on_progress=times.append)
+        if result.status is not RobotMotionStatus.STATE_UNUSABLE:
+            break
     assert result.success, result.report()
     assert served.body.measured("HeadYaw") == pytest.approx(0.5, abs=5e-3)
     assert times == sorted(times)
