@@ -1,7 +1,7 @@
 """Stops from any instant of a motion, and new goals without one: `python benchmarks/live.py [N]`.
 
-Times are of the thread's processor time.  N instants of stops are examined, 1,000,000 if not given, and N / 100 splices; torques
-by `newton_euler`, which no stop is computed with.
+Times are processor time.  N instants of stops are examined, 1,000,000 if not given, and N / 100 splices;
+torques by `newton_euler`, which no stop is computed with.
 """
 
 import sys
@@ -92,7 +92,7 @@ def splices(pepper, motions, rng, count):
     for name, (trials, options, scenes) in kinds.items():
         done, spent, share = 0, [], []
         for k in range(trials):
-            motion, goal = motions[k % MOTIONS], motions[rng.integers(MOTIONS)].end
+            motion, goal = motions[k % MOTIONS], motions[(k + rng.integers(1, MOTIONS)) % MOTIONS].end
             at = float(rng.uniform(0.0, motion.duration - 1e-3))
             if scenes:
                 states = [motion(at).position, goal]

@@ -17,7 +17,7 @@ from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.stop import (
     SHARES,
     checked_instant,
-    exceeded_limits,
+    exceeded_effects,
     joined_phases,
     least_clearance,
     limits_of,
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
     from pepper_kin.trajectory.trajectory import Trajectory
 
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class Splice:
@@ -35,7 +37,8 @@ class Splice:
     Attributes:
         trajectory: The motion until the instant, and from there to rest at the goal.
         time: The instant [s].
-        share: Share of the acceleration limits that the new part uses.
+        share: Share of the acceleration limits that joints use, but for those that need more to stop
+            within their position limits.
         clearance: Least distance between bodies at every millisecond of the new part [m]; None without
             a scene.
     """
@@ -67,12 +70,20 @@ def replaced(
         raise InvalidValueError("limits", "none for some joint", "finite limits of velocity and acceleration")
     now, phases, reasons = trajectory(at), np.empty((pepper.n, 3, 4)), []
     state = np.stack([now.position, now.velocity])
+    # A joint passes no position beyond its start, its goal and where it first stops.
+    room = np.where(
+        now.velocity > 0.0, pepper.upper_limits - now.position, now.position - pepper.lower_limits
+    )
+    needed = now.velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
+    if needed.max() > 1.0:
+        name = pepper.joint_names[int(np.argmax(needed))]
+        raise InfeasibleError("splice", f"{name} cannot stop within its limits", "splice earlier")
     for share in SHARES:
-        allowed[1] = share * limits.acceleration
-        if steer(state, goal, allowed, phases) <= 1e-12:
+        allowed[1] = np.maximum(share, needed) * limits.acceleration
+        if steer(state, goal, allowed, phases) <= _ROUNDING:
             raise InvalidValueError("goal", "the position where the robot rests", "another one")
-        motion = joined_phases(trajectory, now.position, phases)
-        exceeded, clearance = exceeded_limits(pepper, motion, limits), None
+        motion, clearance = joined_phases(trajectory, now.position, phases), None
+        exceeded = exceeded_effects(pepper, motion, limits)
         if not exceeded and scene is not None:
             clearance = least_clearance(pepper, motion, scene)
             exceeded = () if clearance > 0.0 else ("clearance",)

@@ -229,7 +229,7 @@ def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: L
             ]
         )
         motion = joined_phases(trajectory, state.position, phases)
-        tried.append(Stop(motion, "joints", exceeded_limits(pepper, motion, limits)))
+        tried.append(Stop(motion, "joints", _exceeded(pepper, motion, limits)))
         if not tried[-1].exceeded:
             return tried[-1]
     return tried[0]
@@ -268,7 +268,7 @@ def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Tra
     return _like(trajectory, breaks[: count + 1], pieces[:count])
 
 
-def exceeded_limits(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
+def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
     """Return which limits a motion exceeds: of polynomials anywhere, of torque and balance every 1 ms."""
     found = []
     for order, (name, low, high) in enumerate(
@@ -281,7 +281,15 @@ def exceeded_limits(pepper: PepperModel, motion: Trajectory, limits: Limits) -> 
     ):
         if low is not None and high is not None and not _within(motion, order, low, high):
             found.append(name)
+    return (*found, *exceeded_effects(pepper, motion, limits))
+
+
+def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
+    """Return which of torque and balance a motion exceeds, looked at every 1 ms."""
+    found: list[str] = []
     quantities = quantities_of(pepper, limits)
+    if not quantities.torque_limit.size + quantities.edges:
+        return ()
     states = motion(sample_times(motion.duration, EXAMINED_EVERY))
     if np.any(np.abs(quantities.torque(*states)) > quantities.torque_limit * (1 + _ROUNDING)):
         found.append("torque")
@@ -319,7 +327,7 @@ def _with_jerk(
         times = duration * r.ravel()
         pieces = quintic_hermite(np.diff(times), path.position, velocity, acceleration)
         motion = _like(trajectory, times, pieces)
-        if not exceeded_limits(pepper, motion, limits):
+        if not _exceeded(pepper, motion, limits):
             return Stop(motion, "path")
         duration *= _LONGER
     return Stop(trajectory.between(at, trajectory.duration), "end")

@@ -373,7 +373,8 @@ class Trajectory(FrozenArrays):
     def replaced(self, pepper: PepperModel, at: float, goal: ArrayLike, **options: Any) -> Splice:
         """Return this motion until an instant, and from there, without a stop, the way to rest at a new goal.
 
-        Every joint goes by itself, with the same share of its acceleration limit, and all arrive together
+        Every joint goes by itself, with the same share of its acceleration limit or what it needs to turn
+        within its position limits, and all arrive together
         (`pepper_kin.core.timing.steering`); position and velocity are continuous, the acceleration may jump.
         Limits of position, velocity and acceleration hold at every instant; torque, balance and clearance are
         examined every millisecond.  Of the shares tried the greatest that keeps all of them is taken.
@@ -389,7 +390,8 @@ class Trajectory(FrozenArrays):
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the
                 motion, a wrong shape, NaN, or a goal at which the robot rests already.
             LimitError: for a goal outside the position limits.
-            InfeasibleError: where no share keeps all limits, naming those that were exceeded.
+            InfeasibleError: where a joint cannot stop within its position limits, or no share keeps all
+                others, naming those that were exceeded.
         """
         return replaced(pepper, self, at, goal, **options)
 
