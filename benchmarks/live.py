@@ -104,7 +104,7 @@ def splices(pepper, motions, rng, count):
                 continue
             finally:
                 spent.append(time.thread_time() - begin)
-            done += 1
+            done += spliced.how == "straight"
             if not scenes and "balance" not in options:
                 stop = motion.stop(pepper, at, torque=False)
                 go = stop.trajectory.replaced(pepper, stop.duration, goal, **options)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.timing.steering import steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
-from pepper_kin.trajectory.limits import motion_limits
+from pepper_kin.trajectory.limits import Limits, motion_limits
 from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE
 from pepper_kin.trajectory.stop import (
     SHARES,
     checked_instant,
@@ -21,6 +23,7 @@ from pepper_kin.trajectory.stop import (
     joined_phases,
     least_clearance,
     limits_of,
+    stop,
 )
 
 if TYPE_CHECKING:
@@ -36,6 +39,7 @@ class Splice:
 
     Attributes:
         trajectory: The motion until the instant, and from there to rest at the goal.
+        how: "straight"; or "after a stop" along the motion, where joints have to rest before they go there.
         time: The instant [s].
         share: Share of the acceleration limits that joints use, but for those that need more to stop
             within their position limits.
@@ -44,6 +48,7 @@ class Splice:
     """
 
     trajectory: Trajectory
+    how: str
     time: float
     share: float
     clearance: float | None = None
@@ -65,32 +70,50 @@ def replaced(
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
     limits = limits_of(pepper, motion_limits(pepper, torque=torque, balance=balance, scene=scene))
-    allowed = np.stack([limits.velocity, limits.acceleration])
-    if not np.isfinite(allowed).all():
+    if not np.isfinite([limits.velocity, limits.acceleration]).all():
         raise InvalidValueError("limits", "none for some joint", "finite limits of velocity and acceleration")
-    now, phases, reasons = trajectory(at), np.empty((pepper.n, 3, 4)), []
-    state = np.stack([now.position, now.velocity])
+    before, now = None if at <= TIME_TOLERANCE else trajectory.between(0.0, at), trajectory(at)
+    found = _steered(pepper, trajectory, np.stack([now.position, now.velocity]), goal, limits, scene)
+    if isinstance(found, Splice):
+        whole = found.trajectory if before is None else before.then(found.trajectory)
+        return replace(found, trajectory=whole, time=at)
+    stopped = stop(pepper, trajectory, at, scene=scene, torque=torque, balance=balance)
+    rest = np.stack([stopped.end, np.zeros(pepper.n)])
+    after = _steered(pepper, trajectory, rest, goal, limits, scene)
+    if isinstance(after, Splice) and (stopped.clearance is None or stopped.clearance > 0.0):
+        whole = stopped.trajectory if before is None else before.then(stopped.trajectory)
+        clearance = None if after.clearance is None else min(after.clearance, stopped.clearance or 0.0)
+        return Splice(whole.then(after.trajectory), "after a stop", at, after.share, clearance)
+    reason = f"straight to the goal it would exceed {', '.join(found)}, and after a stop too"
+    raise InfeasibleError("splice", reason, "stop, and plan from there")
+
+
+def _steered(
+    pepper: PepperModel,
+    like: Trajectory,
+    state: Array,
+    goal: Array,
+    limits: Limits,
+    scene: Scene | None,
+) -> Splice | tuple[str, ...]:
+    """Return the straight way from position and velocity, shape (2, n), to rest, or what it would exceed."""
+    phases, reasons = np.empty((pepper.n, 3, 4)), []
+    position, velocity = state
     # A joint passes no position beyond its start, its goal and where it first stops.
-    room = np.where(
-        now.velocity > 0.0, pepper.upper_limits - now.position, now.position - pepper.lower_limits
-    )
-    needed = now.velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
+    room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
+    needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
     if needed.max() > 1.0:
-        name = pepper.joint_names[int(np.argmax(needed))]
-        raise InfeasibleError("splice", f"{name} cannot stop within its limits", "splice earlier")
+        return ("position",)
     for share in SHARES:
-        allowed[1] = np.maximum(share, needed) * limits.acceleration
+        allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
         if steer(state, goal, allowed, phases) <= _ROUNDING:
             raise InvalidValueError("goal", "the position where the robot rests", "another one")
-        motion, clearance = joined_phases(trajectory, now.position, phases), None
+        motion, clearance = joined_phases(like, position, phases), None
         exceeded = exceeded_effects(pepper, motion, limits)
         if not exceeded and scene is not None:
             clearance = least_clearance(pepper, motion, scene)
             exceeded = () if clearance > 0.0 else ("clearance",)
         if not exceeded:
-            whole = motion if at == 0.0 else trajectory.between(0.0, at).then(motion)
-            return Splice(whole, at, share, clearance)
+            return Splice(motion, "straight", 0.0, share, clearance)
         reasons += [name for name in exceeded if name not in reasons]
-    raise InfeasibleError(
-        "splice", f"straight to the goal it would exceed {', '.join(reasons)}", "stop, and plan from there"
-    )
+    return tuple(reasons)

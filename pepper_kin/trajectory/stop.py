@@ -285,12 +285,18 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
 
 
 def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
-    """Return which of torque and balance a motion exceeds, looked at every 1 ms."""
+    """Return which of torque and balance a motion exceeds, looked at every 1 ms and beside every knot."""
     found: list[str] = []
     quantities = quantities_of(pepper, limits)
     if not quantities.torque_limit.size + quantities.edges:
         return ()
-    states = motion(sample_times(motion.duration, EXAMINED_EVERY))
+    pieces, steps = np.arange(motion.breaks.size - 1), np.diff(motion.breaks)
+    examined = (
+        motion(sample_times(motion.duration, EXAMINED_EVERY)),
+        motion.at_segments(pieces, np.zeros(pieces.size)),
+        motion.at_segments(pieces, steps),
+    )
+    states = [np.concatenate(part) for part in zip(*examined, strict=True)]
     if np.any(np.abs(quantities.torque(*states)) > quantities.torque_limit * (1 + _ROUNDING)):
         found.append("torque")
     if np.any(quantities.moments(*states) < 0.0):

@@ -371,13 +371,15 @@ class Trajectory(FrozenArrays):
         return stop(pepper, self, at, how=how, **options)
 
     def replaced(self, pepper: PepperModel, at: float, goal: ArrayLike, **options: Any) -> Splice:
-        """Return this motion until an instant, and from there, without a stop, the way to rest at a new goal.
+        """Return this motion until an instant, and from there the way to rest at a new goal.
 
         Every joint goes by itself, with the same share of its acceleration limit or what it needs to turn
         within its position limits, and all arrive together
         (`pepper_kin.core.timing.steering`); position and velocity are continuous, the acceleration may jump.
-        Limits of position, velocity and acceleration hold at every instant; torque, balance and clearance are
-        examined every millisecond.  Of the shares tried the greatest that keeps all of them is taken.
+        Limits of position, velocity and acceleration hold at every instant; torque and balance are examined
+        every millisecond and beside every knot, the clearance every millisecond.  Of the shares tried the
+        greatest that keeps all of them is taken; where none does, the motion stops first (`stop`), and
+        `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.
@@ -390,8 +392,8 @@ class Trajectory(FrozenArrays):
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the
                 motion, a wrong shape, NaN, or a goal at which the robot rests already.
             LimitError: for a goal outside the position limits.
-            InfeasibleError: where a joint cannot stop within its position limits, or no share keeps all
-                others, naming those that were exceeded.
+            InfeasibleError: where neither keeps all limits, naming those that the first exceeds, or where
+                `stop` finds none.
         """
         return replaced(pepper, self, at, goal, **options)
 

@@ -60,7 +60,7 @@ def test_a_splice_keeps_limits_and_is_continuous(pepper, moving):
     for at in moving.duration * np.array([0.0, 0.2, 0.5, 0.8, 1.0]):
         splice = moving.replaced(pepper, at, goal, scene=scene, balance=0.0)
         found = splice.trajectory
-        assert splice.time == at
+        assert (splice.how, splice.time) == ("straight", at)
         assert splice.clearance > 0.0
         assert np.allclose(found.end, goal, rtol=0, atol=1e-12)
         assert np.abs(found(found.duration).velocity).max() < 1e-12
@@ -70,6 +70,36 @@ def test_a_splice_keeps_limits_and_is_continuous(pepper, moving):
         assert np.allclose(after.velocity, moving(at).velocity, rtol=0, atol=1e-12)
         certificate = found.check(pepper, scene, balance=0.0)
         assert certificate.success, certificate.report()
+
+
+def test_joints_on_their_way_to_a_limit_turn_within_it(pepper):
+    low, high = pepper.lower_limits, pepper.upper_limits
+    index = pepper.joint_index("HeadYaw")
+    edge = pepper.posture("Stand").copy()
+    edge[index] = high[index]
+    motion = pk.retime(pepper, [pepper.posture("Stand"), edge])
+    for at in motion.duration * np.linspace(0.1, 0.95, 12):
+        splice = motion.replaced(pepper, at, pepper.joint_vector(GOAL))
+        states = splice.trajectory(np.linspace(0.0, splice.trajectory.duration, 2000)).position
+        assert np.all((states <= high + 1e-9) & (states >= low - 1e-9))
+        assert splice.trajectory.check(pepper, collisions=False).success
+
+
+def test_a_way_too_heavy_in_motion_is_gone_after_a_stop(pepper):
+    ways, rng = set(), np.random.default_rng(4)
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    for _ in range(40):
+        start, away, goal = rng.uniform(lower, upper, (3, pepper.n))
+        try:
+            motion = pk.retime(pepper, [start, away])
+            splice = motion.replaced(pepper, motion.duration / 2, goal)
+        except InfeasibleError:
+            continue
+        ways.add(splice.how)
+        found = splice.trajectory.check(pepper, collisions=False)
+        assert set(found.failures) <= {"balance"}, found.report()
+    assert ways == {"straight", "after a stop"}
 
 
 def test_what_a_splice_refuses(pepper, moving):
