@@ -373,9 +373,8 @@ class Trajectory(FrozenArrays):
     def replaced(self, pepper: PepperModel, at: float, goal: ArrayLike, **options: Any) -> Splice:
         """Return this motion until an instant, and from there the way to rest at a new goal.
 
-        Every joint goes by itself, with the same share of its acceleration limit or what it needs to turn
-        within its position limits, and all arrive together
-        (`pepper_kin.core.timing.steering`); position and velocity are continuous, the acceleration may jump.
+        Every joint goes by itself with a share of its acceleration limit, or more to turn within its position
+        limits, and all arrive together (`pepper_kin.core.timing.steering`).  The acceleration may jump.
         Limits of position, velocity and acceleration hold at every instant; torque and balance are examined
         every millisecond and beside every knot, the clearance every millisecond.  Of the shares tried the
         greatest that keeps all of them is taken; where none does, the motion stops first (`stop`), and
