@@ -1,7 +1,7 @@
-"""Stops from any instant of a motion: time to compute, limits, time to rest: `python benchmarks/live.py [N]`.
+"""Stops from any instant of a motion, and new goals without one: `python benchmarks/live.py [N]`.
 
-Times are of the thread's processor time.  N instants of stops are examined, 1,000,000 if not given; torques
-by `newton_euler`, which no stop is computed with.
+Times are processor time.  N instants of stops are examined, 1,000,000 if not given, and N / 100 splices;
+torques by `newton_euler`, which no stop is computed with.
 """
 
 import sys
@@ -70,6 +70,50 @@ def limits_broken(pepper, stop, rng):
     return int(broken.sum())
 
 
+def ten_boxes(pepper, rng, free):
+    """Return a scene of ten boxes in front of the robot that touches none of the states, shape (T, n)."""
+    scene = pk.Scene()
+    while len(scene.names) < 10:
+        size, place = rng.uniform(0.08, 0.24, 3), rng.uniform((0.2, -0.6, 0.5), (0.8, 0.6, 1.3))
+        more = scene.add_box(f"box {len(scene.names)}", size, place)
+        if not pk.collision.in_collision(pepper, np.array(free), more).any():
+            scene = more
+    return scene
+
+
+def splices(pepper, motions, rng, count):
+    """Print how many new goals are reached without a stop, and how long that takes."""
+    kinds = {
+        "velocity and acceleration": (count, {"torque": False}, False),
+        "torque and balance": (count, {"balance": 0.0}, False),
+        "clear of itself": (count // 10, {"torque": False}, True),
+        "ten boxes": (count // 10, {"torque": False}, True),
+    }
+    for name, (trials, options, scenes) in kinds.items():
+        done, spent, share = 0, [], []
+        for k in range(trials):
+            motion, goal = motions[k % MOTIONS], motions[(k + rng.integers(1, MOTIONS)) % MOTIONS].end
+            at = float(rng.uniform(0.0, motion.duration - 1e-3))
+            if scenes:
+                states = [motion(at).position, goal]
+                options["scene"] = ten_boxes(pepper, rng, states) if name == "ten boxes" else pk.Scene()
+            begin = time.thread_time()
+            try:
+                spliced = motion.replaced(pepper, at, goal, **options)
+            except InfeasibleError:
+                continue
+            finally:
+                spent.append(time.thread_time() - begin)
+            done += spliced.how == "straight"
+            if not scenes and "balance" not in options:
+                stop = motion.stop(pepper, at, torque=False)
+                go = stop.trajectory.replaced(pepper, stop.duration, goal, **options)
+                share.append((spliced.trajectory.duration - at) / go.trajectory.duration)
+        line(f"splice, {name}", spent, 1e3, f"ms, {done} of {trials} straight")
+        if share:
+            line("its duration over stop-then-go", share, 1.0, "")
+
+
 def line(name, values, scale, unit):
     middle, slow, most = np.percentile(values, (50, 99, 100)) * scale
     print(f"{name:44}{middle:9.4g} / {slow:.4g} / {most:.4g} {unit}")
@@ -111,6 +155,7 @@ def main():
     line('time to rest, how="joints"', joints, 1.0, "s")
     print(f"{'limits broken along the path':44}{broken:9}")
     print(f"{'of joints, within torque and position':44}{kept:9} of {len(joints)}")
+    splices(pepper, motions, rng, count // PER_STOP)
     assert broken == 0
 
 

@@ -6,6 +6,7 @@
     active_limits, ActiveLimits               which limit holds the motion back, and when
     phase_plane, PhasePlane, plot
     find_limit_violations, LimitViolation, enforce_limits   limits that a motion breaks, and their repair
+    Splice                                    a motion with a new goal on its way, by `Trajectory.replaced`
     Stop                                      from an instant of a motion to rest, by `Trajectory.stop`
     OnlineMotion                              new targets in mid-motion, jerk-limited
     Timeline, JointCurve, Key, Handle         an animation by keys
@@ -27,6 +28,7 @@ from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.splice import Splice
 from pepper_kin.trajectory.stop import Stop
 from pepper_kin.trajectory.timeline import ImportedMotion, Timeline, import_timeline
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -44,6 +46,7 @@ __all__ = [
     "PhasePlane",
     "Samples",
     "ScalarCheck",
+    "Splice",
     "State",
     "Stop",
     "Timeline",

@@ -17,6 +17,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.splines import evaluate_on_segments, quintic_hermite
 from pepper_kin.core.timing.grid import coefficient_states
+from pepper_kin.core.timing.steering import join_phases
 from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop_polynomials, stop_profile
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 _STEP = 0.005  # [s] greatest length of an interval
 _AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
-_SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
 _LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
 _ROUNDING = 1e-9  # of a limit
 _AT_REST = 1e-9  # [rad/s or m/s]
@@ -90,12 +91,9 @@ def stop(
     refuse_other_joints(pepper, trajectory.joint_names)
     if how not in ("path", "joints"):
         raise UnknownNameError("way to stop", how, ("path", "joints"))
-    at, world = as_real(at), None if scene is None else checked_world(scene)
-    if not -TIME_TOLERANCE <= at <= trajectory.duration + TIME_TOLERANCE:
-        raise InvalidValueError("at", f"{shown(at)} s", f"a time within [0, {trajectory.duration:.9g}] s")
-    at = min(max(at, 0.0), trajectory.duration)
+    at = checked_instant(trajectory, at)
     allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
-    limits = _limits(pepper, allowed)
+    limits = limits_of(pepper, allowed)
     if jerk is not None:
         limits = replace(limits, jerk=jerk_limits(pepper, jerk))
     if np.abs(trajectory(at).velocity).max() <= _AT_REST:
@@ -106,11 +104,22 @@ def stop(
         found = Stop(_along_path(trajectory, at, limits, pepper), how)
         if jerk is not None:
             found = _with_jerk(pepper, trajectory, at, limits, found.duration)
-    return found if world is None else _measured(pepper, found, world)
+    return (
+        found if scene is None else replace(found, clearance=least_clearance(pepper, found.trajectory, scene))
+    )
+
+
+def checked_instant(trajectory: Trajectory, at: float) -> float:
+    """Return an instant of a motion [s], which others are refused for."""
+    at = as_real(at)
+    if not -TIME_TOLERANCE <= at <= trajectory.duration + TIME_TOLERANCE:
+        raise InvalidValueError("at", f"{shown(at)} s", f"a time within [0, {trajectory.duration:.9g}] s")
+    return min(max(at, 0.0), trajectory.duration)
 
 
 @kept_for_robot(most=32)
-def _limits(pepper: PepperModel, allowed: MotionLimits) -> Limits:
+def limits_of(pepper: PepperModel, allowed: MotionLimits) -> Limits:
+    """Return the limits that a robot's drives keep too, which are made once."""
     return allowed.of(pepper, pepper.acceleration_limits, drives=True)
 
 
@@ -206,7 +215,7 @@ def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: L
     limit is exceeded; with none of them, the greatest.
     """
     state, tried = trajectory(at), []
-    for share in _SHARES:
+    for share in SHARES:
         phases = np.array(
             [
                 _braking(*motion)
@@ -219,7 +228,7 @@ def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: L
                 )
             ]
         )
-        motion = _joined_phases(trajectory, state.position, phases)
+        motion = joined_phases(trajectory, state.position, phases)
         tried.append(Stop(motion, "joints", _exceeded(pepper, motion, limits)))
         if not tried[-1].exceeded:
             return tried[-1]
@@ -251,29 +260,12 @@ def _braking(v: float, a: float, most: float, jerk: float) -> list[tuple[float, 
     ]
 
 
-def _joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Trajectory:
+def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Trajectory:
     """Return the motion of phases as `_braking` returns, shape (n, 3, 4), from positions, shape (n,)."""
-    step = phases[:, :, 0]
-    ends = np.cumsum(step, axis=1)
-    v, a, j = phases[:, :, 1], phases[:, :, 2], phases[:, :, 3]
-    gone = np.cumsum(step * (v + step * (a / 2 + step * j / 6)), axis=1)
-    starts, places = ends - step, position[:, None] + gone
-    places = np.concatenate([position[:, None], places], axis=1)
-    times = np.unique(np.concatenate([[0.0], ends.ravel()]))
-    times = times[np.append(True, np.diff(times) > TIME_TOLERANCE)]
-    pieces = np.zeros((times.size - 1, 4, position.size))
-    for k, middle in enumerate((times[1:] + times[:-1]) / 2):
-        at = (ends < middle).sum(axis=1)
-        joints = np.arange(position.size)
-        pieces[k, 0] = places[joints, at]
-        moving = np.flatnonzero(at < 3)
-        at = at[moving]
-        since = times[k] - starts[moving, at]
-        v0, a0, j0 = v[moving, at], a[moving, at], j[moving, at]
-        pieces[k, 0, moving] += since * (v0 + since * (a0 / 2 + since * j0 / 6))
-        pieces[k, 1, moving] = v0 + since * (a0 + since * j0 / 2)
-        pieces[k, 2, moving], pieces[k, 3, moving] = (a0 + since * j0) / 2, j0 / 6
-    return _like(trajectory, times, pieces)
+    n = position.size
+    breaks, pieces = np.empty(3 * n + 1), np.empty((3 * n, 4, n))
+    count = join_phases(position, phases, breaks, pieces)
+    return _like(trajectory, breaks[: count + 1], pieces[:count])
 
 
 def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
@@ -289,8 +281,22 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
     ):
         if low is not None and high is not None and not _within(motion, order, low, high):
             found.append(name)
+    return (*found, *exceeded_effects(pepper, motion, limits))
+
+
+def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
+    """Return which of torque and balance a motion exceeds, looked at every 1 ms and beside every knot."""
+    found: list[str] = []
     quantities = quantities_of(pepper, limits)
-    states = motion(sample_times(motion.duration, EXAMINED_EVERY))
+    if not quantities.torque_limit.size + quantities.edges:
+        return ()
+    pieces, steps = np.arange(motion.breaks.size - 1), np.diff(motion.breaks)
+    examined = (
+        motion(sample_times(motion.duration, EXAMINED_EVERY)),
+        motion.at_segments(pieces, np.zeros(pieces.size)),
+        motion.at_segments(pieces, steps),
+    )
+    states = [np.concatenate(part) for part in zip(*examined, strict=True)]
     if np.any(np.abs(quantities.torque(*states)) > quantities.torque_limit * (1 + _ROUNDING)):
         found.append("torque")
     if np.any(quantities.moments(*states) < 0.0):
@@ -333,10 +339,8 @@ def _with_jerk(
     return Stop(trajectory.between(at, trajectory.duration), "end")
 
 
-def _measured(pepper: PepperModel, found: Stop, scene: Scene) -> Stop:
-    """Return a stop with its clearance."""
-    motion = found.trajectory
+def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene) -> float:
+    """Return the least distance between bodies at every millisecond [m], at most 0 in contact."""
     states: NDArray[np.float64] = motion(sample_times(motion.duration, EXAMINED_EVERY)).position
-    nearest = collision.least_clearance(pepper, states, scene)
-    clearance = nearest.distance if nearest.forbidden is None else min(nearest.distance, 0.0)
-    return Stop(motion, found.how, found.exceeded, float(clearance))
+    nearest = collision.least_clearance(pepper, states, checked_world(scene))
+    return float(nearest.distance if nearest.forbidden is None else min(nearest.distance, 0.0))

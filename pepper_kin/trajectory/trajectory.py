@@ -23,6 +23,7 @@ from pepper_kin.trajectory.plot import plot
 from pepper_kin.trajectory.samples import Samples, names_and_units
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
 from pepper_kin.trajectory.segment_values import checked_derivatives
+from pepper_kin.trajectory.splice import Splice, replaced
 from pepper_kin.trajectory.stop import Stop, stop
 
 if TYPE_CHECKING:
@@ -368,6 +369,32 @@ class Trajectory(FrozenArrays):
                 robot could not hold.
         """
         return stop(pepper, self, at, how=how, **options)
+
+    def replaced(self, pepper: PepperModel, at: float, goal: ArrayLike, **options: Any) -> Splice:
+        """Return this motion until an instant, and from there the way to rest at a new goal.
+
+        Every joint goes by itself with a share of its acceleration limit, or more to turn within its position
+        limits, and all arrive together (`pepper_kin.core.timing.steering`).  The acceleration may jump.
+        Limits of position, velocity and acceleration hold at every instant; torque and balance are examined
+        every millisecond and beside every knot, the clearance every millisecond.  Of the shares tried the
+        greatest that keeps all of them is taken; where none does, the motion stops first (`stop`), and
+        `Splice.how` says so.
+
+        Args:
+            pepper: The robot, which gives the limits.
+            at: The instant [s].
+            goal: Joint positions [rad or m], shape (n,).
+            **options: `scene`, which no body may touch; `torque`, False to leave it out; `balance` [m] as in
+                `retime`.
+
+        Raises:
+            InvalidValueError: for joints that are not the robot's or have no limits, a time outside the
+                motion, a wrong shape, NaN, or a goal at which the robot rests already.
+            LimitError: for a goal outside the position limits.
+            InfeasibleError: where neither keeps all limits, naming those that the first exceeds, or where
+                `stop` finds none.
+        """
+        return replaced(pepper, self, at, goal, **options)
 
     def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
         """Return which limit acts at times t [s], shape (T,); see `pepper_kin.trajectory.active_limits`."""

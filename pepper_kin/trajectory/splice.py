@@ -1,0 +1,119 @@
+"""Splices: a motion that gets a new goal on its way, and does not stop for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array
+from pepper_kin.core.timing.steering import steer
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
+from pepper_kin.trajectory.limits import Limits, motion_limits
+from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.stop import (
+    SHARES,
+    checked_instant,
+    exceeded_effects,
+    joined_phases,
+    least_clearance,
+    limits_of,
+    stop,
+)
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Scene
+    from pepper_kin.trajectory.trajectory import Trajectory
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Splice:
+    """A motion with a new goal from an instant on.
+
+    Attributes:
+        trajectory: The motion until the instant, and from there to rest at the goal.
+        how: "straight"; or "after a stop" along the motion, where joints have to rest before they go there.
+        time: The instant [s].
+        share: Share of the acceleration limits that joints use, but for those that need more to stop
+            within their position limits.
+        clearance: Least distance between bodies at every millisecond of the new part [m]; None without
+            a scene.
+    """
+
+    trajectory: Trajectory
+    how: str
+    time: float
+    share: float
+    clearance: float | None = None
+
+
+def replaced(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    at: float,
+    goal: ArrayLike,
+    *,
+    scene: Scene | None = None,
+    torque: bool = True,
+    balance: float | None = None,
+) -> Splice:
+    """Return a motion with a new goal from an instant on; see `Trajectory.replaced`."""
+    refuse_other_joints(pepper, trajectory.joint_names)
+    at = checked_instant(trajectory, at)
+    goal = np.array(as_joint_vector(pepper, goal, "goal"))
+    check_within_limits(pepper, goal, "goal", 1e-9)
+    limits = limits_of(pepper, motion_limits(pepper, torque=torque, balance=balance, scene=scene))
+    if not np.isfinite([limits.velocity, limits.acceleration]).all():
+        raise InvalidValueError("limits", "none for some joint", "finite limits of velocity and acceleration")
+    before, now = None if at <= TIME_TOLERANCE else trajectory.between(0.0, at), trajectory(at)
+    found = _steered(pepper, trajectory, np.stack([now.position, now.velocity]), goal, limits, scene)
+    if isinstance(found, Splice):
+        whole = found.trajectory if before is None else before.then(found.trajectory)
+        return replace(found, trajectory=whole, time=at)
+    stopped = stop(pepper, trajectory, at, scene=scene, torque=torque, balance=balance)
+    rest = np.stack([stopped.end, np.zeros(pepper.n)])
+    after = _steered(pepper, trajectory, rest, goal, limits, scene)
+    if isinstance(after, Splice) and (stopped.clearance is None or stopped.clearance > 0.0):
+        whole = stopped.trajectory if before is None else before.then(stopped.trajectory)
+        clearance = None if after.clearance is None else min(after.clearance, stopped.clearance or 0.0)
+        return Splice(whole.then(after.trajectory), "after a stop", at, after.share, clearance)
+    reason = f"straight to the goal it would exceed {', '.join(found)}, and after a stop too"
+    raise InfeasibleError("splice", reason, "stop, and plan from there")
+
+
+def _steered(
+    pepper: PepperModel,
+    like: Trajectory,
+    state: Array,
+    goal: Array,
+    limits: Limits,
+    scene: Scene | None,
+) -> Splice | tuple[str, ...]:
+    """Return the straight way from position and velocity, shape (2, n), to rest, or what it would exceed."""
+    phases, reasons = np.empty((pepper.n, 3, 4)), []
+    position, velocity = state
+    # A joint passes no position beyond its start, its goal and where it first stops.
+    room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
+    needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
+    if needed.max() > 1.0:
+        return ("position",)
+    for share in SHARES:
+        allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
+        if steer(state, goal, allowed, phases) <= _ROUNDING:
+            raise InvalidValueError("goal", "the position where the robot rests", "another one")
+        motion, clearance = joined_phases(like, position, phases), None
+        exceeded = exceeded_effects(pepper, motion, limits)
+        if not exceeded and scene is not None:
+            clearance = least_clearance(pepper, motion, scene)
+            exceeded = () if clearance > 0.0 else ("clearance",)
+        if not exceeded:
+            return Splice(motion, "straight", 0.0, share, clearance)
+        reasons += [name for name in exceeded if name not in reasons]
+    return tuple(reasons)

@@ -1,0 +1,115 @@
+"""Splices: ruckig as the oracle of steering, continuity, certificates, refusals."""
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+from pepper_kin.core.timing.steering import join_phases, steer
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+
+GOAL = {"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "RShoulderRoll": -0.4, "HeadYaw": -0.5}
+
+
+@pytest.fixture(scope="module")
+def moving(pepper):
+    away = pepper.joint_vector({"LShoulderPitch": 0.8, "RElbowRoll": 0.9, "HeadYaw": 0.6})
+    return pk.retime(pepper, [pepper.posture("Stand"), away])
+
+
+def steered(start, velocity, goal, limits):
+    """Return the time, and breaks and cubics of a steered motion."""
+    n = goal.size
+    phases, breaks, pieces = np.empty((n, 3, 4)), np.empty(3 * n + 1), np.empty((3 * n, 4, n))
+    time = steer(np.stack([start, velocity]), goal, limits, phases)
+    count = join_phases(start, phases, breaks, pieces)
+    return time, breaks[: count + 1], pieces[:count]
+
+
+def test_no_motion_is_faster_and_all_joints_arrive():
+    """Seeds of both signs, rest and full speed, overshoot and goals at the stopping point."""
+    ruckig = pytest.importorskip("ruckig")
+    rng = np.random.default_rng(0)
+    for case in range(300):
+        n = 1 + case % 6
+        limits = rng.uniform(0.3, 5.0, (2, n))
+        start, share = rng.normal(size=n), rng.choice([-1.0, 0.0, 1.0, *rng.uniform(-1, 1, 3)], n)
+        velocity = share * limits[0]
+        stopping = start + velocity * np.abs(velocity) / (2 * limits[1])
+        goal = np.where(rng.random(n) < 0.1, stopping, start + rng.normal(size=n) * rng.choice([0.01, 1, 5]))
+        time, breaks, pieces = steered(start, velocity, goal, limits)
+        request = ruckig.InputParameter(n)
+        request.current_position, request.current_velocity = list(start), list(velocity)
+        request.target_position = list(goal)
+        request.max_velocity, request.max_acceleration = list(limits[0]), list(limits[1])
+        request.max_jerk = [np.inf] * n
+        planned = ruckig.Trajectory(n)
+        assert ruckig.Ruckig(n).calculate(request, planned) == ruckig.Result.Working
+        assert time == pytest.approx(planned.duration, abs=1e-6)
+        step = np.diff(breaks)[:, None]
+        ends = pieces[:, 0] + step * (pieces[:, 1] + step * pieces[:, 2])
+        speeds = pieces[:, 1] + 2 * step * pieces[:, 2]
+        assert np.allclose(pieces[0, :2], [start, velocity], rtol=0, atol=1e-11)
+        assert np.allclose(ends, [*pieces[1:, 0], goal], rtol=0, atol=1e-10)
+        assert np.allclose(speeds, [*pieces[1:, 1], np.zeros(n)], rtol=0, atol=1e-10)
+        assert np.all(np.abs(pieces[:, 1]) <= limits[0] * (1 + 1e-12))
+        assert np.all(2 * np.abs(pieces[:, 2]) <= limits[1] * (1 + 1e-12))
+
+
+def test_a_splice_keeps_limits_and_is_continuous(pepper, moving):
+    goal, scene = pepper.joint_vector(GOAL), pk.Scene().add_box("box", (0.2, 0.2, 0.2), (1.5, 0.0, 0.8))
+    for at in moving.duration * np.array([0.0, 0.2, 0.5, 0.8, 1.0]):
+        splice = moving.replaced(pepper, at, goal, scene=scene, balance=0.0)
+        found = splice.trajectory
+        assert (splice.how, splice.time) == ("straight", at)
+        assert splice.clearance > 0.0
+        assert np.allclose(found.end, goal, rtol=0, atol=1e-12)
+        assert np.abs(found(found.duration).velocity).max() < 1e-12
+        assert at == 0.0 or found.between(0.0, at).is_close(moving.between(0.0, at))
+        after = found.at_segments(np.searchsorted(found.breaks, at, side="right") - 1, 0.0)
+        assert np.allclose(after.position, moving(at).position, rtol=0, atol=1e-12)
+        assert np.allclose(after.velocity, moving(at).velocity, rtol=0, atol=1e-12)
+        certificate = found.check(pepper, scene, balance=0.0)
+        assert certificate.success, certificate.report()
+
+
+def test_joints_on_their_way_to_a_limit_turn_within_it(pepper):
+    low, high = pepper.lower_limits, pepper.upper_limits
+    index = pepper.joint_index("HeadYaw")
+    edge = pepper.posture("Stand").copy()
+    edge[index] = high[index]
+    motion = pk.retime(pepper, [pepper.posture("Stand"), edge])
+    for at in motion.duration * np.linspace(0.1, 0.95, 12):
+        splice = motion.replaced(pepper, at, pepper.joint_vector(GOAL))
+        states = splice.trajectory(np.linspace(0.0, splice.trajectory.duration, 2000)).position
+        assert np.all((states <= high + 1e-9) & (states >= low - 1e-9))
+        assert splice.trajectory.check(pepper, collisions=False).success
+
+
+def test_a_way_too_heavy_in_motion_is_gone_after_a_stop(pepper):
+    ways, rng = set(), np.random.default_rng(4)
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    for _ in range(40):
+        start, away, goal = rng.uniform(lower, upper, (3, pepper.n))
+        try:
+            motion = pk.retime(pepper, [start, away])
+            splice = motion.replaced(pepper, motion.duration / 2, goal)
+        except InfeasibleError:
+            continue
+        ways.add(splice.how)
+        found = splice.trajectory.check(pepper, collisions=False)
+        assert set(found.failures) <= {"balance"}, found.report()
+    assert ways == {"straight", "after a stop"}
+
+
+def test_what_a_splice_refuses(pepper, moving):
+    goal, at = pepper.joint_vector(GOAL), moving.duration / 2
+    with pytest.raises(InvalidValueError, match="a time within"):
+        moving.replaced(pepper, moving.duration + 1.0, goal)
+    with pytest.raises(LimitError):
+        moving.replaced(pepper, at, goal + 10.0)
+    with pytest.raises(InvalidValueError, match="rests"):
+        moving.replaced(pepper, 0.0, moving.start)
+    wall = pk.Scene().add_box("wall", (3.0, 3.0, 3.0), (0.0, 0.0, 0.5))
+    with pytest.raises(InfeasibleError, match="clearance"):
+        moving.replaced(pepper, at, goal, scene=wall)
