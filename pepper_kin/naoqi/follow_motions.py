@@ -140,6 +140,7 @@ class StreamMotion(FollowMotion):
 
     def _begin(self) -> Iterator[None]:
         self._last = self._clock.now()
+        self._corrected = False
         return iter(())
 
     def _advance(self) -> bool:
@@ -153,8 +154,15 @@ class StreamMotion(FollowMotion):
         if self._at >= duration:
             near = self._near_end()
             self._finishing = near or self._is_late()
-            self._until = None if near else self._until  # to come to rest has its own time
+            if near and not self._corrected:
+                self._until = None  # to come to rest has its own time
         return False
+
+    def _correct(self) -> None:
+        """Correct the base again, which was near and braked beyond."""
+        if self._base and not self._is_late():
+            self._finishing = self._worded = False
+            self._answered_at, self._corrected = None, True
 
     def _last_calls(self) -> list[tuple[str, list[Any]]]:
         end = [float(x) for x in self._trajectory.end[self._columns]]

@@ -205,6 +205,8 @@ class RobotMotion(SupervisedMotion):
             self._answered_at = self._clock.now() if self._answered_at is None else self._answered_at
             moving = self._rest.moving(self._answered_at, self._clock.now())
             self._closing = self._arrived() and not moving
+            if not moving and not self._closing:
+                self._correct()
         if not self._closing and self._is_late():
             raise MotionEndedError(RobotMotionStatus.DEVIATED, self._why_late(moving))
         return False
@@ -212,6 +214,9 @@ class RobotMotion(SupervisedMotion):
     def _arrived(self) -> bool:
         """Whether the robot is where the motion ends."""
         return True
+
+    def _correct(self) -> None:
+        """Go on where the robot came to rest elsewhere, if that can help."""
 
     def _why_late(self, moving: str) -> str:
         return f"it is not at rest {self._options.hold_time:g} s after the end: {moving}"

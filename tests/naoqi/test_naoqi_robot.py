@@ -20,7 +20,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.naoqi import FollowOptions, Robot, RobotConnectionError, RobotMotionStatus
+from pepper_kin.naoqi import FollowOptions, Robot, RobotConnectionError, RobotMotionStatus, follow_motions
 from pepper_kin.naoqi.follow_motions import placed
 from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
@@ -167,6 +167,16 @@ def test_the_base_follows_its_part_of_a_motion(robot):
     expected = placed(before, trajectory.start[:3], trajectory.end[:3])
     assert robot.state().base_pose == pytest.approx(expected, abs=0.02)
     assert np.hypot(*(expected - before)[:2]) == pytest.approx(0.3)
+
+
+def test_a_base_that_braked_beyond_the_end_comes_back(robot, monkeypatch):
+    """As where a busy machine sees late that it is near; here it brakes where it passes the end."""
+    monkeypatch.setattr(follow_motions, "STANDS", 1.0)
+    trajectory = driving(0.3)
+    expected = placed(robot.state().base_pose, trajectory.start[:3], trajectory.end[:3])
+    result = robot.follow(trajectory, options=replace(LOOSE, base_gain=4.0))
+    assert result.status is RobotMotionStatus.COMPLETED, result.report()
+    assert robot.state().base_pose == pytest.approx(expected, abs=0.02)
 
 
 def test_a_pose_placed_elsewhere_keeps_what_lies_between():
