@@ -1,4 +1,4 @@
-"""Stops from any instant of a motion, and new goals without one: `python benchmarks/live.py [N]`.
+"""Stops from any instant of a motion, new goals without one, moved scenes: `python benchmarks/live.py [N]`.
 
 Times are processor time.  N instants of stops are examined, 1,000,000 if not given, and N / 100 splices;
 torques by `newton_euler`, which no stop is computed with.
@@ -114,6 +114,30 @@ def splices(pepper, motions, rng, count):
             line("its duration over stop-then-go", share, 1.0, "")
 
 
+def moved_scenes(pepper, rng):
+    """Print how long it takes to move ten boxes and to replace a cloud of 20,000 points, and check both."""
+    q = pepper.posture("Stand")
+    boxes = ten_boxes(pepper, rng, [q])
+    towards = {name: boxes.objects[name].transform_object_to_world for name in boxes.names}
+    u, v = rng.uniform(-0.5, 0.5, (2, 20_000))
+    depth = np.where(np.abs(u) < 0.1, 1.0, 2.0) + 0.1 * np.sin(5 * v)  # a wall and a post
+    points = np.stack([depth, depth * u, depth * v + 1.0], axis=1)
+    cloud = pk.Scene().add_point_cloud("cloud", points, 0.01)
+    for name, change in (
+        ("ten boxes moved", lambda: boxes.moved(towards)),
+        ("20,000 points replaced", lambda: cloud.with_cloud("cloud", points, 0.01)),
+    ):
+        alone, checked = [], []
+        for _ in range(300):
+            begin = time.thread_time()
+            scene = change()
+            alone.append(time.thread_time() - begin)
+            pk.collision.in_collision(pepper, q, scene)
+            checked.append(time.thread_time() - begin)
+        line(name, alone, 1e3, "ms")
+        line(f"{name}, and checked", checked, 1e3, "ms")
+
+
 def line(name, values, scale, unit):
     middle, slow, most = np.percentile(values, (50, 99, 100)) * scale
     print(f"{name:44}{middle:9.4g} / {slow:.4g} / {most:.4g} {unit}")
@@ -156,6 +180,7 @@ def main():
     print(f"{'limits broken along the path':44}{broken:9}")
     print(f"{'of joints, within torque and position':44}{kept:9} of {len(joints)}")
     splices(pepper, motions, rng, count // PER_STOP)
+    moved_scenes(pepper, rng)
     assert broken == 0
 
 

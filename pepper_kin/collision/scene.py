@@ -16,7 +16,6 @@ from pepper_kin.collision.mesh_file import points_of, triangles_of
 from pepper_kin.collision.named_items import NamedItems
 from pepper_kin.collision.scene_object import (
     PLASTER,
-    RIGID_TOLERANCE,
     WOOD,
     AttachedObject,
     Color,
@@ -40,13 +39,11 @@ from pepper_kin.collision.solids import (
 from pepper_kin.collision.urdf_object import objects_of_urdf
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite, as_numbers
+from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import rotation_to_axis, transform
 
 VOXEL = 0.02
 """Edge of the cubes to which clouds are thinned by default [m]."""
-
-_LAST = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 class Scene:
@@ -356,41 +353,26 @@ class Scene:
         found = np.empty((len(poses), 4, 4))
         for row, (name, pose) in zip(found, poses.items(), strict=True):
             self._check_standing(name)
-            given = as_numbers(pose, f"pose of {name!r}")
-            if given.shape == (4, 4):
-                row[:] = as_finite(given, f"pose of {name!r}", (4, 4))
+            if np.shape(pose)[:1] == (4,):
+                row[:] = as_rigid(pose, f"pose of {name!r}")
             else:
                 row[:] = self.objects[name].transform_object_to_world
-                row[:3, 3] = as_finite(given, f"position of {name!r}", (3,))
-        turns = found[:, :3, :3]
-        off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        rigid = (off <= RIGID_TOLERANCE) & (np.linalg.det(turns) > 0.0) & (found[:, 3] == _LAST).all(axis=1)
-        for k in np.flatnonzero(~rigid):
-            as_rigid(found[k], f"pose of {list(poses)[k]!r}")
+                row[:3, 3] = as_finite(pose, f"position of {name!r}", (3,))
         within_world("position of an object", found[:, :3, 3])
         found.setflags(write=False)
         return self._replaced(
             {name: self.objects[name].moved_to(pose) for name, pose in zip(poses, found, strict=True)}
         )
 
-    def with_cloud(
-        self,
-        name: str,
-        points: ArrayLike,
-        radius: float,
-        position: ArrayLike = (0.0, 0.0, 0.0),
-        rpy: ArrayLike = (0.0, 0.0, 0.0),
-        *,
-        voxel: float | None = VOXEL,
-    ) -> Scene:
+    def with_cloud(self, name: str, points: ArrayLike, radius: float, **options: Any) -> Scene:
         """Return a scene with a point cloud in the place of what has the name, if anything has.
 
         Arguments and errors are those of `add_point_cloud`, and of an object that hangs on the robot.
         """
         if name not in self.names:
-            return self.add_point_cloud(name, points, radius, position, rpy, voxel=voxel)
+            return self.add_point_cloud(name, points, radius, **options)
         self._check_standing(name)
-        alone = Scene().add_point_cloud(name, points, radius, position, rpy, voxel=voxel)
+        alone = Scene().add_point_cloud(name, points, radius, **options)
         return self._replaced(dict(alone.objects))
 
     def padded(self, margin: float) -> Scene:

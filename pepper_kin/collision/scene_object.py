@@ -209,13 +209,13 @@ def as_rigid(value: ArrayLike, quantity: str) -> NDArray[np.float64]:
         InvalidValueError: for NaN, a wrong shape, or what is not a rotation and a translation.
     """
     pose = as_finite(value, quantity, (4, 4))
-    *rows, last = pose.tolist()  # of few numbers: NumPy would take ten times as long
-    x, y, z = (row[:3] for row in rows)
-    off = [sum(p * q for p, q in zip(*two, strict=True)) for two in ((x, y), (x, z), (y, z))]
-    off += [sum(p * p for p in row) - 1.0 for row in (x, y, z)]
-    off += [*last[:3], last[3] - 1.0]
-    volume = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
-    if not (volume > 0.0 and all(abs(number) <= RIGID_TOLERANCE for number in off)):
+    # Of few numbers: NumPy would take ten times as long.
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), (x, y, z, one) = pose.tolist()
+    lengths = (a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i, one)
+    products = (a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, x, y, z)
+    off = max(*(abs(length - 1.0) for length in lengths), *map(abs, products))
+    volume = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+    if not (volume > 0.0 and off <= RIGID_TOLERANCE):
         raise InvalidValueError(
             quantity, "a matrix that is not rigid", "a rotation, a translation and the row 0 0 0 1"
         )

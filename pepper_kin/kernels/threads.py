@@ -15,6 +15,9 @@ from concurrent.futures import ThreadPoolExecutor
 _PIECES_PER_THREAD = 4  # so that a thread that loses its core for a while leaves the rest to others
 _SMALLEST_PIECE = 512  # rows; below, starting a thread costs more than it brings
 
+OWN_THREADS = "pepper_kin"
+"""How the names of threads begin that belong to the library, not to the program that uses it."""
+
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
@@ -61,7 +64,7 @@ def _executor(helpers: int) -> ThreadPoolExecutor:
     global _pool, _pool_size
     with _lock:
         if _pool is None or _pool_size < helpers:
-            _pool, _pool_size = ThreadPoolExecutor(helpers, thread_name_prefix="pepper_kin"), helpers
+            _pool, _pool_size = ThreadPoolExecutor(helpers, OWN_THREADS), helpers
         return _pool
 
 

@@ -9,13 +9,15 @@ from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.model.plain_number import plain_number
 
 XACRO = "xacro"
-SOURCE = ("macro", "include", "property", "arg")
+SOURCE = (
+    "macro", "include", "property", "arg", "if", "unless", "insert_block", "element", "attribute",
+)  # fmt: skip
 """Elements of xacro sources, which are another robot before they are expanded."""
 GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
 
 
-def mend(root: ET.Element) -> list[str]:
-    """Mend a robot's tree in place and return what was done, a sentence each.
+def mend(root: ET.Element, text: str) -> list[str]:
+    """Mend a robot's tree, read from a text, in place and return what was done, a sentence each.
 
     Calls of macros that nothing defines are left out, as are shapes of kinds that URDF has not, scales that
     are not three numbers with their shapes, and mimic elements of unknown joints; limits in the wrong order
@@ -24,7 +26,8 @@ def mend(root: ET.Element) -> list[str]:
     Raises:
         ModelError: for xacro sources: without what their macros stand for they would be another robot.
     """
-    return [*_left_over_calls(root), *_joints(root), *_shapes(root)]
+    calls = _left_over_calls(root) if XACRO in text else ()
+    return [*calls, *_joints(root), *_shapes(root)]
 
 
 def _left_over_calls(root: ET.Element) -> Iterator[str]:

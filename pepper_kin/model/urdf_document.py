@@ -136,7 +136,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     """
     text = with_bound_prefixes(text.lstrip())
     root = parse_xml(text, "URDF")
-    mended = mend(root)
+    mended = mend(root, text)
     for what in mended:
         warnings.warn(f"URDF: {what}", ModelWarning, stacklevel=3)
     if mended:

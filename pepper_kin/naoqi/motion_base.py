@@ -139,8 +139,12 @@ class BaseMethods(Module):
 
         def finished() -> bool:
             moves = self._moves()
-            ends = any(isinstance(t, MoveToTask) or not getattr(t, "twist", np.ones(1)).any() for t in moves)
-            return not ends and (bool(moves) or bool(np.abs(self.body.controller.twist).max() < 1e-6))
+            if moves:
+                return not any(
+                    isinstance(t, MoveToTask) or (isinstance(t, VelocityTask) and not t.twist.any())
+                    for t in moves
+                )
+            return bool(np.abs(self.body.controller.twist).max() < 1e-6)
 
         self.body.time.wait_until(finished)
 

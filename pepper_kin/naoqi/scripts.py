@@ -23,6 +23,7 @@ from weakref import WeakSet
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
+from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.python2 import ScriptImports, begin, program
 from pepper_kin.naoqi.shims import almath, motion, naoqi, qi, qi_logging, set_broker, vision_definitions
@@ -124,8 +125,9 @@ def stand_ins(
     twin, workers, over = broker.body.time, list[object](), threading.Event()
 
     def start(self: threading.Thread) -> None:
-        if self.ident is not None:
-            begins(self)  # which refuses: it has been started
+        if self.ident is not None or self.name.startswith(OWN_THREADS):
+            begins(self)  # which refuses what has been started
+            return
         if not self.daemon:
             self.daemon = True  # waited for here, not by the process as it ends, which has no limit
             threads.append(self)
@@ -152,8 +154,9 @@ def stand_ins(
             raise
 
     def create(self: ThreadPoolExecutor, *arguments: Any, **named: Any) -> None:
-        pools.add(self)
         creates(self, *arguments, **named)
+        if not str(self._thread_name_prefix).startswith(OWN_THREADS):
+            pools.add(self)
 
     def wait() -> None:
         """Wait for threads, and those that they begin, until the time is up; pools end when they are idle."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.thread_priority import yield_to_others
@@ -73,8 +74,7 @@ class ALVideoDevice(Module):
         self._parameters: dict[tuple[int, int], int] = {}
         self._active = 0
         # A separate thread, so that cycles need not wait for a time slice of it.
-        self._drawing = ThreadPoolExecutor(1, "naoqi-camera", yield_to_others)
-        self._drawing.submit(int)  # begins the thread, before a script runs that would have to wait for it
+        self._drawing = ThreadPoolExecutor(1, f"{OWN_THREADS}-camera", yield_to_others)
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
         """Subscribe to a camera; return the name for `getImageRemote`."""

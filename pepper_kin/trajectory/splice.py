@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDING = 1e-12
+_AT_GOAL = 1e-9  # [rad or m]
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,17 @@ def replaced(
         whole = found.trajectory if before is None else before.then(found.trajectory)
         return replace(found, trajectory=whole, time=at)
     stopped = stop(pepper, trajectory, at, scene=scene, torque=torque, balance=balance)
-    rest = np.stack([stopped.end, np.zeros(pepper.n)])
-    after = _steered(pepper, trajectory, rest, goal, limits, scene)
-    if isinstance(after, Splice) and (stopped.clearance is None or stopped.clearance > 0.0):
+    if stopped.clearance is None or stopped.clearance > 0.0:
         whole = stopped.trajectory if before is None else before.then(stopped.trajectory)
-        clearance = None if after.clearance is None else min(after.clearance, stopped.clearance or 0.0)
-        return Splice(whole.then(after.trajectory), "after a stop", at, after.share, clearance)
+        if np.abs(stopped.end - goal).max() <= _AT_GOAL:
+            return Splice(whole, "after a stop", at, 1.0, stopped.clearance)
+        rest = np.stack([stopped.end, np.zeros(pepper.n)])
+        after = _steered(pepper, trajectory, rest, goal, limits, scene)
+        if isinstance(after, Splice):
+            near = [c for c in (stopped.clearance, after.clearance) if c is not None]
+            return Splice(
+                whole.then(after.trajectory), "after a stop", at, after.share, min(near, default=None)
+            )
     reason = f"straight to the goal it would exceed {', '.join(found)}, and after a stop too"
     raise InfeasibleError("splice", reason, "stop, and plan from there")
 

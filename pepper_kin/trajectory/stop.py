@@ -53,8 +53,8 @@ class Stop:
     Attributes:
         trajectory: From the instant, which is its time 0, to rest.
         how: "path"; "end" where only the whole rest of the motion keeps jerk limits; or "joints".
-        exceeded: Limits that joints by themselves would not keep: "position", "torque", "balance"; empty for
-            stops along the path.
+        exceeded: Limits that joints by themselves would not keep: "position", "velocity", "acceleration",
+            "jerk", "torque", "balance"; empty for stops along the path.
         clearance: Least distance between bodies at every millisecond [m], at most 0 in contact; None without
             a scene.
     """

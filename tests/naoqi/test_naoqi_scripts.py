@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.kernels import threads
 from pepper_kin.naoqi import run_script
 
 SCRIPTS = Path(__file__).parent / "scripts"
@@ -269,6 +270,17 @@ def test_a_script_ends_when_its_pools_and_cameras_have_nothing_to_do(broker, tmp
     result, out = output_of(broker, tmp_path, capsys, POOLS, longest=60.0)
     assert (result.ended, out.split()) == ("completed", [str(40 * 30 * 3), "late"])
     assert result.duration == pytest.approx(2.0, abs=0.1)
+
+
+def test_threads_of_the_library_outlive_a_script(broker, tmp_path, monkeypatch):
+    """A script that computes with the library makes its pool, which serves the process after it."""
+    monkeypatch.setattr(threads, "_pool", None)
+    done = []
+    program = "import pepper_kin.kernels.threads as t\nt.run_in_pieces(5000, 2, 1, lambda a, b: None)\n"
+    (tmp_path / "script.py").write_text(program)
+    assert run_script(tmp_path / "script.py", broker=broker, longest=5.0).ended == "completed"
+    threads.run_in_pieces(5000, 2, 1, lambda first, last: done.append(last - first))
+    assert sum(done) == 5000
 
 
 ENDLESS = """\

@@ -102,6 +102,16 @@ def test_a_way_too_heavy_in_motion_is_gone_after_a_stop(pepper):
     assert ways == {"straight", "after a stop"}
 
 
+def test_the_motions_own_end_may_be_the_goal(pepper):
+    """Before a limit of position a motion that brakes harder than allowed can only be let go on."""
+    far = pepper.posture("Stand").copy()
+    far[pepper.joint_index("HeadYaw")] = pepper.upper_limits[pepper.joint_index("HeadYaw")]
+    motion = pk.retime(pepper, [pepper.posture("Stand"), far], torque=False).scaled(0.7)
+    splice = motion.replaced(pepper, 0.8 * motion.duration, motion.end, torque=False)
+    assert splice.how == "after a stop"
+    assert splice.trajectory.is_close(motion)
+
+
 def test_what_a_splice_refuses(pepper, moving):
     goal, at = pepper.joint_vector(GOAL), moving.duration / 2
     with pytest.raises(InvalidValueError, match="a time within"):

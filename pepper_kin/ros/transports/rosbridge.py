@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
 from pepper_kin.servers.access import Access, is_loopback
@@ -59,7 +60,7 @@ class RosbridgeServer(LocalTransport):
         self._sockets = listening_sockets("rosbridge", host, port)
         self.port = int(self._sockets[0].getsockname()[1])
         self.sessions: set[Session] = set()
-        self.executor = ThreadPoolExecutor(16, thread_name_prefix="rosbridge")
+        self.executor = ThreadPoolExecutor(16, thread_name_prefix=f"{OWN_THREADS}-rosbridge")
         self._loop = asyncio.SelectorEventLoop()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rosbridge", daemon=True)

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from pepper_kin.exceptions import PepperKinError, shortened
+from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import (
@@ -56,7 +57,7 @@ class RosbridgeClient(Transport):
         self._offered: dict[str, Callable[[dict[str, Any]], None]] = {}
         self._on_lost: list[Callable[[], object]] = []
         self._fragments = Fragments()
-        self._executor = ThreadPoolExecutor(8, thread_name_prefix="rosbridge-client")
+        self._executor = ThreadPoolExecutor(8, thread_name_prefix=f"{OWN_THREADS}-rosbridge-client")
         self._socket: Any = None
         self._closed = False
         self._loop = asyncio.new_event_loop()
