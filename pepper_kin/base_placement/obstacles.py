@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import clearance, in_collision
+from pepper_kin.collision.movers import without_self_pairs
 from pepper_kin.model import PepperModel, kept_for_robot
 
 if TYPE_CHECKING:
@@ -38,6 +38,5 @@ def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
 @kept_for_robot(most=1)
 def _without_self(robot: PepperModel) -> PepperModel:
     """Return the robot without self-collision pairs."""
-    pairs = {(min(a, b), max(a, b)): "Never" for a, b in combinations(robot.link_names, 2)}
-    semantics = replace(robot.semantics, disabled_pairs=pairs)
+    semantics = replace(robot.semantics, disabled_pairs=without_self_pairs(robot))
     return PepperModel(robot.document, semantics, changed=robot.dynamics_model.changed())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
+from pepper_kin.collision.movers import Movers, checked_times, movers_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -45,7 +46,9 @@ class LeastClearance:
     measured: int
 
 
-def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> LeastClearance:
+def least_clearance(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
+) -> LeastClearance:
     """Return the least of `clearance(pepper, q, scene)` and its place, without computing all the others.
 
     Between configurations q and q', the bodies a and b of a pair come nearer by at most
@@ -68,17 +71,26 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
         q: Joint positions [rad or m], shape (T, n).  Neighbors should be near each other: nothing is wrong
             if they are not, but then little can be left out.
         scene: The world around it, with what the robot holds; None for the robot against itself only.
+        times: When the robot is there [s], one number or shape (T,): obstacles that move are where they are
+            then, at a distance less what their uncertainty has grown by.  None: all stand as at time 0.
 
     Returns:
         What was found.  The distance is the least of all to the accuracy of coal's (2e-6 m); where several
         are equal to that accuracy, the configuration is one of them.
 
     Raises:
-        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity.
+        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity; or a time
+            below 0.
     """
     path = as_joint_vectors(pepper, q, "q")
     if path.ndim != 2 or not len(path):
         raise InvalidValueError("q", f"shape {path.shape}", f"one or more of them, shape (T, {pepper.n})")
+    movers = None if times is None else movers_of(pepper, scene)
+    if movers is not None and scene is not None and times is not None:
+        still, when = least_clearance(pepper, path, scene.standing), checked_times(times, len(path))
+        found = least_clearance_of_movers(movers, movers.states(path, when), when, still.distance)
+        nearest = found if found.distance < still.distance else still
+        return replace(nearest, forbidden=still.forbidden, measured=still.measured + found.measured)
     checker = checker_for(pepper, scene)
     violated = np.zeros(len(path), dtype=bool)
     for table in checker.dependent_ranges:
@@ -95,6 +107,27 @@ def least_clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = Non
     )
 
 
+def least_clearance_of_movers(
+    movers: Movers, states: Array, times: Array, known: float = np.inf
+) -> LeastClearance:
+    """Return the least distance of the robot to obstacles that move, less what uncertainties have grown by.
+
+    Args:
+        movers: The obstacles.
+        states: Configurations of `movers.robot`, shape (T, n + 6 k).
+        times: Their times [s], shape (T,).
+        known: A distance above which none is looked for [m].
+    """
+    checker = checker_for(movers.robot, movers.scene)
+    search = _Search(checker, states)
+    uncertainty = {item.name: item.uncertainty for item in movers.items}
+    owners = [uncertainty.get(body.owner, 0.0) for body in checker._shapes.bodies]
+    search.times, search.growth = times, np.array(owners)[np.array(checker._shapes.pairs)].max(axis=0)
+    search.best = known
+    index = search.run()
+    return LeastClearance(search.best, index, checker.closest_pair(states[index]), None, search.measured)
+
+
 def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = None) -> float:
     """Return a bound on how fast any pair of bodies that is checked comes nearer to one another [m/s].
 
@@ -104,11 +137,17 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     Args:
         pepper: The robot.
         rates: Bounds on |dq/dt| [rad/s or m/s], shape (m, n), of which the worst counts.
-        scene: The world around it; None for the robot against itself only.
+        scene: The world around it, with what moves in it; None for the robot against itself only.
 
     Returns:
         The bound; 0 where no pair is checked.
     """
+    movers = movers_of(pepper, scene)
+    if movers is not None and scene is not None:
+        own = np.atleast_2d(np.asarray(rates, dtype=float))
+        joined = movers.joined(own, np.tile(np.abs(movers.rate), (len(own), 1)))
+        to_movers = approach_speed(movers.robot, joined, movers.scene) + movers.uncertainty
+        return max(approach_speed(pepper, own, scene.standing), to_movers)
     checker = checker_for(pepper, scene)
     if not checker.pair_count:
         return 0.0
@@ -145,6 +184,10 @@ class _Search:
     Args:
         checker: The checker.
         path: Joint positions [rad or m], shape (T, n).
+
+    Attributes:
+        times: Of the configurations [s], shape (T,).
+        growth: What distances of pairs lose with time [m/s], shape (p,).
     """
 
     def __init__(self, checker: CollisionChecker, path: Array) -> None:
@@ -158,6 +201,7 @@ class _Search:
             self.normals, self.flat = np.zeros((checker.pair_count, 3)), np.zeros(checker.pair_count, bool)
             self.normals[to_plane], self.flat[to_plane] = normals, True
         self.best, self.index, self.measured = float("inf"), 0, 0
+        self.times, self.growth = np.zeros(len(path)), np.zeros(checker.pair_count)
 
     def run(self) -> int:
         """Return the configuration at which the bodies come nearest."""
@@ -190,7 +234,10 @@ class _Search:
             lever = motion_bounds[places[0]] * first + motion_bounds[places[1]] * second
             steps = [np.abs(self.path[i:j] - self.path[middle]).max(axis=0) for i, j in halves]
             approach = np.array(steps) @ lever.T
-        distance = self._measure(middle, pairs, self._gaps(pairs, centers, places), approach)
+            later = [max(self.times[i:j].max() - self.times[middle], 0.0) for i, j in halves]
+            approach += np.multiply.outer(later, self.growth[pairs])
+        gaps = self._gaps(pairs, centers, places) - self.times[middle] * self.growth[pairs]
+        distance = self._measure(middle, pairs, gaps, approach)
         parts = []
         for (start, end), nearer in zip(halves, approach, strict=True):
             bounds = distance - nearer
@@ -221,6 +268,7 @@ class _Search:
             pair = int(pairs[k])
             result = queries.distance(pair)
             found[k] = result.min_distance - checker._shapes.paddings[pair]
+            found[k] -= self.times[index] * self.growth[pair]
             if found[k] < self.best:
                 self.best, self.index = float(found[k]), index
         return found

@@ -12,30 +12,50 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.collision.bodies import GeometryType
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
+from pepper_kin.collision.least_clearance import least_clearance_of_movers
+from pepper_kin.collision.movers import checked_times, movers_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 
 if TYPE_CHECKING:
     from pepper_kin.collision.fast import FastChecker
 
 
-def in_collision(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.bool_]:
+def in_collision(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
+) -> NDArray[np.bool_]:
     """Whether the robot touches itself or the scene.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         scene: The world around it; None checks the robot against itself only.
+        times: When it is there [s], one number or shape (...,): obstacles that move are where they are then,
+            and touched at the distance by which their uncertainty has grown.  None: all stand as at time 0.
 
     Returns:
         Booleans, shape (...,).
 
     Raises:
-        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity, or a time below 0.
     """
-    return _checkers()(pepper, scene).in_collision(q)
+    movers = None if times is None else movers_of(pepper, scene)
+    if movers is None or scene is None or times is None:
+        return _checkers()(pepper, scene).in_collision(q)
+    q_all = as_joint_vectors(pepper, q, "q")
+    found = np.array(_checkers()(pepper, scene.standing).in_collision(q_all)).ravel()
+    free, when = np.flatnonzero(~found), checked_times(times, found.size)
+    states = movers.states(q_all.reshape(found.size, -1)[free], when[free])
+    checker = _checkers()(movers.robot, movers.scene)
+    near = checker.nearer(states, movers.uncertainty * when[free])
+    if movers.alike:
+        found[free] = near
+    else:
+        for k in np.flatnonzero(near):
+            found[free[k]] = least_clearance_of_movers(movers, states[[k]], when[free[[k]]]).distance <= 0.0
+    return found.reshape(q_all.shape[:-1])
 
 
 @functools.cache

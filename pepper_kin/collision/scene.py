@@ -39,7 +39,7 @@ from pepper_kin.collision.solids import (
 from pepper_kin.collision.urdf_object import objects_of_urdf
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.joint_vectors import as_finite, as_numbers
 from pepper_kin.model.shapes import rotation_to_axis, transform
 
 VOXEL = 0.02
@@ -115,6 +115,7 @@ class Scene:
         position: ArrayLike = (0.0, 0.0, 0.0),
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         color: Color = WOOD,
+        **motion: Any,
     ) -> Scene:
         """Return a scene with one more obstacle.
 
@@ -124,43 +125,64 @@ class Scene:
             position: Position of its center in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             color: Red, green, blue and opacity, 0 to 1.
+            **motion: `velocity`, with which it moves on from there [m/s], shape (3,); `uncertainty` of where
+                it will be, by which the distance to keep from it grows with time [m/s].  See `at`.
 
         Raises:
-            InvalidValueError: for a name that is taken, or a pose with NaN or of wrong length.
+            InvalidValueError: for a name that is taken, a pose or velocity with NaN or of wrong length, an
+                uncertainty below 0, or a half-space that moves.
         """
         self._check_new(name)
         pose = transform(
             as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
         )
-        return self._and_one(SceneObject(name, geometry, pose, color))
+        return self._and_one(SceneObject(name, geometry, pose, color, **motion))
 
     def add_box(
-        self, name: str, size: ArrayLike, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        name: str,
+        size: ArrayLike,
+        position: ArrayLike,
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        **motion: Any,
     ) -> Scene:
         """Return a scene with a box of full lengths `size` [m], shape (3,), more; see `add`."""
         lengths = as_finite(size, f"size of {name!r}", (3,))
-        return self.add(name, Box((float(lengths[0]), float(lengths[1]), float(lengths[2]))), position, rpy)
+        shape = Box((float(lengths[0]), float(lengths[1]), float(lengths[2])))
+        return self.add(name, shape, position, rpy, **motion)
 
-    def add_sphere(self, name: str, radius: float, position: ArrayLike) -> Scene:
+    def add_sphere(self, name: str, radius: float, position: ArrayLike, **motion: Any) -> Scene:
         """Return a scene with a sphere of a radius [m] more, at a position [m], shape (3,); see `add`."""
-        return self.add(name, Sphere(number_of(name, "radius", radius)), position)
+        return self.add(name, Sphere(number_of(name, "radius", radius)), position, **motion)
 
     def add_cylinder(
-        self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        name: str,
+        radius: float,
+        length: float,
+        position: ArrayLike,
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        **motion: Any,
     ) -> Scene:
         """Return a scene with a cylinder along its z axis [m] more; position, rpy: shape (3,), see `add`."""
         shape = Cylinder(number_of(name, "radius", radius), number_of(name, "length", length))
-        return self.add(name, shape, position, rpy)
+        return self.add(name, shape, position, rpy, **motion)
 
     def add_capsule(
-        self, name: str, radius: float, length: float, position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        name: str,
+        radius: float,
+        length: float,
+        position: ArrayLike,
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        **motion: Any,
     ) -> Scene:
         """Return a scene with a capsule along its z axis [m] more; position, rpy: shape (3,), see `add`.
 
         `length` is that of the straight part.
         """
         shape = Capsule(number_of(name, "radius", radius), number_of(name, "length", length))
-        return self.add(name, shape, position, rpy)
+        return self.add(name, shape, position, rpy, **motion)
 
     def add_half_space(self, name: str, normal: ArrayLike, offset: float = 0.0) -> Scene:
         """Return a scene in which all points x with normal . x <= offset are solid as well.
@@ -195,6 +217,7 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         *,
         scale: ArrayLike = 1.0,
+        **motion: Any,
     ) -> Scene:
         """Return a scene with the convex hull of points, solid inside, more; see `add`.
 
@@ -204,12 +227,13 @@ class Scene:
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             scale: Factor from the unit of the points, or of the file, to meters.
+            **motion: As in `add`.
 
         Raises:
             InvalidValueError: for points in a plane, NaN, a taken name; see `add`.
             FileFormatError: naming the file and what is wrong with it.
         """
-        return self.add(name, ConvexMesh(points_of(name, vertices, scale)), position, rpy)
+        return self.add(name, ConvexMesh(points_of(name, vertices, scale)), position, rpy, **motion)
 
     def add_mesh(
         self,
@@ -220,6 +244,7 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         *,
         scale: ArrayLike = 1.0,
+        **motion: Any,
     ) -> Scene:
         """Return a scene with a surface of triangles more; see `add`.
 
@@ -233,13 +258,14 @@ class Scene:
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             scale: Factor from the unit of the points, or of the file, to meters.
+            **motion: As in `add`.
 
         Raises:
             InvalidValueError: for a face that names no vertex, no triangle with an area, NaN, a taken name.
             FileFormatError: naming the file and what is wrong with it.
         """
         points, triangles = triangles_of(name, vertices, faces, scale)
-        return self.add(name, TriangleMesh(points, triangles), position, rpy)
+        return self.add(name, TriangleMesh(points, triangles), position, rpy, **motion)
 
     def add_point_cloud(
         self,
@@ -250,6 +276,7 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         *,
         voxel: float | None = VOXEL,
+        **motion: Any,
     ) -> Scene:
         """Return a scene with balls around points more; see `add`.
 
@@ -261,13 +288,14 @@ class Scene:
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             voxel: Edge of the cubes of which each keeps one point [m]; the balls grow so that they cover
                 those of all points, see `PointCloud.thinned`.  None keeps all points.
+            **motion: As in `add`.
 
         Raises:
             InvalidValueError: for NaN (drop such pixels first), a radius below 0, a voxel of 0, a taken name.
         """
         if voxel is None:
-            return self.add(name, PointCloud(np.asarray(points), radius), position, rpy)
-        return self.add(name, PointCloud.thinned(points, radius, voxel), position, rpy)
+            return self.add(name, PointCloud(np.asarray(points), radius), position, rpy, **motion)
+        return self.add(name, PointCloud.thinned(points, radius, voxel), position, rpy, **motion)
 
     def add_urdf(
         self,
@@ -336,12 +364,15 @@ class Scene:
         )
         return self._replaced({name: replace(self.objects[name], transform_object_to_world=pose)})
 
-    def moved(self, poses: Mapping[str, ArrayLike]) -> Scene:
+    def moved(
+        self, poses: Mapping[str, ArrayLike], velocities: Mapping[str, ArrayLike] | None = None
+    ) -> Scene:
         """Return a scene with obstacles elsewhere, all at once.
 
         Args:
             poses: Name -> position [m], shape (3,), the object keeping its orientation; or transform from the
                 object to the world, shape (4, 4).
+            velocities: Name -> with what it moves on from there [m/s], shape (3,); others keep theirs.
 
         Raises:
             UnknownNameError: listing the obstacles.
@@ -353,16 +384,56 @@ class Scene:
         found = np.empty((len(poses), 4, 4))
         for row, (name, pose) in zip(found, poses.items(), strict=True):
             self._check_standing(name)
-            if np.shape(pose)[:1] == (4,):
-                row[:] = as_rigid(pose, f"pose of {name!r}")
+            given = pose if isinstance(pose, np.ndarray) else as_numbers(pose, f"pose of {name!r}")
+            if given.shape[:1] == (4,):
+                row[:] = as_rigid(given, f"pose of {name!r}")
             else:
                 row[:] = self.objects[name].transform_object_to_world
-                row[:3, 3] = as_finite(pose, f"position of {name!r}", (3,))
+                row[:3, 3] = as_finite(given, f"position of {name!r}", (3,))
         within_world("position of an object", found[:, :3, 3])
         found.setflags(write=False)
-        return self._replaced(
-            {name: self.objects[name].moved_to(pose) for name, pose in zip(poses, found, strict=True)}
-        )
+        changed = {name: self.objects[name].moved_to(pose) for name, pose in zip(poses, found, strict=True)}
+        for name, velocity in (velocities or {}).items():
+            self._check_standing(name)
+            item = changed.get(name, self.objects[name])
+            changed[name] = replace(item, velocity=np.array(velocity, dtype=float))
+        return self._replaced(changed)
+
+    @property
+    def movers(self) -> tuple[SceneObject, ...]:
+        """Obstacles with a velocity or an uncertainty.
+
+        Functions of a motion compare them where they are at each of its times; all others, as planners, take
+        them as standing where they are at time 0.
+        """
+        return tuple(item for item in self.objects.values() if item.moves)
+
+    @property
+    def standing(self) -> Scene:
+        """The scene without its movers: one and the same as long as only these change."""
+        found: Scene | None = self.__dict__.get("_standing")
+        if found is None:
+            items = {name: item for name, item in self.objects.items() if not item.moves}
+            gone = self.objects.keys() - items
+            pairs = [pair for pair in self.allowed if not gone & set(pair)]
+            found = self._with(objects=items, allowed=pairs) if gone else self
+            object.__setattr__(self, "_standing", found)
+        return found
+
+    def at(self, time: float) -> Scene:
+        """Return the scene as it is later: obstacles moved by their velocities, and grown by uncertainty.
+
+        Args:
+            time: From when this scene is [s], 0 or more.
+
+        Raises:
+            InvalidValueError: for a time below 0 or NaN, or an obstacle beyond the world by then.
+        """
+        later = not_negative("time", time)
+        changed = {item.name: item.at(later) for item in self.movers}
+        for item in changed.values():
+            within_world(f"position of {item.name!r}", item.transform_object_to_world[:3, 3])
+        return self._replaced(changed)
 
     def with_cloud(self, name: str, points: ArrayLike, radius: float, **options: Any) -> Scene:
         """Return a scene with a point cloud in the place of what has the name, if anything has.
@@ -522,6 +593,9 @@ class Scene:
     def _replaced(self, changed: Mapping[str, SceneObject]) -> Scene:
         found: Scene = object.__new__(Scene)
         found._take(self.objects.replaced(changed), self.attached, self.allowed)
+        known = self.__dict__.get("_standing")
+        if known is not None and all(self.objects[k].moves and changed[k].moves for k in changed):
+            object.__setattr__(found, "_standing", known)
         return found
 
     def _and_one(self, item: SceneObject) -> Scene:

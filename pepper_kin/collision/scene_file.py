@@ -11,8 +11,9 @@
       "allowed": [["floor", "Tibia"]]
     }
 
-Attached objects may have a `mass` [kg] and a `center_of_mass` in their own frame [m].  An object's
-orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by hand; neither is none.
+Objects may have a `velocity` and an `uncertainty` [m/s], attached ones a `mass` [kg] and a `center_of_mass`
+in their own frame [m].  An object's orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by
+hand; neither is none.
 Meshes and clouds are lists of numbers in the same file: a scene in two files could be half replaced.
 """
 
@@ -83,7 +84,9 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
         "format": FORMAT,
         "version": VERSION,
         "units": UNITS,
-        "objects": [_described(item, item.transform_object_to_world, {}) for item in scene.objects.values()],
+        "objects": [
+            _described(item, item.transform_object_to_world, _motion(item)) for item in scene.objects.values()
+        ],
         "attached": [
             _described(
                 item,
@@ -129,6 +132,12 @@ def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, A
     if not np.array_equal(pose[:3, :3], np.eye(3)):
         result["rotation"] = pose[:3, :3].tolist()
     return {**result, "color": list(item.color)}
+
+
+def _motion(item: SceneObject) -> dict[str, Any]:
+    """Return velocity and uncertainty of an obstacle, as far as it has them."""
+    velocity = {"velocity": item.velocity.tolist()} if item.velocity.any() else {}
+    return {**velocity, **({"uncertainty": item.uncertainty} if item.uncertainty else {})}
 
 
 def _weight(item: AttachedObject) -> dict[str, Any]:
@@ -197,8 +206,9 @@ def _built(build: Callable[[dict[str, Any], str], Any], part: dict[str, Any], pl
 
 
 def _standing(part: dict[str, Any], place: str) -> SceneObject:
-    geometry = _geometry(part, (), (), place)
-    return SceneObject(part["name"], geometry, _pose(part, place), part.get("color", WOOD))
+    geometry = _geometry(part, (), ("velocity", "uncertainty"), place)
+    motion = {name: part[name] for name in ("velocity", "uncertainty") if name in part}
+    return SceneObject(part["name"], geometry, _pose(part, place), part.get("color", WOOD), **motion)
 
 
 def _hanging(part: dict[str, Any], place: str) -> AttachedObject:

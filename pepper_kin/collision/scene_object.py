@@ -17,6 +17,7 @@ from pepper_kin.collision.solids import (
     PointCloud,
     SceneGeometry,
     TriangleMesh,
+    not_negative,
     padding,
     within_world,
 )
@@ -33,6 +34,8 @@ PLASTER: Color = (0.85, 0.86, 0.87, 1.0)
 
 RIGID_TOLERANCE = 1e-6
 
+AT_REST = read_only(np.zeros(3))
+
 
 @dataclass(frozen=True, eq=False)
 class SceneObject(FrozenArrays):
@@ -43,12 +46,16 @@ class SceneObject(FrozenArrays):
         geometry: Its shape.
         transform_object_to_world: (4, 4), read-only.
         color: Red, green, blue and opacity, 0 to 1.
+        velocity: With which it goes on from there, from time 0 of the scene on [m/s], shape (3,), read-only.
+        uncertainty: By how much what has to be kept clear around it grows with time [m/s].
     """
 
     name: str
     geometry: SceneGeometry
     transform_object_to_world: NDArray[np.float64]
     color: Color = WOOD
+    velocity: NDArray[np.float64] = field(default_factory=lambda: AT_REST)
+    uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
@@ -56,6 +63,27 @@ class SceneObject(FrozenArrays):
         within_world(f"position of {self.name!r}", pose[:3, 3])
         object.__setattr__(self, "transform_object_to_world", pose)
         object.__setattr__(self, "color", _color(self.name, self.color))
+        if self.velocity is not AT_REST:
+            velocity = as_finite(self.velocity, f"velocity of {self.name!r}", (3,))
+            object.__setattr__(self, "velocity", read_only(velocity) if velocity.any() else AT_REST)
+        slack = not_negative(f"uncertainty of {self.name!r}", self.uncertainty)
+        object.__setattr__(self, "uncertainty", slack)
+        if self.moves and isinstance(self.geometry, HalfSpace):
+            raise InvalidValueError(f"velocity of {self.name!r}", "a half-space", "a bounded shape")
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a velocity or an uncertainty."""
+        return bool(self.velocity.any()) or self.uncertainty > 0.0
+
+    def at(self, time: float) -> SceneObject:
+        """Return the object as it is a time later [s]: moved, and grown as `Scene.padded` does."""
+        pose = np.array(self.transform_object_to_world)
+        pose[:3, 3] += time * self.velocity
+        found = self.moved_to(read_only(pose))
+        if self.uncertainty > 0.0:
+            found.__dict__["geometry"] = grown(self.geometry, time * self.uncertainty)
+        return found
 
     def moved_to(self, pose: NDArray[np.float64]) -> SceneObject:
         """Return the object at another pose, which is neither copied nor checked.
@@ -183,7 +211,8 @@ def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) 
     if (a.name, a.color) != (b.name, b.color) or not same_geometry(a.geometry, b.geometry):
         return False
     if isinstance(a, SceneObject) and isinstance(b, SceneObject):
-        return np.array_equal(a.transform_object_to_world, b.transform_object_to_world)
+        same = np.array_equal(a.velocity, b.velocity) and a.uncertainty == b.uncertainty
+        return same and np.array_equal(a.transform_object_to_world, b.transform_object_to_world)
     if isinstance(a, AttachedObject) and isinstance(b, AttachedObject):
         same = (a.frame, a.touch_links, a.mass, a.load) == (b.frame, b.touch_links, b.mass, b.load)
         return same and np.array_equal(a.transform_object_to_frame, b.transform_object_to_frame)

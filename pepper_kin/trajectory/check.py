@@ -13,6 +13,7 @@ from pepper_kin import collision, dynamics, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import AtFrames, load_wrench
+from pepper_kin.collision.solids import not_negative
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
@@ -42,6 +43,7 @@ def check(
     trajectory: Trajectory,
     *,
     scene: Scene | None = None,
+    start_time: float = 0.0,
     collisions: bool = True,
     jerk: JerkLike | None = None,
     balance: float | None = 0.0,
@@ -62,7 +64,9 @@ def check(
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
         scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
-            the robot from itself is measured in any case.  The mass of attached objects counts.
+            the robot from itself is measured in any case.  The mass of attached objects counts.  Obstacles
+            that move are where they are at each time, and what their uncertainty has grown by is taken off.
+        start_time: Time of the scene at which the motion begins [s], 0 or more.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         jerk: As in `retime`.
         balance: As in `retime` [m]; not looked at for a robot without wheels.
@@ -102,7 +106,7 @@ def check(
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
         balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
-        clearance=None if world is None else _clearance(pepper, trajectory, examined, world),
+        clearance=None if world is None else _clearance(pepper, trajectory, examined, world, start_time),
         jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, examined, speeds) if speeds else None,
@@ -344,14 +348,17 @@ def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
     return found
 
 
-def _clearance(pepper: PepperModel, trajectory: Trajectory, examined: _Examined, scene: Any) -> ScalarCheck:
+def _clearance(
+    pepper: PepperModel, trajectory: Trajectory, examined: _Examined, scene: Scene, start_time: float
+) -> ScalarCheck:
     """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no.
 
     A distance that shrinks at most with speed v is, between two states h apart, no more than v h / 2 below
     the lesser of its values there.
     """
     count = sample_times(trajectory.duration, examined.step).size
-    found = collision.least_clearance(pepper, examined.state.position[:count], scene)
+    times = not_negative("start_time", start_time) + examined.time[:count]
+    found = collision.least_clearance(pepper, examined.state.position[:count], scene, times)
     worst, at = found.distance, found.index
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"

@@ -24,7 +24,7 @@ from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
 from pepper_kin.collision.mesh_changes import as_on_disk
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision import layout as at
-from pepper_kin.core.collision.check import check_many, check_rows
+from pepper_kin.core.collision.check import check_many, check_rows, set_margins
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.collision.lower_bounds import part_bounds
 from pepper_kin.core.collision.narrow_phase import near_robot
@@ -120,6 +120,29 @@ class FastChecker:
             if ties.size:
                 touching[ties] = self.exact.in_collision(flat[ties])
         return touching.reshape(q_all.shape[:-1])
+
+    def nearer(self, q: Array, margins: Array) -> NDArray[np.bool_]:
+        """Whether two parts of the robot are nearer than a margin that each state has, shape (m,).
+
+        Args:
+            q: Joint positions [rad or m], shape (m, n).
+            margins: Between parts of the robot, equal ones best in a row [m], shape (m,).
+        """
+        flat, found = _rows(as_joint_vectors(self.pepper, q, "q")), np.ones(len(q), np.uint8)
+        if not self._decided or self._resting:
+            for k, margin in enumerate(margins.tolist()):
+                found[k] = self.exact.with_margins(self.exact.margin, margin).in_collision(flat[k])
+            return found != 0
+        starts = np.flatnonzero(np.diff(margins, prepend=np.nan))
+        memory = self._prepared.memory()
+        for start, stop in zip(starts, [*starts[1:], len(q)], strict=True):
+            set_margins(memory, self.exact.margin, float(margins[start]), RANGE_RADIUS)
+            check_many(memory, flat, found, int(start), int(stop))
+        self._prepared.named(memory, self._prepared.margins)
+        for k in np.flatnonzero(found == TIE):
+            exact = self.exact.with_margins(self.exact.margin, float(margins[k]))
+            found[k] = exact.in_collision(flat[k])
+        return found != 0
 
     def surely_free(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether surely nothing touches, shape (...,), at joint positions q, shape (..., n) [rad or m].

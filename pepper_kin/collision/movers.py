@@ -1,0 +1,154 @@
+"""Obstacles that move, compared at the time of each configuration.
+
+To the checks they hang on the robot: at the ends of chains of six joints from its root link, three that slide
+and three that turn, whose positions are the obstacle's place.  Verdicts, distances and bounds between
+neighbors are then those of a robot of more joints, by the same code.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision.scene import Scene
+from pepper_kin.collision.scene_object import AttachedObject, SceneObject, sorted_pair
+from pepper_kin.collision.solids import SceneGeometry
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.dynamics_model import described
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.poses import rpy_of
+from pepper_kin.model.urdf_document import parse_urdf
+
+_AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")  # x, y, z, then yaw, pitch, roll
+_PLACE = len(_AXES)
+_FARTHEST = 1e5  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Movers:
+    """The obstacles of a scene that move, and the robot with their places as joints.
+
+    Attributes:
+        robot: The robot, of n + 6 k joints.
+        scene: The obstacles, k of them, hanging on it, and what the robot holds.  Nothing else is compared.
+        items: The obstacles at time 0.
+        start: Their places at time 0 [m, rad], shape (6 k,).
+        rate: How these change [m/s], shape (6 k,).
+        columns: Where the joints of q, then the places, are among those of `robot`, shape (n + 6 k,).
+    """
+
+    robot: PepperModel
+    scene: Scene
+    items: tuple[SceneObject, ...]
+    start: Array
+    rate: Array
+    columns: NDArray[np.intp]
+
+    def states(self, q: Array, times: Array) -> Array:
+        """Return configurations of `robot`, shape (T, n + 6 k), for q, shape (T, n), at times [s], (T,)."""
+        return self.joined(q, self.start + times[:, None] * self.rate)
+
+    def joined(self, own: Array, places: Array) -> Array:
+        """Return numbers of the robot's own joints, shape (T, n), and of places, (T, 6 k), as one row."""
+        found = np.empty((len(own), self.columns.size))
+        found[:, self.columns] = np.concatenate([own, places], axis=1)
+        return found
+
+    @property
+    def uncertainty(self) -> float:
+        """The greatest of all [m/s]."""
+        return max(item.uncertainty for item in self.items)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all uncertainties are the same."""
+        return len({item.uncertainty for item in self.items}) == 1
+
+
+def movers_of(pepper: PepperModel, scene: Scene | None) -> Movers | None:
+    """Return what moves in a scene besides the robot; None where nothing does."""
+    items = () if scene is None else scene.movers
+    if scene is None or not items:
+        return None
+    shapes = tuple((item.name, item.geometry) for item in items)
+    robot, held, columns = _robot_of(pepper, shapes, tuple(scene.attached.values()), scene.allowed)
+    start, rate = np.empty((len(items), _PLACE)), np.zeros((len(items), _PLACE))
+    for k, item in enumerate(items):
+        pose = item.transform_object_to_world
+        start[k, :3], start[k, 3:], rate[k, :3] = pose[:3, 3], rpy_of(pose[:3, :3])[::-1], item.velocity
+    return Movers(robot, held, items, start.ravel(), rate.ravel(), columns)
+
+
+def checked_times(times: ArrayLike, count: int) -> Array:
+    """Return times of configurations [s], one for each, 0 or more.
+
+    Raises:
+        InvalidValueError: for others.
+    """
+    found = np.broadcast_to(as_finite(times, "times", np.shape(times)), (count,))
+    if found.min(initial=0.0) < 0.0:
+        raise InvalidValueError("times", float(found.min()), "times of 0 or more [s]")
+    return np.array(found)
+
+
+def without_self_pairs(robot: PepperModel) -> dict[tuple[str, str], str]:
+    """Return all pairs of a robot's own links, as those that are not checked."""
+    return {sorted_pair(*pair): "Never" for pair in combinations(robot.link_names, 2)}
+
+
+@kept_for_robot(most=16)
+def _robot_of(
+    pepper: PepperModel,
+    shapes: tuple[tuple[str, SceneGeometry], ...],
+    held: tuple[AttachedObject, ...],
+    allowed: frozenset[tuple[str, str]],
+) -> tuple[PepperModel, Scene, NDArray[np.intp]]:
+    """Return a robot with places of obstacles as joints, the scene in which these hang on it, and columns."""
+    links, names = pepper.link_names, [name for name, _ in shapes]
+    hanging = {
+        name: AttachedObject(name, shape, _link(k, _PLACE), np.eye(4))
+        for k, (name, shape) in enumerate(shapes)
+    }
+    own = {item.name: replace(item, touch_links=links) for item in held}
+    pairs = [
+        pair for pair in allowed if set(pair) <= {*links, *names, *own}
+    ]  # the others are with what stands in the world
+    pairs += [sorted_pair(*pair) for pair in (*combinations(names, 2), *combinations(own, 2))]
+    robot, scene = _with_places(pepper, len(shapes)), Scene(None, {**hanging, **own}, pairs)
+    joints = (
+        *pepper.joint_names,
+        *(_link(k, axis + 1) for k in range(len(shapes)) for axis in range(_PLACE)),
+    )
+    return robot, scene, np.array([robot.joint_index(name) for name in joints])
+
+
+@kept_for_robot(most=8)
+def _with_places(pepper: PepperModel, count: int) -> PepperModel:
+    """Return a robot with chains of joints, one for each obstacle, that is not compared with itself."""
+    described(pepper)
+    root = ET.fromstring(pepper.document.text)
+    for k in range(count):
+        parent = pepper.document.root
+        for axis, direction in enumerate(_AXES):
+            child = _link(k, axis + 1)
+            ET.SubElement(root, "link", name=child)
+            joint = ET.SubElement(root, "joint", name=child, type="prismatic" if axis < 3 else "continuous")
+            ET.SubElement(joint, "parent", link=parent)
+            ET.SubElement(joint, "child", link=child)
+            ET.SubElement(joint, "axis", xyz=direction)
+            limit = {"lower": f"{-_FARTHEST}", "upper": f"{_FARTHEST}"} if axis < 3 else {}
+            ET.SubElement(joint, "limit", velocity="1", effort="1", **limit)
+            parent = child
+    document = parse_urdf(ET.tostring(root, encoding="unicode"), pepper.document.package_dirs)
+    semantics = replace(pepper.semantics, disabled_pairs=without_self_pairs(pepper))
+    return PepperModel(document, semantics)
+
+
+def _link(k: int, axis: int) -> str:
+    return f"place of moving object {k}, {axis}"
