@@ -165,6 +165,49 @@ def moving_boxes(pepper, motions, rng, verdicts):
     print(f"verdicts that differ from coal's: {differ} of {101 * len(alone)}, {touching} of them contacts")
 
 
+def among_boxes(pepper, rng, count, off):
+    """Print how live motions fare among ten boxes whose velocities are up to `off` [m/s] off."""
+    slower = {"velocity": 0.3 * pepper.velocity_limits, "acceleration": 0.3 * pepper.acceleration_limits}
+    careful, cycle = pepper.with_limits(**slower), 1.0 / 30.0
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    hits = reached = runs = 0
+    spent = []
+    while runs < count:
+        start, goal = rng.uniform(lower, upper, (2, pepper.n))
+        size = rng.uniform(0.08, 0.24, (10, 3))
+        place = rng.uniform((0.25, -0.7, 0.4), (0.9, 0.7, 1.3), (10, 3))
+        way, error = rng.normal(size=(2, 10, 3))
+        true = way / np.linalg.norm(way, axis=1)[:, None] * rng.uniform(0.05, 0.4, (10, 1))
+        believed = true + off * rng.uniform(size=(10, 1)) * error / np.linalg.norm(error, axis=1)[:, None]
+
+        def seen(at, size=size, place=place, true=true, believed=believed):
+            scene = pk.Scene()
+            for k in range(10):
+                motion = {"velocity": believed[k], "uncertainty": off}
+                scene = scene.add_box(str(k), size[k], place[k] + at * true[k], **motion)
+            return scene
+
+        touching = pk.collision.in_collision(pepper, np.stack([start, goal])).any()
+        if touching or pk.collision.in_collision(pepper, start, seen(0.0)):
+            continue
+        runs, live = runs + 1, pk.motion.LiveMotion(careful, start, seen(0.0), patience=1.0)
+        live.set_goal(goal)
+        for now in np.arange(0.0, 6.0, cycle):
+            live.set_scene(seen(now), now)
+            state = live.step(now)
+            spent.append(state.spent)
+            moments = [(at, state.at(at)) for at in now + cycle * np.arange(5) / 5]
+            moving = [(at, x.position) for at, x in moments if np.abs(x.velocity).max() > 1e-6]
+            hit = any(pk.collision.in_collision(pepper, q, seen(at)) for at, q in moving)
+            hits += hit
+            if hit or state.status is pk.motion.LiveStatus.REACHED:
+                reached += not hit
+                break
+    line(f"live cycle, up to {off:g} m/s off", spent, 1e3, "ms")
+    print(f"{'':44}{hits} hits in motion, {reached} goals, {runs} runs")
+
+
 def line(name, values, scale, unit):
     middle, slow, most = np.percentile(values, (50, 99, 100)) * scale
     print(f"{name:44}{middle:9.4g} / {slow:.4g} / {most:.4g} {unit}")
@@ -209,6 +252,8 @@ def main():
     splices(pepper, motions, rng, count // PER_STOP)
     moved_scenes(pepper, rng)
     moving_boxes(pepper, motions, rng, count // 10)
+    for off in (0.0, 0.5):
+        among_boxes(pepper, rng, count // 1_000, off)
     assert broken == 0
 
 

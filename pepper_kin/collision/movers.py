@@ -66,6 +66,11 @@ class Movers:
         return max(item.uncertainty for item in self.items)
 
     @property
+    def speed(self) -> float:
+        """The greatest of all [m/s]."""
+        return max(float(np.linalg.norm(item.velocity)) for item in self.items)
+
+    @property
     def alike(self) -> bool:
         """Whether all uncertainties are the same."""
         return len({item.uncertainty for item in self.items}) == 1
@@ -143,7 +148,7 @@ def _with_places(pepper: PepperModel, count: int) -> PepperModel:
             ET.SubElement(joint, "child", link=child)
             ET.SubElement(joint, "axis", xyz=direction)
             limit = {"lower": f"{-_FARTHEST}", "upper": f"{_FARTHEST}"} if axis < 3 else {}
-            ET.SubElement(joint, "limit", velocity="1", effort="1", **limit)
+            ET.SubElement(joint, "limit", {"velocity": "1", "effort": "1", **limit})
             parent = child
     document = parse_urdf(ET.tostring(root, encoding="unicode"), pepper.document.package_dirs)
     semantics = replace(pepper.semantics, disabled_pairs=without_self_pairs(pepper))

@@ -593,9 +593,8 @@ class Scene:
     def _replaced(self, changed: Mapping[str, SceneObject]) -> Scene:
         found: Scene = object.__new__(Scene)
         found._take(self.objects.replaced(changed), self.attached, self.allowed)
-        known = self.__dict__.get("_standing")
-        if known is not None and all(self.objects[k].moves and changed[k].moves for k in changed):
-            object.__setattr__(found, "_standing", known)
+        if all(item.moves and self.objects[name].moves for name, item in changed.items()):
+            object.__setattr__(found, "_standing", self.standing)
         return found
 
     def _and_one(self, item: SceneObject) -> Scene:

@@ -10,6 +10,7 @@
     cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
     optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
     minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
+    LiveMotion, LiveState, LiveStatus         to goals that change, among obstacles that move
     gesture, gesture_names, gesture_meaning
 
 Where nothing is found, `status` and `message` say why, and `report()` says what to try.
@@ -23,6 +24,7 @@ from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.curves import Arc, HandCurve, Line
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
+from pepper_kin.motion.live_motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.motion.optimization.cost import Cost, Figures
 from pepper_kin.motion.optimization.minimum_torque import (
     MinimumTorqueStatus,
@@ -47,6 +49,9 @@ __all__ = [
     "HandCurve",
     "Leg",
     "Line",
+    "LiveMotion",
+    "LiveState",
+    "LiveStatus",
     "MinimumTorqueStatus",
     "MinimumTorqueTrajectory",
     "Optimized",

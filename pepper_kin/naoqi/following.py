@@ -44,7 +44,7 @@ class RobotMotionResult:
         status: How it ended.
         message: Why, where it did not complete, and what is missing where rest is not confirmed.
         at_rest: Whether the robot was measured at rest, with nothing left that could move it.
-        method: "stream", "bezier", "drive" or "move_to".
+        method: "stream", "bezier", "live", "drive" or "move_to".
         run: What was measured beside what was commanded, in steps of 20 ms; torques are zero where the robot
             reports none.  None where fewer than two states were read.
         stamps: When each state was asked for, from the start of the motion [s], shape (k,).

@@ -19,6 +19,7 @@ from pepper_kin.files.certified import pepper_with_joints, refuse_unsafe
 from pepper_kin.files.naoqi_file import naoqi_arguments
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
+from pepper_kin.motion import LiveMotion
 from pepper_kin.naoqi import on_robot
 from pepper_kin.naoqi.errors import NaoqiError
 from pepper_kin.naoqi.follow_motions import BezierMotion, StreamMotion
@@ -26,6 +27,7 @@ from pepper_kin.naoqi.following import SILENCE, FollowOptions, RobotMotionResult
 from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.link import ANSWER, Link
+from pepper_kin.naoqi.live_stream import EachCycle, LiveStream
 from pepper_kin.naoqi.robot_motion import BaseOptions, DriveMotion, MoveToMotion, RobotMotion
 from pepper_kin.naoqi.robot_state import BASE, RobotState, StateReader
 from pepper_kin.naoqi.simulated_time import CYCLE
@@ -205,6 +207,44 @@ class Robot:
         chosen = FollowOptions() if options is None else options
         motion: RobotMotion = kind(
             self._link, robot, trajectory, chosen, self.has_watchdog, self._clock, check
+        )
+        return self._supervised(motion)
+
+    def follow_live(
+        self, live: LiveMotion, each_cycle: EachCycle, *, options: FollowOptions | None = None
+    ) -> RobotMotionResult:
+        """Make a live motion of joints; returns when it is over.
+
+            live = LiveMotion(pepper, robot.state().of(pepper.joint_names))
+            robot.follow_live(live, each_cycle)
+
+        Targets are sent at 50 Hz, and measured states reported to the motion.
+
+        Args:
+            live: The motion, of Pepper without a base that drives, from where the robot is.
+            each_cycle: Called before each cycle with the time of `time.monotonic` and the last `LiveState`,
+                None at first: it may set the goal and the scene, and returns whether to go on.  Where it says
+                no, or raises an error, the robot stops.
+            options: Times; the tolerance is that of the live motion.
+
+        Returns:
+            How it ended, COMPLETED where `each_cycle` ended it and the robot stands, and what was measured.
+
+        Raises:
+            InvalidValueError: for joints that NAOqi has not, or a base; a motion that begins elsewhere; or
+                motors that are off.
+            RobotConnectionError: where the robot does not answer before the motion.
+        """
+        robot_of(live.trajectory)
+        if any(name in BASE for name in live.pepper.joint_names):
+            raise InvalidValueError("live", "a motion of a base", "one of joints: load_pepper(base='fixed')")
+        chosen = FollowOptions() if options is None else options
+
+        def check() -> RobotState:
+            return self._check_start(live.trajectory)
+
+        motion = LiveStream(
+            self._link, self.pepper, live, each_cycle, chosen, self.has_watchdog, self._clock, check
         )
         return self._supervised(motion)
 

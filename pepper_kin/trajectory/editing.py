@@ -107,14 +107,23 @@ def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Traject
 
 def _padded(coefficients: Array, order: int) -> Array:
     """Return coefficients, shape (m, k, n), with zeros for higher powers, shape (m, order, n)."""
-    missing = order - coefficients.shape[1]
-    return np.pad(coefficients, ((0, 0), (0, missing), (0, 0)))
+    count, known, n = coefficients.shape
+    if known == order:
+        return coefficients
+    found = np.zeros((count, order, n))
+    found[:, :known] = coefficients
+    return found
 
 
 def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
-    """Return the part over knots [s], shape (m + 1,), which include all breaks between both ends."""
+    """Return the part over knots [s], shape (m + 1,), which include all breaks between both ends.
+
+    Powers are left out that have no coefficients in it.
+    """
     segments, by = _places(trajectory, knots)
-    return _like(trajectory, knots - knots[0], shifted(trajectory.coefficients[segments], by))
+    kept = trajectory.coefficients[segments]
+    order = int(np.flatnonzero(kept.any(axis=(0, 2))).max(initial=0)) + 1
+    return _like(trajectory, knots - knots[0], shifted(kept[:, :order], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:

@@ -20,6 +20,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.motion import LiveMotion, LiveStatus
 from pepper_kin.naoqi import FollowOptions, Robot, RobotConnectionError, RobotMotionStatus, follow_motions
 from pepper_kin.naoqi.follow_motions import placed
 from pepper_kin.naoqi.hosted_twin import hosted_twin
@@ -177,6 +178,54 @@ def test_a_base_that_braked_beyond_the_end_comes_back(robot, monkeypatch):
     result = robot.follow(trajectory, options=replace(LOOSE, base_gain=4.0))
     assert result.status is RobotMotionStatus.COMPLETED, result.report()
     assert robot.state().base_pose == pytest.approx(expected, abs=0.02)
+
+
+def test_a_live_motion_goes_where_its_goal_goes(robot):
+    pepper = pk.load_pepper()
+    careful = pepper.with_limits(velocity=0.2 * pepper.velocity_limits)
+    stand = pepper.posture("Stand")
+    turned, reaching, head = stand.copy(), stand.copy(), pepper.joint_index("HeadYaw")
+    turned[head], reaching[pepper.joint_index("LShoulderPitch")] = 0.6, 0.6
+    goals = [turned, reaching, stand]
+    live = LiveMotion(careful, robot.state().of(pepper.joint_names), tolerance=1.5, patience=1.0)
+    seen = []
+
+    def each_cycle(now, state):
+        if state is None or state.status is LiveStatus.REACHED:
+            if not goals:
+                return False
+            live.set_goal(goals.pop(0))
+        elif state.status is LiveStatus.MOVING and len(goals) == 2 and state.at(now).position[head] > 0.2:
+            live.set_goal(goals.pop(0))  # on its way
+        live.set_scene(pk.Scene(), now)
+        seen.append(state)
+        return len(seen) < 3000
+
+    result = robot.follow_live(live, each_cycle, options=LOOSE)
+    assert result.status is RobotMotionStatus.COMPLETED, result.report()
+    assert not goals
+    assert robot.state().of(pepper.joint_names) == pytest.approx(stand, abs=0.03)
+    assert np.ptp(result.run.position[:, result.run.joint_names.index("HeadYaw")]) > 0.2
+
+
+def test_an_error_in_a_cycle_of_a_live_motion_stops_the_robot(robot):
+    pepper = pk.load_pepper()
+    live = LiveMotion(pepper, robot.state().of(pepper.joint_names), tolerance=1.5, patience=1.0)
+    live.set_goal(waving()(1.0).position)
+    seen = []
+
+    def each_cycle(now, state):
+        seen.append(now)
+        if now > seen[0] + 0.5:
+            raise RuntimeError("the camera is gone")
+        return True
+
+    with pytest.raises(RuntimeError, match="the camera is gone"):
+        robot.follow_live(live, each_cycle, options=LOOSE)
+    assert until(lambda: moved_in(robot, 0.3) < 0.005)
+    driving_pepper = pk.load_pepper(base="planar")
+    with pytest.raises(InvalidValueError, match="a base"):
+        robot.follow_live(LiveMotion(driving_pepper, driving_pepper.posture("Stand")), each_cycle)
 
 
 def test_a_pose_placed_elsewhere_keeps_what_lies_between():

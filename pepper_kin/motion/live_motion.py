@@ -1,0 +1,437 @@
+"""Motion among things that change: what is commanded in each cycle ends in a stop that is clear of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import CollisionChecker, Scene, in_collision
+from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
+from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.collision.movers import movers_of
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
+from pepper_kin.kernels.threads import OWN_THREADS
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
+from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.motion.planning import plan
+from pepper_kin.status import ResultStatus
+from pepper_kin.trajectory import Stop, Trajectory, retime
+from pepper_kin.trajectory.sampling import State
+
+COMMITTED = 2
+"""Cycles that a robot goes on before the stop begins that it was sent."""
+
+_STEP = 0.0025  # [s] between states that are compared
+_STILL = 0.003  # [m] kept from what stands, which states 2.5 ms apart stand for
+_BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
+_LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
+_LAG = 0.3  # [s] by which a robot may be behind what it was sent
+_AT_GOAL = 1e-9  # [rad or m]
+_INSTANT = 1e-3  # [s]
+
+
+class LiveStatus(ResultStatus):
+    """What a live motion does."""
+
+    REACHED = "reached", "The robot stands at the goal: set another one."
+    MOVING = "moving", "The robot goes to the goal: call `step` again in time."
+    STOPPING = "stopping", "The robot brakes, for the reason given: go on calling `step`."
+    WAITING = "waiting", "The robot stands until its way is free: go on calling `step`, or set another goal."
+    HALTED = "halted", "The robot stays where it stops: mend the reason given, and begin a new motion there."
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """What a robot is to do from one cycle on.
+
+    Attributes:
+        trajectory: The motion from `begin` on: committed for two cycles, then the stop.  Whoever is sent
+            nothing newer comes to rest by it.
+        begin: When it begins, on the caller's clock [s].
+        status: What is done.
+        reason: Why the robot does not go to the goal; empty where it does.
+        stop: The stop in it; None at rest.
+        clear: Whether all of it was found clear of the newest scene.
+        spent: Processor time of this thread in the cycle [s].
+    """
+
+    trajectory: Trajectory
+    begin: float
+    status: LiveStatus
+    reason: str
+    stop: Stop | None
+    clear: bool
+    spent: float
+
+    def at(self, now: float) -> State:
+        """Return position, velocity and acceleration at a time of the caller's clock [s], shape (n,) each."""
+        local = min(max(now - self.begin, 0.0), self.trajectory.duration)
+        found = self.trajectory(local)
+        if now - self.begin > self.trajectory.duration:
+            still = np.zeros_like(found.position)
+            return State(found.position, still, still)
+        return State(*found)
+
+
+class _Asked(NamedTuple):
+    """A plan that is being made: the way to where it begins, when that began, and the answer."""
+
+    before: Trajectory
+    begin: float
+    answer: Future[Trajectory | None]
+
+
+class LiveMotion:
+    """A robot's motion to goals that change, among obstacles that move.
+
+        live = LiveMotion(pepper, start, scene)
+        live.set_goal(goal)
+        while True:
+            live.set_scene(seen, seen_at)
+            state = live.step(now())
+            command(state.at(now()).position)
+
+    In every cycle the motion is compared with the newest scene: the two cycles to which the robot is
+    committed and a stop after them, at a distance that grows by the obstacles' uncertainty; and the way
+    beyond, as far as the horizon, with where the obstacles are predicted.  Where the first is not clear, the
+    robot is on the stop of the cycle before, which was.  The way is straight to the goal from the motion that
+    there is (`Trajectory.replaced`), or planned by another thread from where the robot can stop.  A robot
+    that stands does not step aside.  Contact with itself and what stands is looked for every 2.5 ms.
+
+    Args:
+        pepper: The robot, whose limits are kept: see `PepperModel.with_limits` for a careful one.
+        start: Where it stands [rad or m], shape (n,).
+        scene: The world; one given here does not become old.  None for the robot alone.
+        rate: Cycles a second [1/s].
+        horizon: How far the way is looked ahead, and how old a scene may be [s].
+        margin: Distance kept from obstacles that move, besides their uncertainty [m].
+        tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
+        torque: Whether torques are kept within their limits.
+        balance: As in `retime` [m]; None to leave it out.
+        patience: The longest time that a cycle waits for a plan [s]; None for a fifth of a cycle.
+
+    Attributes:
+        pepper: The robot.
+
+    Raises:
+        InvalidValueError: for an argument out of range, or a start in contact.
+        LimitError: for a start outside the limits.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        start: ArrayLike,
+        scene: Scene | None = None,
+        *,
+        rate: float = 30.0,
+        horizon: float = 1.0,
+        margin: float = 0.01,
+        tolerance: float = 0.2,
+        torque: bool = True,
+        balance: float | None = None,
+        patience: float | None = None,
+    ) -> None:
+        self._pepper = self.pepper = pepper
+        rest = np.array(as_joint_vector(pepper, start, "start"))
+        check_within_limits(pepper, rest, "start", 1e-9)
+        self._cycle = 1.0 / check_positive("rate", rate, "Hz")
+        self._horizon, self._margin = (
+            check_positive("horizon", horizon, "s"),
+            check_positive("margin", margin, "m"),
+        )
+        self._tolerance = check_positive("tolerance", tolerance, "rad or m")
+        self._patience = self._cycle / 5.0 if patience is None else float(patience)
+        self._balance = balance
+        self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
+        self._scene, self._seen, self._ages = checked_world(scene) or ROBOT_ALONE, math.nan, False
+        self._reach = motion_bounds(pepper)
+        self._goal: Array | None = None
+        self._way, self._begin = _standing(pepper, rest), math.nan
+        self._sent: tuple[Trajectory, Stop | None] = (self._way, None)
+        self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
+        self._past: list[tuple[float, Trajectory]] = []
+        self._threads = ThreadPoolExecutor(1, f"{OWN_THREADS}-live")
+        self._asked: _Asked | None = None
+        self._attempts = 0
+        if bool(in_collision(pepper, rest, self._scene)):
+            raise InvalidValueError("start", "a configuration in contact", "one that touches nothing")
+
+    @property
+    def goal(self) -> Array | None:
+        """Where to go [rad or m], shape (n,); None where there is nothing to go to."""
+        return self._goal
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What the last cycle returned; an instant of rest before the first."""
+        return self._sent[0]
+
+    def set_goal(self, goal: ArrayLike | None) -> None:
+        """Set where to go [rad or m], shape (n,); None to stop.
+
+        Raises:
+            InvalidValueError: for a wrong shape or NaN.
+            LimitError: for a goal outside the limits.
+        """
+        if goal is not None:
+            goal = np.array(as_joint_vector(self._pepper, goal, "goal"))
+            check_within_limits(self._pepper, goal, "goal", 1e-9)
+        self._goal, self._attempts, self._asked = goal, 0, None
+
+    def set_scene(self, scene: Scene | None, time: float) -> None:
+        """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
+
+        Raises:
+            InvalidValueError: for what is no scene, or a time that is no number.
+        """
+        seen = as_real(time)
+        if not math.isfinite(seen):
+            raise InvalidValueError("time", time, "a finite time [s]")
+        self._scene, self._seen, self._ages = checked_world(scene) or ROBOT_ALONE, seen, True
+
+    def set_state(self, q: ArrayLike, time: float) -> None:
+        """Report measured positions [rad or m], shape (n,), at a time of the caller's clock [s].
+
+        Where they are further from the motion than the tolerance, at any time up to 0.3 s before, or are no
+        numbers, the robot is stopped, and stays halted.
+        """
+        measured = np.asarray(q, dtype=float)
+        if measured.shape != (self._pepper.n,) or not np.isfinite(measured).all():
+            self._fault = "the measured state is not finite numbers of all joints"
+            return
+        least, worst = math.inf, 0
+        for begin, sent in self._past:
+            times = np.linspace(time - _LAG, time, 13) - begin
+            off = np.abs(sent(np.clip(times, 0.0, sent.duration)).position - measured)
+            nearest = int(off.max(axis=1).argmin())
+            if off[nearest].max() < least:
+                least, worst = float(off[nearest].max()), int(off[nearest].argmax())
+        if self._past and least > self._tolerance:
+            name = self._pepper.joint_names[worst]
+            self._fault = f"{name} is {least:.3f} off the motion, tolerance {self._tolerance:g}"
+
+    def step(self, now: float) -> LiveState:
+        """Do one cycle at a time of the caller's clock [s], and return what the robot is to do."""
+        began = time.thread_time()
+        instant = as_real(now)
+        if not math.isfinite(instant) or instant < self._begin:
+            self._fault = self._fault or f"the clock says {now} s after {self._begin:.3f} s"
+            instant = self._begin if math.isfinite(self._begin) else 0.0
+        if not self._ages and math.isnan(self._seen):
+            self._seen = instant
+        self._come_to(instant)
+        status, reason, clear = self._choose(instant)
+        self._past = [*self._past[-40:], (instant, self._sent[0])]
+        return LiveState(
+            self._sent[0], instant, status, reason, self._sent[1], clear, time.thread_time() - began
+        )
+
+    def _come_to(self, now: float) -> None:
+        """Cut off what is past of the way, which is the stop where no cycle came in time."""
+        here = max(now - self._begin, 0.0) if math.isfinite(self._begin) else 0.0
+        if here > self._committed:
+            self._way, self._braking = self._sent[0], True
+        self._way, self._begin = self._rest_of(self._way, here), now
+
+    def _rest_of(self, way: Trajectory, here: float) -> Trajectory:
+        if way.duration - here <= _INSTANT:
+            return _standing(self._pepper, way.end)
+        return way.between(here, way.duration) if here > 0.0 else way
+
+    def _choose(self, now: float) -> tuple[LiveStatus, str, bool]:
+        """Decide what the robot is sent; return the status, its reason and whether it is clear."""
+        old = now - self._seen if self._ages else 0.0
+        reason = self._fault
+        if not reason and old > self._horizon:
+            reason = f"the scene is {old:.2f} s old, {self._horizon:g} s are allowed"
+        for way, why in () if reason else self._ways(now):
+            if self._send(way, now):
+                self._braking = way is self._sent[0]
+                self._way = way
+                if why:
+                    return LiveStatus.WAITING if _stands(way) else LiveStatus.STOPPING, why, True
+                self._attempts, self._asked, self._blocked = 0, None, ""
+                return LiveStatus.REACHED if _stands(way) else LiveStatus.MOVING, "", True
+        clear = self._brake(now)
+        if self._fault:
+            return LiveStatus.HALTED, reason, clear
+        status = LiveStatus.WAITING if _stands(self._way) else LiveStatus.STOPPING
+        return status, reason or self._blocked, clear
+
+    def _ways(self, now: float) -> Iterator[tuple[Trajectory, str]]:
+        """Yield ways to be on, the best first, and why they do not lead to the goal; empty where they do."""
+        if self._goal is None:
+            if not self._braking:
+                sent = self._stop_of(self._way)
+                self._way, self._braking = (self._way if sent is None else sent[0]), True
+            yield self._way, "there is no goal"
+            return
+        if _is_at(self._way.end, self._goal) and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
+            yield self._way, ""
+        for candidate in (self._straight, self._planned):
+            found = candidate(now)
+            if found is not None and self._ahead_is_clear(found, now):
+                yield found, ""
+        self._ask(now)
+        yield self._way, self._blocked or "no way to the goal was found yet"
+
+    def _ahead_is_clear(self, way: Trajectory, now: float) -> bool:
+        return not self._touches(way, min(way.duration, self._horizon), now, growing=False)
+
+    def _straight(self, now: float) -> Trajectory | None:
+        assert self._goal is not None
+        at = 0.0 if _stands(self._way) else min(COMMITTED * self._cycle, self._way.duration)
+        try:
+            found = self._way.replaced(self._pepper, at, self._goal, **self._limits)
+        except PepperKinError:
+            return None
+        return found.trajectory
+
+    def _planned(self, now: float) -> Trajectory | None:
+        """Return the way with what was planned, if that is there and the robot can still take it."""
+        if self._asked is None:
+            self._ask(now)
+        asked = self._asked
+        if asked is None:
+            return None
+        wait([asked.answer], timeout=self._patience)
+        if not asked.answer.done():
+            return None
+        self._asked, answer = None, asked.answer.result()
+        here = now - asked.begin
+        before = self._rest_of(asked.before, here)
+        if answer is None or not _meet(before, self._way, COMMITTED * self._cycle):
+            return None
+        return answer if _stands(before) else before.then(answer)
+
+    def _ask(self, now: float) -> None:
+        """Let a plan be made from where the robot will stand, or could, by another thread."""
+        if self._goal is None or self._asked is not None:
+            return
+        before = self._way
+        if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
+            try:
+                stop = before.stop(self._pepper, _BRANCH, **self._limits)
+            except InfeasibleError:
+                return
+            before = before.between(0.0, _BRANCH).then(stop.trajectory)
+        ahead = max(now - self._seen, 0.0) + _LOOKS_AHEAD[self._attempts % len(_LOOKS_AHEAD)]
+        scene, start, goal, seed = self._scene.at(ahead), before.end, self._goal, self._attempts
+        self._attempts += 1
+        answer = self._threads.submit(self._search, start, goal, scene, seed)
+        self._asked = _Asked(before, now, answer)
+
+    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Trajectory | None:
+        """Return a motion from rest to rest; None where none is found.
+
+        Every other search moves all joints but those of a base, not only those in which the ends differ.
+        """
+        free = [name for name in self._pepper.joint_names if name not in BASE_JOINTS]
+        try:
+            found = plan(
+                self._pepper, start, goal, scene, margin=self._margin, seed=seed, timeout=0.3,
+                joints=free if seed % 2 else None,
+                balance=self._balance,
+            )  # fmt: skip
+            return retime(self._pepper, found, **self._limits) if found.success else None
+        except PepperKinError:
+            return None  # a start or goal in contact by then
+
+    def _send(self, way: Trajectory, now: float) -> bool:
+        """Take a way, as far as it is committed, and a stop, if both are clear; return whether they are."""
+        sent = self._stop_of(way)
+        if sent is None or (not _stands(way) and self._touches(sent[0], sent[0].duration, now)):
+            return False
+        self._sent = sent
+        self._committed = way.duration if sent[0] is way else COMMITTED * self._cycle
+        return True
+
+    def _stop_of(self, way: Trajectory) -> tuple[Trajectory, Stop | None] | None:
+        """Return the committed part of a way and its stop; None where it has none."""
+        at = COMMITTED * self._cycle
+        if _stands(way) or way.duration <= at + _INSTANT or (self._braking and way is self._way):
+            return way, None
+        try:
+            stop = way.between(at, way.duration).stop(self._pepper, 0.0, **self._limits)
+        except InfeasibleError:
+            return None
+        return way.between(0.0, at).then(stop.trajectory), stop
+
+    def _brake(self, now: float) -> bool:
+        """Stay on the stop that was sent last; return whether it is clear still."""
+        sent, stop = self._sent
+        here = max(now - self._past[-1][0], 0.0) if self._past else 0.0
+        self._way = self._rest_of(sent, here)
+        self._sent, self._committed, self._braking = (self._way, stop), self._way.duration, True
+        return _stands(self._way) or not self._touches(self._way, self._way.duration, now)
+
+    def _touches(self, way: Trajectory, end: float, now: float, growing: bool = True) -> bool:
+        """Whether something comes too near on a way that begins now; what it is goes to `_blocked`.
+
+        Args:
+            way: The way.
+            end: The time of it up to which it is looked at [s].
+            now: The time [s].
+            growing: Whether the obstacles' uncertainty counts.
+        """
+        times = np.linspace(0.0, end, math.ceil(end / _STEP) + 1)
+        states = way(times)
+        still = fast_checker_for(self._pepper, self._scene.standing, _STILL, 0.0)
+        found = still.in_collision(states.position)
+        if found.any():
+            self._blocked = self._named(still.exact, states.position[int(found.argmax())])
+            return True
+        movers = movers_of(self._pepper, self._scene)
+        if movers is None:
+            return False
+        since = np.maximum(times + (now - self._seen), 0.0)
+        speed = float((np.abs(states.velocity) @ self._reach).max()) + movers.speed
+        kept = np.full(times.size, self._margin + 0.5 * times[1] * speed)
+        if growing:
+            kept += movers.uncertainty * since
+        both = movers.states(states.position, since)
+        checker = fast_checker_for(movers.robot, movers.scene)
+        found = checker.nearer(both, kept)
+        if found.any():
+            k = int(found.argmax())
+            self._blocked = self._named(checker.exact.with_margins(0.0, float(kept[k])), both[k])
+        return bool(found.any())
+
+    def _named(self, checker: CollisionChecker, q: Array) -> str:
+        if self._blocked:
+            return self._blocked
+        names = checker.contacts(q)
+        return f"{' and '.join(names[0])} come too near" if names else "something comes too near"
+
+
+def _standing(pepper: PepperModel, q: Array) -> Trajectory:
+    """Return an instant of rest."""
+    return Trajectory(pepper.joint_names, np.array([0.0, _INSTANT]), q[None, None], pepper.joint_units)
+
+
+def _stands(way: Trajectory) -> bool:
+    return way.coefficients.shape[:2] == (1, 1)
+
+
+def _is_at(q: Array, goal: Array) -> bool:
+    return bool(np.abs(q - goal).max() <= _AT_GOAL)
+
+
+def _meet(first: Trajectory, second: Trajectory, committed: float) -> bool:
+    """Whether two ways are the same for the time to which a robot is committed [s]."""
+    for at in (0.0, committed):
+        a, b = (way(min(at, way.duration)) for way in (first, second))
+        if np.abs(a.position - b.position).max() > 1e-7 or np.abs(a.velocity - b.velocity).max() > 1e-6:
+            return False
+    return True
