@@ -420,17 +420,18 @@ class Scene:
             object.__setattr__(self, "_standing", found)
         return found
 
-    def at(self, time: float) -> Scene:
+    def at(self, time: float, *, enlarged: bool = True) -> Scene:
         """Return the scene as it is later: obstacles moved by their velocities, and grown by uncertainty.
 
         Args:
             time: From when this scene is [s], 0 or more.
+            enlarged: Whether they are larger by their uncertainty then, as `padded` makes them.
 
         Raises:
             InvalidValueError: for a time below 0 or NaN, or an obstacle beyond the world by then.
         """
         later = not_negative("time", time)
-        changed = {item.name: item.at(later) for item in self.movers}
+        changed = {item.name: item.at(later, enlarged) for item in self.movers}
         for item in changed.values():
             within_world(f"position of {item.name!r}", item.transform_object_to_world[:3, 3])
         return self._replaced(changed)

@@ -76,12 +76,12 @@ class SceneObject(FrozenArrays):
         """Whether it has a velocity or an uncertainty."""
         return bool(self.velocity.any()) or self.uncertainty > 0.0
 
-    def at(self, time: float) -> SceneObject:
-        """Return the object as it is a time later [s]: moved, and grown as `Scene.padded` does."""
+    def at(self, time: float, enlarged: bool = True) -> SceneObject:
+        """Return the object as it is a time later [s]: moved, and perhaps grown as `Scene.padded` does."""
         pose = np.array(self.transform_object_to_world)
         pose[:3, 3] += time * self.velocity
         found = self.moved_to(read_only(pose))
-        if self.uncertainty > 0.0:
+        if enlarged and self.uncertainty > 0.0:
             found.__dict__["geometry"] = grown(self.geometry, time * self.uncertainty)
         return found
 

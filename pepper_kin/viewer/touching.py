@@ -46,14 +46,14 @@ def touch_spans(
         pepper: The robot.
         times: Times of the frames, shape (F,) [s].
         positions: Joint positions of the frames, shape (F, n) [rad or m].
-        scene: The world around it.
+        scene: The world around it; obstacles that move are where they are at each time.
         links: The links that are drawn.
     """
     carriers = {link: carrier for link, (carrier, _) in carriers_of(pepper).items()}
     spans: list[TouchSpan] = []
     last = None
     for time, q in zip(times, positions, strict=True):
-        found = contacts(pepper, q, scene)
+        found = contacts(pepper, q, scene.at(time, enlarged=False) if scene.movers else scene)
         bodies, objects = touching_names(found, carriers, scene)
         drawn = tuple(link for link in links if carriers[link] in bodies)
         span = TouchSpan(float(time), float(time), drawn, objects, contact_words(pepper, found))

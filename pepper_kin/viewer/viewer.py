@@ -122,7 +122,8 @@ class Viewer:
         """Draw a scene's objects; an object of the same name is replaced.
 
         What hangs on the robot moves with it.  Half-spaces are drawn as plates, clouds as little balls;
-        paddings are not drawn.
+        paddings are not drawn.  Obstacles that move do so in recordings, pictures and films, from the
+        motion's begin on; on the live page they stand.
 
         Returns:
             The viewer itself, so that calls can be chained.
@@ -311,10 +312,17 @@ class Viewer:
             there = frame_poses(self._pepper, chosen.ghost.positions[kept], links)
             poses = np.concatenate([poses, there], axis=1)
             links, drawn = (*links, *map(ghost_link, links)), (*drawn, *self._ghost)
+        surroundings, movers = dict(self._surroundings), self._scene.movers
+        for item in movers:
+            moving = np.tile(item.transform_object_to_world, (kept.size, 1, 1, 1))
+            moving[:, 0, :3, 3] += np.outer(chosen.times[kept], item.velocity)
+            poses, links = np.concatenate([poses, moving], axis=1), (*links, f"obstacle {item.name}")
+            still = replace(surroundings[item.name], link=links[-1], transform_shape_to_link=np.eye(4))
+            surroundings[item.name] = still
         frames = frames_of_samples(chosen.times, kept, poses, len(links), curves)
         return write_frames_page(
             path,
-            (*drawn, *self._surroundings.values()),
+            (*drawn, *surroundings.values()),
             links,
             frames,
             title=self._pepper.name if title is None else title,

@@ -33,6 +33,38 @@ def test_spans_are_the_times_at_which_something_touches(pepper, through_a_ball):
 
 
 @pytest.mark.browser
+def test_obstacles_move_in_a_recording(browser, until, pepper, tmp_path):
+    """Drawn where they are at its times, red while they touch, and not larger by their uncertainty."""
+    q = np.tile(pepper.posture("Stand"), (41, 1))
+    hand = pk.kinematics.frame_pose(pepper, q[0], "l_hand")[:3, 3]
+    motion = JointMotion(np.linspace(0.0, 2.0, 41), q)
+    rolls = {"velocity": (-1.0, 0.0, 0.0), "uncertainty": 0.3}
+    scene = pk.Scene().add_sphere("tracked", 0.05, hand + np.array([1.0, 0.0, 0.0]), **rolls)
+    spans = touch_spans(pepper, motion.times, motion.positions, scene, ("l_hand",))
+    assert spans
+    assert all(span.start > 0.6 and span.end < 1.4 and span.objects == ("tracked",) for span in spans)
+    page = browser.new_page(viewport={"width": 900, "height": 600})
+    page.goto(Viewer(pepper).add_scene(scene).save_html(tmp_path / "a.html", motion).as_uri())
+    until(page, "window.pepperKin !== undefined")
+    place = """() => {
+        const found = [];
+        pepperKin.viewer.scene.updateMatrixWorld(true);
+        pepperKin.viewer.scene.traverse((node) => {
+            if (node.isMesh && node.parent && /tracked/.test(`${node.name} ${node.parent.name}`)) {
+                const e = node.matrixWorld.elements;
+                found.push([e[12], e[13], e[14]]);
+            }
+        });
+        return found;
+    }"""
+    for at in (0.0, 0.7, 1.5):
+        page.evaluate(f"pepperKin.seek({at})")
+        there = page.evaluate(place)[0]
+        there = np.array([there[0], -there[2], there[1]])  # three.js has y up
+        assert there == pytest.approx(hand + np.array([1.0 - at, 0.0, 0.0]), abs=0.02)
+
+
+@pytest.mark.browser
 def test_a_recording_is_red_while_it_touches(browser, until, pepper, through_a_ball, tmp_path):
     motion, scene = through_a_ball
     page = browser.new_page(viewport={"width": 900, "height": 600})

@@ -299,7 +299,7 @@ def _add_bodies(
             continue
         for i in range(3):
             mass[k + i, k + i] = bodies.mass[b]
-            free[k + i] = velocity[b, i] + h * bodies.gravity[i]
+            free[k + i] = velocity[b, i] + h * bodies.gravity[b, i]
             free[k + 3 + i] = velocity[b, 3 + i]
             start[k + i], start[k + 3 + i] = velocity[b, i], velocity[b, 3 + i]
             for m in range(3):

@@ -220,7 +220,7 @@ def _apply_solution(
             if k >= 0:
                 velocity[b, i] = u[k + i]
             elif i < 3:
-                velocity[b, i] += h * gravity[i]
+                velocity[b, i] += h * gravity[b, i]
             total += abs(velocity[b, i])
     for c in range(count):
         n, t = rows[c, 3:6], tangents[c]

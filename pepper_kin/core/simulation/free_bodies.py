@@ -44,7 +44,7 @@ def apply_gravity(bodies: BodyTable, h: float) -> bool:
     total, velocity = 0.0, bodies.velocity
     for b in range(len(velocity)):
         for i in range(3):
-            velocity[b, i] += h * bodies.gravity[i]
+            velocity[b, i] += h * bodies.gravity[b, i]
             total += abs(velocity[b, i]) + abs(velocity[b, 3 + i])
     return total < FASTEST
 

@@ -78,7 +78,7 @@ class BodyTable(NamedTuple):
         velocity: Of the center [m/s] and of the turning [rad/s], in the world, shape (b, 6).
         mass: [kg], shape (b,).
         inertia: Principal moments about the axes of the body [kg m^2], shape (b, 3).
-        gravity: In the world [m/s^2], shape (3,).
+        gravity: In the world [m/s^2], shape (b, 3).
     """
 
     position: Floats2
@@ -86,7 +86,7 @@ class BodyTable(NamedTuple):
     velocity: Floats2
     mass: Floats1
     inertia: Floats2
-    gravity: Floats1
+    gravity: Floats2
 
 
 class ContactPoints(NamedTuple):

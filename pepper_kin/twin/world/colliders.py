@@ -78,14 +78,20 @@ class _Row:
     pose: Array
     pad: float = 0.0
     of_robot: bool = False
+    driven: bool = False
 
 
 def colliders(
     pepper: PepperModel | None, scene: Scene, bodies: Sequence[FreeBody], friction: float
 ) -> Colliders:
-    """Return the shapes of a robot, a scene and free bodies; `friction` is that of all but the bodies."""
-    rows = [*_fixed_rows(pepper, scene)]
-    rows += [_Row(b.name, b.geometry, FREE, place, np.eye(4)) for place, b in enumerate(bodies)]
+    """Return the shapes of a robot, a scene and bodies; `friction` is that of all but the bodies.
+
+    Bodies that are movers of the scene go on whatever they meet, and meet nothing that stands.
+    """
+    rows = [*_fixed_rows(pepper, scene.standing)]
+    for place, body in enumerate(bodies):
+        shape, pad = _shape(body.geometry)
+        rows.append(_Row(body.name, shape, FREE, place, np.eye(4), pad, driven=body.name in scene.objects))
     count = len(rows)
     poses = np.array([row.pose for row in rows]).reshape(-1, 4, 4)
     measured = [_measure(row.geometry) for row in rows]
@@ -115,10 +121,8 @@ def colliders(
 def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:
     if pepper is None:
         for item in scene.objects.values():
-            simple = isinstance(item.geometry, Box | Sphere | Capsule | Cylinder | HalfSpace)
-            shape = item.geometry if simple else coal_geometry(item.geometry)
-            pose = np.array(item.transform_object_to_world)
-            yield _Row(item.name, shape, STANDS, 0, pose, 0.0 if simple else padding(item.geometry))
+            shape, pad = _shape(item.geometry)
+            yield _Row(item.name, shape, STANDS, 0, np.array(item.transform_object_to_world), pad)
         return
     shapes = iter(pepper.collision_shapes)
     for body in bodies(pepper, scene):
@@ -130,6 +134,13 @@ def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:
         pad = 0.0 if simple else body.padding
         shape = geometry if simple else solid.geometry
         yield _Row(body.owner, shape, mover, body.joint, pose, pad, body.kind != WORLD)
+
+
+def _shape(geometry: SceneGeometry) -> tuple[Any, float]:
+    """Return a shape as a row has it, and how far it reaches beyond [m]."""
+    if isinstance(geometry, Box | Sphere | Capsule | Cylinder | HalfSpace):
+        return geometry, 0.0
+    return coal_geometry(geometry), padding(geometry)
 
 
 def _geometry_of(body: Body, shapes: Iterator[Any], scene: Scene) -> Any:
@@ -146,9 +157,15 @@ def _pairs(rows: list[_Row], scene: Scene) -> Iterator[tuple[int, int]]:
             second = rows[j]
             alike = first.mover == second.mover and first.mover != FREE
             alike = alike or (first.of_robot and second.of_robot)
+            alike = alike or ((first.driven or second.driven) and _none_yields(first, second))
             if alike or (min(first.name, second.name), max(first.name, second.name)) in scene.allowed:
                 continue
             yield (i, j) if first.mover > second.mover else (j, i)
+
+
+def _none_yields(first: _Row, second: _Row) -> bool:
+    """Whether both go on whatever they meet, or stand."""
+    return all(row.driven or row.mover == STANDS for row in (first, second))
 
 
 def _measure(geometry: Any) -> tuple[int, tuple[float, float, float], Array]:

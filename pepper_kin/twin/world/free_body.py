@@ -1,4 +1,4 @@
-"""Free bodies: a rigid box or ball, and its state."""
+"""Free bodies: a rigid box or ball, or a mover of the scene, and its state."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.model import Box, Sphere
 
 
 @dataclass(frozen=True, eq=False)
 class FreeBody(FrozenArrays):
-    """A rigid box or ball of even density, and its state.  Arrays are read-only.
+    """A rigid body of even density, and its state.  Arrays are read-only.
 
     Attributes:
         name: Its name.
@@ -25,7 +26,7 @@ class FreeBody(FrozenArrays):
     """
 
     name: str
-    geometry: Box | Sphere
+    geometry: SceneGeometry
     mass: float
     inertia: Array
     friction: float

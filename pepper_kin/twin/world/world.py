@@ -52,6 +52,8 @@ _CAUSES = {
 GRAVITY = (0.0, 0.0, -9.81)
 LONGEST_STEP = 0.05
 """[s]"""
+HEAVY = 1e9
+"""Of obstacles that move, which nothing stops [kg or kg m^2]."""
 
 
 class World:
@@ -62,7 +64,8 @@ class World:
 
     Args:
         pepper: The robot; None for a world without one.
-        scene: What stands in the world, and what hangs on the robot; None for nothing.
+        scene: What stands in the world, and what hangs on the robot; None for nothing.  Obstacles that move
+            go on with their velocity from the first step on, push what they meet and are stopped by nothing.
         friction: Coefficient of everything without its own coefficient, from 0 to 100.
         gravity: [m/s^2], shape (3,).
         solver: "compiled", Newton's method in machine code, or "proxsuite", for the same problem.
@@ -102,6 +105,7 @@ class World:
         self._solver = check_solver(solver)
         self._tree = tree_table(pepper)
         self._initial: dict[str, FreeBody] = {}
+        self._driven = [self._as_driven(item) for item in self.scene.movers]
         self._program = ImpulseProgram()
         self._callback, self._h = Callback(self._answer), 0.0
         self._rebuild({})
@@ -125,8 +129,20 @@ class World:
     @property
     def bodies(self) -> Mapping[str, FreeBody]:
         """Name -> free body in its present state, read-only, in the order of addition."""
+        states = self._states()
+        return MappingProxyType({name: states[name] for name in self._initial})
+
+    def _as_driven(self, item: SceneObject) -> FreeBody:
+        """Return an obstacle that moves as a body that nothing stops."""
+        velocity = np.concatenate([item.velocity, np.zeros(3)])
+        heavy = np.full(3, HEAVY)
+        pose = item.transform_object_to_world
+        return FreeBody(item.name, item.geometry, HEAVY, heavy, self.friction, pose, velocity)
+
+    def _states(self) -> dict[str, FreeBody]:
+        """Return all bodies, obstacles that move among them, in their present state."""
         found = {}
-        for row, body in enumerate(self._initial.values()):
+        for row, body in enumerate([*self._initial.values(), *self._driven]):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = self._bodies.rotation[row], self._bodies.position[row]
             found[body.name] = FreeBody(
@@ -138,7 +154,7 @@ class World:
                 pose,
                 self._bodies.velocity[row],
             )
-        return MappingProxyType(found)
+        return found
 
     @property
     def contacts(self) -> tuple[WorldContact, ...]:
@@ -247,7 +263,7 @@ class World:
             self.pepper, self.scene, friction=self.friction, gravity=self.gravity, solver=self.solver
         )
         twin._initial = dict(self._initial)
-        twin._rebuild(dict(self.bodies))
+        twin._rebuild(self._states())
         twin._step = self._step
         return twin
 
@@ -416,7 +432,7 @@ class World:
         )
         moving = body_limits.check_velocity(f"velocity of {name!r}", velocity)
         inertia = principal_inertia(geometry, weight)
-        before = dict(self.bodies)
+        before = self._states()
         self._initial[name] = FreeBody(name, geometry, weight, inertia, rough, pose, moving)
         self._rebuild(before)
 
@@ -426,18 +442,21 @@ class World:
 
     def _rebuild(self, present: dict[str, FreeBody]) -> None:
         """Make the tables again, with bodies in their present state where there is one."""
-        held = list(self._initial.values())
+        held = [*self._initial.values(), *self._driven]
         now = [present.get(body.name, body) for body in held]
-        poses = np.array([body.pose for body in now]).reshape(-1, 4, 4)
+        poses, free = np.array([body.pose for body in now]).reshape(-1, 4, 4), len(self._initial)
         self._bodies = BodyTable(
             position=np.array([body.position for body in now]).reshape(-1, 3),
             rotation=np.ascontiguousarray(poses[:, :3, :3]),
             velocity=np.array([body.velocity for body in now]).reshape(-1, 6),
             mass=np.array([body.mass for body in held], dtype=float),
             inertia=np.array([body.inertia for body in held]).reshape(-1, 3),
-            gravity=np.array(self.gravity),
+            gravity=np.concatenate([np.tile(self.gravity, (free, 1)), np.zeros((len(held) - free, 3))]),
         )
-        self._shown = [SceneObject(body.name, body.geometry, body.pose) for body in held]
+        self._shown = [
+            self.scene.objects.get(body.name) or SceneObject(body.name, body.geometry, body.pose)
+            for body in held
+        ]
         self._colliders = colliders(self.pepper, self.scene, held, self.friction)
         self._coal = CoalContacts(self._colliders)
         self._tables = world_tables(
