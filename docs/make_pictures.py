@@ -34,6 +34,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_19": motions.draw_19_smooth_plan,
     "example_20": motions.draw_20_naoqi_script,
     "example_21": motions.draw_21_ros_client,
+    "example_22": motions.draw_22_live_motion,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "visual": pages.draw_visual,

@@ -271,3 +271,26 @@ def draw_21_ros_client() -> None:
         if row == 2:
             plot.set_xlabel("s", labelpad=0)
     sheet.save("example_21.png")
+
+
+def draw_22_live_motion() -> None:
+    """Angle of the shoulder, and the distance to the ball, with the time in which the robot gave way."""
+    example = variables_of("22")
+    times, gave_way = np.array(example["times"]), example["waits"]
+    joint = example["pepper"].joint_index("LShoulderPitch")
+    lines = {
+        "left shoulder pitch [rad]": np.array(example["positions"])[:, joint],
+        "distance to the ball [m]": np.array(example["gaps"]),
+    }
+    sheet = Sheet()
+    for row, (title, values) in enumerate(lines.items()):
+        plot = sheet.axes(72, 36 + 222 * row, 710, 175)
+        for state in gave_way:
+            plot.axvspan(state.begin, state.begin + example["PERIOD"], color=COLORS["gray"], alpha=0.3, lw=0)
+        plot.plot(times, values, color=COLORS["orange"])
+        plot.set(xlim=(0, times[-1]))
+        plot.set_title(title, fontsize=10, loc="left")
+        if row == 1:
+            plot.set(ylim=(0, None))
+            plot.set_xlabel("s; gray: it stops or waits", labelpad=0)
+    sheet.save("example_22.png")

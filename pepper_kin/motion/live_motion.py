@@ -18,6 +18,7 @@ from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
 from pepper_kin.collision.fast import fast_checker_for
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.collision.movers import movers_of
+from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
 from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.model import PepperModel
@@ -151,10 +152,10 @@ class LiveMotion:
             check_positive("margin", margin, "m"),
         )
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
-        self._patience = self._cycle / 5.0 if patience is None else float(patience)
+        self._patience = self._cycle / 5.0 if patience is None else not_negative("patience", patience)
         self._balance = balance
         self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
-        self._scene, self._seen, self._ages = checked_world(scene) or ROBOT_ALONE, math.nan, False
+        self._scene, self._seen, self._ages = self._world(scene), math.nan, False
         self._reach = motion_bounds(pepper)
         self._goal: Array | None = None
         self._way, self._begin = _standing(pepper, rest), math.nan
@@ -193,12 +194,21 @@ class LiveMotion:
         """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
 
         Raises:
-            InvalidValueError: for what is no scene, or a time that is no number.
+            InvalidValueError: for what is no scene, attached objects with mass, or a time that is no number.
         """
         seen = as_real(time)
         if not math.isfinite(seen):
             raise InvalidValueError("time", time, "a finite time [s]")
-        self._scene, self._seen, self._ages = checked_world(scene) or ROBOT_ALONE, seen, True
+        self._scene, self._seen, self._ages = self._world(scene), seen, True
+
+    def _world(self, scene: Scene | None) -> Scene:
+        """Return a scene as it is compared; its loads are not counted, and so refused."""
+        world = checked_world(scene) or ROBOT_ALONE
+        heavy = [name for name, held in world.attached.items() if held.mass] if self._limits["torque"] else []
+        if heavy:
+            expected = "attached objects without mass, which torques are not computed for; or torque=False"
+            raise InvalidValueError("scene", f"{', '.join(heavy)} with mass", expected)
+        return world
 
     def set_state(self, q: ArrayLike, time: float) -> None:
         """Report measured positions [rad or m], shape (n,), at a time of the caller's clock [s].
@@ -251,7 +261,7 @@ class LiveMotion:
 
     def _choose(self, now: float) -> tuple[LiveStatus, str, bool]:
         """Decide what the robot is sent; return the status, its reason and whether it is clear."""
-        old = now - self._seen if self._ages else 0.0
+        old, self._blocked = now - self._seen if self._ages else 0.0, ""
         reason = self._fault
         if not reason and old > self._horizon:
             reason = f"the scene is {old:.2f} s old, {self._horizon:g} s are allowed"
@@ -261,7 +271,7 @@ class LiveMotion:
                 self._way = way
                 if why:
                     return LiveStatus.WAITING if _stands(way) else LiveStatus.STOPPING, why, True
-                self._attempts, self._asked, self._blocked = 0, None, ""
+                self._attempts, self._asked = 0, None
                 return LiveStatus.REACHED if _stands(way) else LiveStatus.MOVING, "", True
         clear = self._brake(now)
         if self._fault:
@@ -281,13 +291,18 @@ class LiveMotion:
             yield self._way, ""
         for candidate in (self._straight, self._planned):
             found = candidate(now)
-            if found is not None and self._ahead_is_clear(found, now):
+            if found is not None and self._is_free(found) and self._ahead_is_clear(found, now):
                 yield found, ""
         self._ask(now)
         yield self._way, self._blocked or "no way to the goal was found yet"
 
     def _ahead_is_clear(self, way: Trajectory, now: float) -> bool:
         return not self._touches(way, min(way.duration, self._horizon), now, growing=False)
+
+    def _is_free(self, way: Trajectory) -> bool:
+        """Whether all of a way is free of what stands."""
+        times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
+        return not self._meets_standing(way(times).position)
 
     def _straight(self, now: float) -> Trajectory | None:
         assert self._goal is not None
@@ -387,11 +402,16 @@ class LiveMotion:
         """
         times = np.linspace(0.0, end, math.ceil(end / _STEP) + 1)
         states = way(times)
-        still = fast_checker_for(self._pepper, self._scene.standing, _STILL, 0.0)
-        found = still.in_collision(states.position)
+        return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
+
+    def _meets_standing(self, q: Array) -> bool:
+        checker = fast_checker_for(self._pepper, self._scene.standing, _STILL, 0.0)
+        found = checker.in_collision(q)
         if found.any():
-            self._blocked = self._named(still.exact, states.position[int(found.argmax())])
-            return True
+            self._note(checker.exact, q[int(found.argmax())])
+        return bool(found.any())
+
+    def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
         movers = movers_of(self._pepper, self._scene)
         if movers is None:
             return False
@@ -404,15 +424,14 @@ class LiveMotion:
         checker = fast_checker_for(movers.robot, movers.scene)
         found = checker.nearer(both, kept)
         if found.any():
-            k = int(found.argmax())
-            self._blocked = self._named(checker.exact.with_margins(0.0, float(kept[k])), both[k])
+            self._note(checker.exact, both[int(found.argmax())])
         return bool(found.any())
 
-    def _named(self, checker: CollisionChecker, q: Array) -> str:
-        if self._blocked:
-            return self._blocked
-        names = checker.contacts(q)
-        return f"{' and '.join(names[0])} come too near" if names else "something comes too near"
+    def _note(self, checker: CollisionChecker, q: Array) -> None:
+        """Note what is nearest to what at a configuration, unless something is noted in this cycle."""
+        pair = None if self._blocked else checker.closest_pair(q)
+        if pair is not None:
+            self._blocked = f"{' and '.join(pair.names)} come too near"
 
 
 def _standing(pepper: PepperModel, q: Array) -> Trajectory:

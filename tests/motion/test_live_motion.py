@@ -197,3 +197,10 @@ def test_what_is_refused(careful):
         live.set_scene(pk.Scene(), math.nan)
     with pytest.raises(InvalidValueError, match="scene"):
         live.set_scene("wall", 0.0)
+
+
+def test_the_example_gives_way_and_goes_on(run_example, tmp_path):
+    done = run_example("22_live_motion.py", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "it gave way" in done.stdout
+    assert "ball come too near" in done.stdout
