@@ -27,7 +27,7 @@ from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.motion.planning import plan
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory, retime
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
 
 COMMITTED = 2
 """Cycles that a robot goes on before the stop begins that it was sent."""
@@ -255,7 +255,7 @@ class LiveMotion:
         self._way, self._begin = self._rest_of(self._way, here), now
 
     def _rest_of(self, way: Trajectory, here: float) -> Trajectory:
-        if way.duration - here <= _INSTANT:
+        if way.duration - here <= 2.0 * TIME_TOLERANCE:
             return _standing(self._pepper, way.end)
         return way.between(here, way.duration) if here > 0.0 else way
 

@@ -199,6 +199,42 @@ def test_what_is_refused(careful):
         live.set_scene("wall", 0.0)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_comes_what_is_sent_is_continuous_and_within_limits(careful, seed):
+    rng, live = np.random.default_rng(seed), LiveMotion(careful, careful.posture("Stand"), rate=100.0)
+    goals = [
+        careful.posture("Stand"),
+        careful.joint_vector(GOAL),
+        careful.joint_vector({"HipRoll": 0.2}),
+        None,
+    ]
+    now, before, said = 0.0, None, set()
+    for _ in range(150):
+        if rng.random() < 0.1:
+            live.set_goal(goals[rng.choice(4, p=[0.3, 0.3, 0.3, 0.1])])
+        if rng.random() < 0.2:
+            scene = pk.Scene()
+            for k in range(rng.integers(0, 4)):
+                place = rng.uniform((0.3, -0.8, 0.4), (1.0, 0.8, 1.4))
+                motion = {"velocity": rng.uniform(-0.5, 0.5, 3), "uncertainty": rng.choice([0.0, 0.2])}
+                scene = scene.add_box(f"{k}", rng.uniform(0.05, 0.3, 3), place, **motion)
+            live.set_scene(scene, now)
+        now += 0.01 * rng.choice([1.0, 0.1, 2.5, 30.0], p=[0.7, 0.1, 0.15, 0.05])
+        state = live.step(now)
+        said.add(state.status)
+        if before is not None:
+            old, new = before.at(now), state.at(now)
+            assert np.abs(old.position - new.position).max() < 1e-9
+            assert np.abs(old.velocity - new.velocity).max() < 1e-8
+        sent, before = state.trajectory, state
+        assert sent.coefficients.shape[1] < 30
+        sampled = sent(np.linspace(0.0, sent.duration, 50))
+        assert np.all(np.abs(sampled.velocity) <= careful.velocity_limits * (1 + 1e-6))
+        assert np.all(np.abs(sampled.acceleration) <= careful.acceleration_limits * (1 + 1e-6))
+        assert np.abs(sampled.velocity[-1]).max() < 1e-6
+    assert {LiveStatus.MOVING, LiveStatus.STOPPING} <= said
+
+
 def test_the_example_gives_way_and_goes_on(run_example, tmp_path):
     done = run_example("22_live_motion.py", cwd=tmp_path)
     assert done.returncode == 0
