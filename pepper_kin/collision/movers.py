@@ -7,6 +7,7 @@ neighbors are then those of a robot of more joints, by the same code.
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -68,7 +69,7 @@ class Movers:
     @property
     def speed(self) -> float:
         """The greatest of all [m/s]."""
-        return max(float(np.linalg.norm(item.velocity)) for item in self.items)
+        return float(np.sqrt((self.rate.reshape(-1, _PLACE) ** 2).sum(axis=1).max()))
 
     @property
     def alike(self) -> bool:
@@ -137,7 +138,7 @@ def _robot_of(
 def _with_places(pepper: PepperModel, count: int) -> PepperModel:
     """Return a robot with chains of joints, one for each obstacle, that is not compared with itself."""
     described(pepper)
-    root = ET.fromstring(pepper.document.text)
+    root = copy.deepcopy(pepper.document.tree)
     for k in range(count):
         parent = pepper.document.root
         for axis, direction in enumerate(_AXES):

@@ -73,10 +73,10 @@ def as_numbers(
 
 def _of_shape(value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | None) -> NDArray[np.float64]:
     """Return numbers as an array of a shape, as `as_finite` does, whatever they are."""
-    expected = "numbers" if shape is None else f"numbers of shape {_shape_text(shape)}"
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        expected = "numbers" if shape is None else f"numbers of shape {_shape_text(shape)}"
         raise InvalidValueError(quantity, shown(value), expected) from error
     if shape is None or array.shape == shape:
         return array
