@@ -8,20 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin import collision
 from pepper_kin.arrays import Array
+from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.curve_checks import curve_checks_for
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.core.timing.steering import steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
 from pepper_kin.trajectory.limits import Limits, motion_limits
 from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 from pepper_kin.trajectory.stop import (
     SHARES,
     checked_instant,
     exceeded_effects,
     joined_phases,
-    least_clearance,
     limits_of,
     stop,
 )
@@ -44,15 +47,12 @@ class Splice:
         time: The instant [s].
         share: Share of the acceleration limits that joints use, but for those that need more to stop
             within their position limits.
-        clearance: Least distance between bodies at every millisecond of the new part [m]; None without
-            a scene.
     """
 
     trajectory: Trajectory
     how: str
     time: float
     share: float
-    clearance: float | None = None
 
 
 def replaced(
@@ -78,18 +78,15 @@ def replaced(
     if isinstance(found, Splice):
         whole = found.trajectory if before is None else before.then(found.trajectory)
         return replace(found, trajectory=whole, time=at)
-    stopped = stop(pepper, trajectory, at, scene=scene, torque=torque, balance=balance)
-    if stopped.clearance is None or stopped.clearance > 0.0:
+    stopped = stop(pepper, trajectory, at, torque=torque, balance=balance)
+    if scene is None or not _touches(pepper, stopped.trajectory, scene):
         whole = stopped.trajectory if before is None else before.then(stopped.trajectory)
         if np.abs(stopped.end - goal).max() <= _AT_GOAL:
-            return Splice(whole, "after a stop", at, 1.0, stopped.clearance)
+            return Splice(whole, "after a stop", at, 1.0)
         rest = np.stack([stopped.end, np.zeros(pepper.n)])
         after = _steered(pepper, trajectory, rest, goal, limits, scene)
         if isinstance(after, Splice):
-            near = [c for c in (stopped.clearance, after.clearance) if c is not None]
-            return Splice(
-                whole.then(after.trajectory), "after a stop", at, after.share, min(near, default=None)
-            )
+            return Splice(whole.then(after.trajectory), "after a stop", at, after.share)
     reason = f"straight to the goal it would exceed {', '.join(found)}, and after a stop too"
     raise InfeasibleError("splice", reason, "stop, and plan from there")
 
@@ -114,12 +111,18 @@ def _steered(
         allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
         if steer(state, goal, allowed, phases) <= _ROUNDING:
             raise InvalidValueError("goal", "the position where the robot rests", "another one")
-        motion, clearance = joined_phases(like, position, phases), None
+        motion = joined_phases(like, position, phases)
         exceeded = exceeded_effects(pepper, motion, limits)
         if not exceeded and scene is not None:
-            clearance = least_clearance(pepper, motion, scene)
-            exceeded = () if clearance > 0.0 else ("clearance",)
+            checks = curve_checks_for(pepper, checked_world(scene))
+            exceeded = () if is_clear_along(checks, motion, held=False) else ("clearance",)
         if not exceeded:
-            return Splice(motion, "straight", 0.0, share, clearance)
+            return Splice(motion, "straight", 0.0, share)
         reasons += [name for name in exceeded if name not in reasons]
     return tuple(reasons)
+
+
+def _touches(pepper: PepperModel, motion: Trajectory, scene: Scene) -> bool:
+    """Return whether anything touches at a millisecond of a motion of any degree."""
+    states = motion(sample_times(motion.duration, EXAMINED_EVERY)).position
+    return bool(collision.in_collision(pepper, states, checked_world(scene)).any())

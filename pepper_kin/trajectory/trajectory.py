@@ -376,9 +376,9 @@ class Trajectory(FrozenArrays):
         Every joint goes by itself with a share of its acceleration limit, or more to turn within its position
         limits, and all arrive together (`pepper_kin.core.timing.steering`).  The acceleration may jump.
         Limits of position, velocity and acceleration hold at every instant; torque and balance are examined
-        every millisecond and beside every knot, the clearance every millisecond.  Of the shares tried the
-        greatest that keeps all of them is taken; where none does, the motion stops first (`stop`), and
-        `Splice.how` says so.
+        every millisecond and beside every knot; that nothing is touched is proven for the new way, of a
+        stop looked at every millisecond.  Of the shares tried the greatest that keeps all of them is taken;
+        where none does, the motion stops first (`stop`), and `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.

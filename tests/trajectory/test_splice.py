@@ -61,7 +61,6 @@ def test_a_splice_keeps_limits_and_is_continuous(pepper, moving):
         splice = moving.replaced(pepper, at, goal, scene=scene, balance=0.0)
         found = splice.trajectory
         assert (splice.how, splice.time) == ("straight", at)
-        assert splice.clearance > 0.0
         assert np.allclose(found.end, goal, rtol=0, atol=1e-12)
         assert np.abs(found(found.duration).velocity).max() < 1e-12
         assert at == 0.0 or found.between(0.0, at).is_close(moving.between(0.0, at))
