@@ -6,14 +6,22 @@ torques by `newton_euler`, which no stop is computed with.
 
 import sys
 import time
+from collections import Counter
 
 import numpy as np
 
 import pepper_kin as pk
 from pepper_kin import dynamics
 from pepper_kin.core.timing import stopping
+from pepper_kin.core.timing.steering import bridge, steer
 from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.motion import replan
 from pepper_kin.trajectory import stop as stops
+
+try:
+    import ruckig
+except ImportError:
+    ruckig = None
 
 MOTIONS, PER_STOP = 60, 100
 TOLERANCE = 1e-9
@@ -81,37 +89,88 @@ def ten_boxes(pepper, rng, free):
     return scene
 
 
+def stop_then_go(pepper, motion, at, goal, scene, how, options):
+    """Return how long a stop and the same kind of way to the goal take [s]; None where there is none."""
+    stop = motion.stop(pepper, at, **options)
+    try:
+        if how == "straight":
+            return stop.trajectory.replaced(pepper, stop.duration, goal, **options).trajectory.duration
+        plan = pk.plan(pepper, stop.end, goal, scene, balance=options.get("balance"))
+        return stop.duration + pk.retime(pepper, plan, **options).duration
+    except InfeasibleError:
+        return None
+
+
 def splices(pepper, motions, rng, count):
     """Print how many new goals are reached without a stop, and how long that takes."""
     kinds = {
-        "velocity and acceleration": (count, {"torque": False}, False),
-        "torque and balance": (count, {"balance": 0.0}, False),
-        "clear of itself": (count // 10, {"torque": False}, True),
-        "ten boxes": (count // 10, {"torque": False}, True),
+        "velocity and acceleration": ({"torque": False}, None),
+        "torque and balance": ({"balance": 0.0}, None),
+        "clear of itself": ({"torque": False}, "robot"),
+        "ten boxes": ({"torque": False}, "boxes"),
+        "ten boxes, torque and balance": ({"balance": 0.0}, "boxes"),
     }
-    for name, (trials, options, scenes) in kinds.items():
-        done, spent, share = 0, [], []
-        for k in range(trials):
+    for name, (options, world) in kinds.items():
+        ways, spent, ratio, blocked = Counter(), {}, [], 0
+        for k in range(count):
             motion, goal = motions[k % MOTIONS], motions[(k + rng.integers(1, MOTIONS)) % MOTIONS].end
             at = float(rng.uniform(0.0, motion.duration - 1e-3))
-            if scenes:
-                states = [motion(at).position, goal]
-                options["scene"] = ten_boxes(pepper, rng, states) if name == "ten boxes" else pk.Scene()
+            scene = ten_boxes(pepper, rng, [motion(at).position, goal]) if world == "boxes" else pk.Scene()
             begin = time.thread_time()
             try:
-                spliced = motion.replaced(pepper, at, goal, **options)
+                if world is None:
+                    spliced = motion.replaced(pepper, at, goal, **options)
+                else:
+                    spliced = replan(pepper, motion, at, goal, scene, **options)
+                how = spliced.how
             except InfeasibleError:
-                continue
-            finally:
-                spent.append(time.thread_time() - begin)
-            done += spliced.how == "straight"
-            if not scenes and "balance" not in options:
-                stop = motion.stop(pepper, at, torque=False)
-                go = stop.trajectory.replaced(pepper, stop.duration, goal, **options)
-                share.append((spliced.trajectory.duration - at) / go.trajectory.duration)
-        line(f"splice, {name}", spent, 1e3, f"ms, {done} of {trials} straight")
-        if share:
-            line("its duration over stop-then-go", share, 1.0, "")
+                how = "refused"
+            spent.setdefault(how, []).append(time.thread_time() - begin)
+            ways[how] += 1
+            if how == "refused":
+                blocked += world == "boxes" and motion.stop(pepper, at, scene=scene).clearance <= 0.0
+            elif how != "after a stop":
+                go = stop_then_go(pepper, motion, at, goal, scene, how, options)
+                ratio += [(spliced.trajectory.duration - at) / go] if go else []
+        line(f"splice, {name}", [t for part in spent.values() for t in part], 1e3, f"ms, {dict(ways)}")
+        if "joined" in spent:
+            line("of those joined", spent["joined"], 1e3, "ms")
+        line("duration over stop-then-go", ratio, 1.0, f"; {blocked} refused had a stop that touches")
+
+
+def steering(pepper, motions, rng, count):
+    """Print how long states to rest and to states take, beside ruckig where it is installed."""
+    n, phases = pepper.n, np.empty((pepper.n, 3, 4))
+    limits = np.stack([pepper.velocity_limits, pepper.acceleration_limits])
+    everywhere = np.concatenate([limits, np.full((1, n), -1e9), np.full((1, n), 1e9)])
+    times, ratio = {"steer": [], "bridge": [], "ruckig to rest": [], "ruckig to a state": []}, []
+    for k in range(count):
+        one, other = motions[k % MOTIONS], motions[(k + rng.integers(1, MOTIONS)) % MOTIONS]
+        ends = [np.stack(m(float(rng.uniform(0.0, m.duration)))[:2]) for m in (one, other)]
+        begin = time.thread_time()
+        steer(ends[0], other.end, limits, phases)
+        middle = time.thread_time()
+        duration = bridge(*ends, everywhere, 60.0, phases)
+        times["bridge"].append(time.thread_time() - middle)
+        times["steer"].append(middle - begin)
+        if ruckig is None:
+            continue
+        for name, target in (("to rest", np.stack([other.end, np.zeros(n)])), ("to a state", ends[1])):
+            request, planned = ruckig.InputParameter(n), ruckig.Trajectory(n)
+            request.current_position, request.current_velocity = map(list, ends[0])
+            request.target_position, request.target_velocity = map(list, target)
+            request.max_velocity, request.max_acceleration = map(list, limits)
+            request.max_jerk = [np.inf] * n
+            solver, begin = ruckig.Ruckig(n), time.thread_time()
+            found = solver.calculate(request, planned)
+            times[f"ruckig {name}"].append(time.thread_time() - begin)
+        if found == ruckig.Result.Working and duration > 0.0:
+            ratio.append(duration / planned.duration)
+    for name, spent in times.items():
+        if spent:
+            line(name, spent, 1e6, "us")
+    if ratio:
+        line("bridge, its duration over ruckig's", ratio, 1.0, "")
 
 
 def moved_scenes(pepper, rng):
@@ -251,6 +310,7 @@ def main():
     print(f"{'limits broken along the path':44}{broken:9}")
     print(f"{'of joints, within torque and position':44}{kept:9} of {len(joints)}")
     splices(pepper, motions, rng, count // PER_STOP)
+    steering(pepper, motions, rng, count // PER_STOP)
     moved_scenes(pepper, rng)
     moving_boxes(pepper, motions, rng, count // 10)
     for off in (0.0, 0.5):

@@ -131,7 +131,7 @@ def plan_call() -> None:
         ("goals", "motion/goal_search.py", "IK from many starts, collision-free"),
         ("search", "planners/rrt_connect.py", "two trees until they meet"),
         ("short-cut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
-        ("examine", "motion/examination.py", "collision-free, by motion bounds"),
+        ("examine", "collision/curve_examination.py", "collision-free, by motion bounds"),
         ("Plan", "motion/plan_result.py", "curve, path, status, sentence"),
     ]
     for k, (title, *lines) in enumerate(steps):

@@ -1,8 +1,8 @@
-"""The type of arrays that annotations name, and arrays that nobody can write to."""
+"""The types of arrays and curves that annotations name, and arrays that nobody can write to."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,23 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 """An array of float64; docstrings give the shape."""
+
+
+@runtime_checkable
+class PiecewiseCubic(Protocol):
+    """Any piecewise cubic curve, such as `pepper_kin.planners.SmoothPath`.
+
+    On piece i, where breaks[i] <= s <= breaks[i + 1],
+        q(s) = sum_p coefficients[i, p] (s - breaks[i])^p,   p = 0 ... 3: constant term first.
+    """
+
+    @property
+    def breaks(self) -> Array:
+        """Ends of the pieces, rising, shape (m + 1,)."""
+
+    @property
+    def coefficients(self) -> Array:
+        """Constant term first, shape (m, 4, n)."""
 
 
 def read_only(array: ArrayLike, dtype: DTypeLike = float) -> NDArray[Any]:

@@ -304,9 +304,9 @@ def shifted(coefficients: Array, by: Array) -> Array:
     Returns:
         Shape (m, k, n).
     """
-    moved = np.zeros_like(coefficients)
+    moved, rows = coefficients.copy(), np.flatnonzero(by)  # often one piece of hundreds
     for power in range(coefficients.shape[1]):
-        for low in range(power + 1):
-            gain = comb(power, low) * by ** (power - low)
-            moved[:, low] += gain[:, None] * coefficients[:, power]
+        for low in range(power):
+            gain = comb(power, low) * by[rows] ** (power - low)
+            moved[rows, low] += gain[:, None] * coefficients[rows, power]
     return moved

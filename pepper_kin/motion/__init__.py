@@ -5,6 +5,7 @@
     plan_constrained, manifold_of             with IK tasks met along the whole path
     plan_costed, PathCost, CostAlong          with soft costs
     plan_legs, Leg, PlanInLegs                constraints on a part of the way
+    replan                                    a new goal in motion, by a planned way if need be
     validate, Validation, ValidationStatus    a path from elsewhere, examined
     simplify_path, interpolate_path
     cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
@@ -37,6 +38,7 @@ from pepper_kin.motion.path_costs import CostAlong, PathCost
 from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
+from pepper_kin.motion.replanning import replan
 from pepper_kin.motion.validation import Validation, ValidationStatus, validate
 
 __all__ = [
@@ -77,6 +79,7 @@ __all__ = [
     "plan_constrained",
     "plan_costed",
     "plan_legs",
+    "replan",
     "simplify_path",
     "validate",
 ]

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
 import functools
-import threading
 from collections.abc import Callable
 from threading import get_ident
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
-from pepper_kin.collision import CollisionChecker, Scene, checker_for
-from pepper_kin.collision.checker import RANGE_RADIUS
-from pepper_kin.collision.fast import CompiledValidity, StaticLoads, fast_checker_for
-from pepper_kin.collision.fast.tables import tables_of
+from pepper_kin.collision import Scene
+from pepper_kin.collision.curve_checks import NO_BLOCKS, CurveChecks, HoldingLimits
+from pepper_kin.collision.fast import CompiledValidity, fast_checker_for
 from pepper_kin.collision.kept_size import MOST_BYTES, checker_size
 from pepper_kin.collision.mesh_changes import as_on_disk
-from pepper_kin.core.collision.check import check_many, row_verdicts, valid_steps
+from pepper_kin.core.collision.check import check_many, valid_steps
 from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_margins, sound_ends
-from pepper_kin.core.collision.gjk import CONTACT, TIE
-from pepper_kin.core.collision.layout import EDGE_NUMBERS, STATES_AT_ONCE
-from pepper_kin.kernels.intrinsics import floats_at, words_at
+from pepper_kin.core.collision.gjk import TIE
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.planners.deadline import load_code
@@ -33,10 +27,8 @@ LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""
 
 
-class Checks:
-    """Answers for one robot in one scene.
-
-    They come from machine code, and from coal where a shape of the robot has no bounds.
+class Checks(CurveChecks):
+    """Answers on paths of one robot in one scene: what is free, and what can be held.
 
     Args:
         pepper: The robot.
@@ -45,21 +37,14 @@ class Checks:
 
     Attributes:
         statics: What can be held.
-        exact: Coal's checker without margins.
-        compiled: Whether machine code answers.
-        quick: Whether coal is asked about nothing but ties, so that many questions cost little.
-        held: What hangs on the robot, see `motion_bounds`.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, statics: StaticLimits | None = None) -> None:
-        self.pepper, self.scene = pepper, scene
-        self.statics = StaticLimits(pepper) if statics is None else statics
+        self.statics = held = StaticLimits(pepper) if statics is None else statics
+        super().__init__(
+            pepper, scene, HoldingLimits(held.effort_limits, held.loads, held.loads_along, held.step)
+        )
         _load_code()
-        self.exact: CollisionChecker = checker_for(pepper, scene)
-        self._fast, self.held = fast_checker_for(pepper, scene), held_by(self.exact.scene)
-        self.compiled, self.quick = self._fast.supported, self._fast.alone
-        self._made: dict[tuple[bytes, bytes], CompiledValidity] = {}
-        self._checks: dict[int, tuple[object, MotionCheck]] = {}
         self._whole: CompiledValidity | None = None
         self._of_configurations: dict[int, MotionCheck] = {}
 
@@ -100,32 +85,13 @@ class Checks:
 
         return test
 
-    def of_motion(self, standing: Array, moving: NDArray[np.int64]) -> MotionCheck:
-        """Return what compiled functions take that check states of one motion, called by `run`.
-
-        It is of use in this thread until a check of another motion is asked for.
-
-        Args:
-            standing: A configuration in which the joints stand that do not move, shape (n,).
-            moving: Places of the joints that move, shape (k,).
-        """
-        made = self._moving(standing, moving) if self.compiled else None
-        still, moves = _NO_BLOCKS if made is None else made.blocks()
-        thread, of = get_ident(), made or (standing.tobytes(), moving.tobytes())
-        known, found = self._checks.get(thread, (None, None))
-        if found is not None and known == of and found.moving is moves:
-            return found
-        found = self._motion_check(still, moves, standing, self.statics.loads_along)
-        self._checks = {thread: (of, found)}
-        return found
-
     def of_configurations(self) -> MotionCheck:
         """Return what compiled functions take that check configurations of which any joint may differ.
 
         What holds for states of a path holds for them: see `StaticLimits.hold`.  It is of use in this thread
         until a check of a motion, or another of these, is asked for.
         """
-        blocks = _NO_BLOCKS
+        blocks = NO_BLOCKS
         if self.compiled:
             if self._whole is None:
                 everything = np.arange(self.pepper.n)
@@ -138,70 +104,6 @@ class Checks:
             found = self._motion_check(*blocks, self.pepper.neutral(), self.statics.loads)
             self._of_configurations = {thread: found}
         return found
-
-    def _motion_check(self, still: Array, moves: Array, standing: Array, loads: StaticLoads) -> MotionCheck:
-        """Return what compiled functions take, with this thread's workspace.
-
-        Args:
-            still: The block that compares what stands, shape (s,).
-            moves: The block that compares what moves, shape (t,).
-            standing: Where the joints stand that do not move [rad or m], shape (n,).
-            loads: What is carried, and edges that the robot must not tip over.
-        """
-        heads, tables, _ = tables_of(self.pepper)
-        states, inputs, torques, work = _workspace_of(standing.size, loads)
-        return MotionCheck(
-            verdicts=int(row_verdicts.address) if self.compiled else 0,
-            ask=_ASK_ADDRESS,
-            load=loads.kernel.address_of(
-                "batch", inputs=inputs.shape[1], outputs=torques.shape[1], work=work.size
-            ),
-            quick=self.quick,
-            least=self._fast.resting_margin if self.compiled else np.inf,
-            radius=RANGE_RADIUS,
-            still=still,
-            moving=moves,
-            standing=standing,
-            effort=self.statics.effort_limits,
-            masses=loads.masses,
-            edges=loads.edges,
-            heads=heads,
-            tables=tables,
-            held_step=self.statics.step,
-            states=states,
-            inputs=inputs,
-            torques=torques,
-            answers=np.empty(STATES_AT_ONCE, np.int64),
-            margins=np.empty(2),
-            work=work,
-            words=np.empty(8, np.int64),
-        )
-
-    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a compiled function that takes an `of_motion`; coal decides what it cannot.
-
-        Raises:
-            BaseException: what coal, or an interrupt meanwhile, has raised.
-        """
-        outer = getattr(_asking, "checks", None)
-        _asking.checks, _asking.error = self, None
-        try:
-            result = function(*arguments)
-        finally:
-            _asking.checks = outer
-        if _asking.error is not None:
-            raise _asking.error
-        return result
-
-    def answer(self, states: Array, verdicts: NDArray[Any], margins: tuple[float, float]) -> None:
-        """Write coal's verdicts on those of some states, shape (m, n), that have a tie."""
-        ties = np.flatnonzero(verdicts == TIE)
-        exact = checker_for(self.pepper, self.scene, *margins)
-        verdicts[ties] = exact.in_collision(states[ties])
-
-    def rests_near(self, margin: float) -> bool:
-        """Whether what never moves against the world is nearer to it than a margin [m]."""
-        return self._fast.rests_near(margin)
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
         """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
@@ -249,21 +151,6 @@ class Checks:
         # No search of a path calls another of the same problem, so that a thread needs one block.
         return planners.CompiledMotionValidator(made.address, int(free.size), made.memory, keep_alive=made)
 
-    def _moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
-        """Return the validity without margins of what some joints move, made once for one motion.
-
-        Args:
-            frozen: A whole configuration [rad or m], shape (n,).
-            free: Places of the joints that move, shape (k,).
-        """
-        key = frozen.tobytes(), free.tobytes()
-        found = self._made.get(key)
-        if found is None:
-            effort, loads = self.statics.effort_limits, self.statics.loads
-            found = self._fast.of_motion(frozen.copy(), free.copy(), effort, loads)
-            self._made = {key: found}
-        return found
-
     def margins(
         self, start: Array, goals: Array, free: NDArray[np.int64], margin: float
     ) -> tuple[float, float]:
@@ -300,11 +187,6 @@ class Checks:
         return float(kept[0]), float(kept[1])
 
 
-def held_by(scene: Scene | None) -> tuple[tuple[str, float], ...]:
-    """Return what hangs on the robot in a scene, see `motion_bounds`."""
-    return () if scene is None else tuple((item.frame, item.extent) for item in scene.attached.values())
-
-
 def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
     """Return the checks of a robot in a scene, made once and kept, with their arrays, for the next call."""
     return _checks_for(pepper, as_on_disk(scene), statics)
@@ -313,56 +195,6 @@ def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) 
 @kept_for_robot(most=16, most_bytes=MOST_BYTES, size_of=checker_size)
 def _checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
     return Checks(pepper, scene, statics)
-
-
-_NO_BLOCKS = np.empty(0), np.empty(0)
-
-
-class _Workspaces(threading.local):
-    """Arrays of each thread that its checks of curves share, by their sizes."""
-
-    def __init__(self) -> None:
-        self.kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
-
-
-_workspaces = _Workspaces()
-
-
-def _workspace_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Array]:
-    """Return this thread's arrays for states, and for inputs, torques and work of a kernel of loads."""
-    size = n, loads.masses.size, len(loads.edges), loads.kernel.work_size
-    found = _workspaces.kept.get(size)
-    if found is None:
-        outputs = n + (EDGE_NUMBERS if len(loads.edges) else 0)
-        sizes = n, n + loads.masses.size, outputs
-        states, inputs, torques = (np.empty((STATES_AT_ONCE, size)) for size in sizes)
-        found = _workspaces.kept[size] = states, inputs, torques, np.empty(loads.kernel.work_size + 8)
-    return found
-
-
-_asking = threading.local()
-"""The checks, of each thread, that a compiled function runs for, and what was raised meanwhile."""
-
-
-@ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
-def _ask(states: int, count: int, verdicts: int, margins: int) -> int:
-    """Answer the queries of compiled checks; see `MotionCheck`."""
-    checks: Checks = _asking.checks
-    found = words_at(verdicts, max(count, 1))
-    try:
-        margin, self_margin = floats_at(margins, 2).tolist()
-        if count == 0:
-            return int(checks.rests_near(margin))
-        n = checks.pepper.n
-        checks.answer(floats_at(states, n * count).reshape(count, n), found, (margin, self_margin))
-    except BaseException as error:  # also an interrupt from the keyboard
-        _asking.error = error
-        found[:] = CONTACT
-        return 1
-    return 0
-
-
-_ASK_ADDRESS = int(ctypes.cast(_ask, ctypes.c_void_p).value or 0)
 
 
 @functools.cache

@@ -9,15 +9,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, PiecewiseCubic
 from pepper_kin.collision import Scene
+from pepper_kin.collision.curve_examination import cut, reach_along
 from pepper_kin.core.collision.curve_check import SHORTEST, count_intervals
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
-from pepper_kin.motion.examination import cut, reach_along
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
+from pepper_kin.trajectory.path import CubicPath, PlannedPath, planned_curve
 from pepper_kin.trajectory.samples import refuse_other_joints
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"

@@ -10,12 +10,12 @@ import numpy as np
 from pepper_kin import planners
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.problem import (
     RESOLUTION,
     Ends,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, PiecewiseCubic
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -27,7 +27,7 @@ from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.path import CubicPath, PiecewiseCubic, PlannedPath, planned_curve
+from pepper_kin.trajectory.path import CubicPath, PlannedPath, planned_curve
 
 NAME = "simplify_path"
 _SAME = 1e-9  # [rad or m]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.exceptions import InvalidValueError
@@ -25,7 +26,6 @@ from pepper_kin.model.joint_vectors import (
     shown,
 )
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.trajectory.path import CubicPath
 
 RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`

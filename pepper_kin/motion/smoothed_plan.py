@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_kin.collision import Scene
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import Checks, checks_for
-from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization.optimize import optimize
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_request import PlanOptions

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.arrays import Array, FrozenArrays, PiecewiseCubic, read_only
 from pepper_kin.core.splines import bounded_cubic_spline, cubic_spline, derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
@@ -18,23 +18,6 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_wi
 
 SAME = 1e-9  # [rad or m] way-points no further apart than this are one
 LIMIT_TOLERANCE = 1e-9  # [rad or m]
-
-
-@runtime_checkable
-class PiecewiseCubic(Protocol):
-    """Any piecewise cubic curve, such as `pepper_kin.planners.SmoothPath`.
-
-    On piece i, where breaks[i] <= s <= breaks[i + 1],
-        q(s) = sum_p coefficients[i, p] (s - breaks[i])^p,   p = 0 ... 3: constant term first.
-    """
-
-    @property
-    def breaks(self) -> Array:
-        """Ends of the pieces, rising, shape (m + 1,)."""
-
-    @property
-    def coefficients(self) -> Array:
-        """Constant term first, shape (m, 4, n)."""
 
 
 @runtime_checkable

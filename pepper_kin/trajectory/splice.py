@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin import collision
 from pepper_kin.arrays import Array
-from pepper_kin.core.timing.steering import steer
+from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.curve_checks import curve_checks_for
+from pepper_kin.collision.curve_examination import is_clear_along
+from pepper_kin.core.timing.steering import bridge, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
-from pepper_kin.trajectory.limits import Limits, motion_limits
+from pepper_kin.trajectory.limits import motion_limits
 from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 from pepper_kin.trajectory.stop import (
     SHARES,
     checked_instant,
     exceeded_effects,
     joined_phases,
-    least_clearance,
     limits_of,
     stop,
 )
@@ -31,7 +35,10 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDING = 1e-12
-_AT_GOAL = 1e-9  # [rad or m]
+_SAME = 1e-9  # [rad or m]
+_LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
+_JOINS = 8  # instants of that motion at which it may arrive there
+_LONGEST = 2.0  # [s] on the way between the two
 
 
 @dataclass(frozen=True)
@@ -39,87 +46,180 @@ class Splice:
     """A motion with a new goal from an instant on.
 
     Attributes:
-        trajectory: The motion until the instant, and from there to rest at the goal.
-        how: "straight"; or "after a stop" along the motion, where joints have to rest before they go there.
+        trajectory: The motion until the instant, and from there to the goal.
+        how: "straight"; "joined" to a motion to the goal, while both move; or "after a stop".
         time: The instant [s].
-        share: Share of the acceleration limits that joints use, but for those that need more to stop
-            within their position limits.
-        clearance: Least distance between bodies at every millisecond of the new part [m]; None without
-            a scene.
+        share: Share of the acceleration limits that joints use on the way there or to that motion, but for
+            those that need more to stop within their position limits.
     """
 
     trajectory: Trajectory
     how: str
     time: float
     share: float
-    clearance: float | None = None
 
 
 def replaced(
     pepper: PepperModel,
     trajectory: Trajectory,
     at: float,
-    goal: ArrayLike,
+    goal: ArrayLike | Trajectory,
     *,
     scene: Scene | None = None,
     torque: bool = True,
     balance: float | None = None,
 ) -> Splice:
     """Return a motion with a new goal from an instant on; see `Trajectory.replaced`."""
-    refuse_other_joints(pepper, trajectory.joint_names)
-    at = checked_instant(trajectory, at)
+    moving = MovingStart(pepper, trajectory, at, scene, torque, balance)
+    if isinstance(goal, type(trajectory)):
+        refuse_other_joints(pepper, goal.joint_names)
+        joined = moving.onto(goal)
+        if joined is None:
+            reason = "neither in motion nor after a stop does the robot get onto the other one"
+            raise InfeasibleError("splice", reason, "a motion that begins where `stop` ends")
+        return joined
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
-    limits = limits_of(pepper, motion_limits(pepper, torque=torque, balance=balance, scene=scene))
-    if not np.isfinite([limits.velocity, limits.acceleration]).all():
-        raise InvalidValueError("limits", "none for some joint", "finite limits of velocity and acceleration")
-    before, now = None if at <= TIME_TOLERANCE else trajectory.between(0.0, at), trajectory(at)
-    found = _steered(pepper, trajectory, np.stack([now.position, now.velocity]), goal, limits, scene)
-    if isinstance(found, Splice):
-        whole = found.trajectory if before is None else before.then(found.trajectory)
-        return replace(found, trajectory=whole, time=at)
-    stopped = stop(pepper, trajectory, at, scene=scene, torque=torque, balance=balance)
-    if stopped.clearance is None or stopped.clearance > 0.0:
-        whole = stopped.trajectory if before is None else before.then(stopped.trajectory)
-        if np.abs(stopped.end - goal).max() <= _AT_GOAL:
-            return Splice(whole, "after a stop", at, 1.0, stopped.clearance)
-        rest = np.stack([stopped.end, np.zeros(pepper.n)])
-        after = _steered(pepper, trajectory, rest, goal, limits, scene)
-        if isinstance(after, Splice):
-            near = [c for c in (stopped.clearance, after.clearance) if c is not None]
-            return Splice(
-                whole.then(after.trajectory), "after a stop", at, after.share, min(near, default=None)
-            )
-    reason = f"straight to the goal it would exceed {', '.join(found)}, and after a stop too"
-    raise InfeasibleError("splice", reason, "stop, and plan from there")
+    exceeded: list[str] = []
+    found = moving.straight(goal, exceeded) or moving.after_stop(goal)
+    if found is None:
+        reason = f"straight to the goal it would exceed {', '.join(exceeded)}, and after a stop too"
+        raise InfeasibleError("splice", reason, "`pepper_kin.motion.replan`")
+    return found
 
 
-def _steered(
-    pepper: PepperModel,
-    like: Trajectory,
-    state: Array,
-    goal: Array,
-    limits: Limits,
-    scene: Scene | None,
-) -> Splice | tuple[str, ...]:
-    """Return the straight way from position and velocity, shape (2, n), to rest, or what it would exceed."""
-    phases, reasons = np.empty((pepper.n, 3, 4)), []
-    position, velocity = state
-    # A joint passes no position beyond its start, its goal and where it first stops.
-    room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
-    needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
-    if needed.max() > 1.0:
-        return ("position",)
-    for share in SHARES:
-        allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
-        if steer(state, goal, allowed, phases) <= _ROUNDING:
-            raise InvalidValueError("goal", "the position where the robot rests", "another one")
-        motion, clearance = joined_phases(like, position, phases), None
-        exceeded = exceeded_effects(pepper, motion, limits)
-        if not exceeded and scene is not None:
-            clearance = least_clearance(pepper, motion, scene)
-            exceeded = () if clearance > 0.0 else ("clearance",)
-        if not exceeded:
-            return Splice(motion, "straight", 0.0, share, clearance)
-        reasons += [name for name in exceeded if name not in reasons]
-    return tuple(reasons)
+class MovingStart:
+    """A robot in motion at an instant, and its ways on from there.
+
+    Args:
+        pepper: The robot.
+        trajectory: Its motion.
+        at: The instant [s].
+        scene: The world; None: nothing is said about what touches.
+        torque: Whether torque is limited.
+        balance: As in `retime`.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        trajectory: Trajectory,
+        at: float,
+        scene: Scene | None,
+        torque: bool,
+        balance: float | None,
+    ) -> None:
+        refuse_other_joints(pepper, trajectory.joint_names)
+        self.pepper, self.trajectory, self.scene = pepper, trajectory, scene
+        self.at, self._options = checked_instant(trajectory, at), {"torque": torque, "balance": balance}
+        self.limits = limits_of(pepper, motion_limits(pepper, scene=scene, **self._options))
+        if not np.isfinite([self.limits.velocity, self.limits.acceleration]).all():
+            allowed = "finite limits of velocity and acceleration"
+            raise InvalidValueError("limits", "none for some joint", allowed)
+        now = trajectory(self.at)
+        self.state: Array = np.stack([now.position, now.velocity])
+
+    @cached_property
+    def stopped(self) -> Trajectory | None:
+        """The stop along the motion; None where it touches something at a millisecond.
+
+        Raises:
+            InfeasibleError: as `stop` does.
+        """
+        found = stop(self.pepper, self.trajectory, self.at, scene=None, **self._options).trajectory
+        if self.scene is None:
+            return found
+        states = found(sample_times(found.duration, EXAMINED_EVERY)).position
+        touches = collision.in_collision(self.pepper, states, checked_world(self.scene))
+        return None if touches.any() else found
+
+    def straight(self, goal: Array, exceeded: list[str]) -> Splice | None:
+        """Return the way of every joint by itself to rest at a goal, or None and add what it exceeds."""
+        found = self._steered(self.state, goal, exceeded)
+        return None if found is None else self._spliced("straight", found[1], found[0])
+
+    def after_stop(self, goal: Array) -> Splice | None:
+        """Return the stop, and from its end the way of every joint by itself to rest at a goal."""
+        if self.stopped is None:
+            return None
+        if np.abs(self.stopped.end - goal).max() <= _SAME:
+            return self._spliced("after a stop", 1.0, self.stopped)
+        found = self._steered(np.stack([self.stopped.end, np.zeros(goal.size)]), goal, [])
+        return None if found is None else self._spliced("after a stop", found[1], self.stopped, found[0])
+
+    def onto(self, other: Trajectory) -> Splice | None:
+        """Return the way onto another motion and along it, that which ends soonest of those tried.
+
+        The robot leaves now or on its way to a stop, and arrives with the other motion's velocity.  Where no
+        way was found, and the other motion begins where the stop ends, it stops first.
+        """
+        stopped = self.stopped
+        leaves = np.zeros(1) if stopped is None else _LEAVES * stopped.duration
+        joins = np.linspace(0.0, other.duration, _JOINS + 1)[1:]
+        targets = np.stack(other(joins)[:2], axis=1)
+        starts = self.state[None] if stopped is None else np.stack(stopped(leaves)[:2], axis=1)
+        meets = stopped is not None and np.abs(stopped.end - other.start).max() <= _SAME
+        most = stopped.duration if meets and stopped is not None else _LONGEST
+        pepper, top, phases = self.pepper, self.limits.acceleration, self._phases()
+        limits = np.stack([self.limits.velocity, top, pepper.lower_limits, pepper.upper_limits])
+        ways = []
+        for i, leave in enumerate(leaves):
+            for k, join in enumerate(joins):
+                longest = min(most + join - leave, _LONGEST)
+                time = bridge(starts[i], targets[k], limits, longest, phases)
+                if time > 0.0:
+                    ways.append((leave + time - join, i, k, longest))
+        for _, i, k, longest in sorted(ways):
+            for share in SHARES:
+                limits[1] = share * top
+                if not bridge(starts[i], targets[k], limits, longest, phases):
+                    break
+                between = joined_phases(self.trajectory, starts[i, 0], phases)
+                exceeded = self._exceeded(between)
+                if not exceeded:
+                    first = () if i == 0 else (stopped.between(0.0, leaves[i]),)
+                    last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
+                    return self._spliced("joined", share, *first, between, *last)
+                if "clearance" in exceeded:
+                    break
+        return self._spliced("after a stop", 1.0, stopped, other) if meets else None
+
+    def _spliced(self, how: str, share: float, *parts: Trajectory) -> Splice:
+        """Return the motion until the instant and parts after it."""
+        whole = (
+            parts[0] if self.at <= TIME_TOLERANCE else self.trajectory.between(0.0, self.at).then(parts[0])
+        )
+        for part in parts[1:]:
+            whole = whole.then(part)
+        return Splice(whole, how, self.at, share)
+
+    def _steered(self, state: Array, goal: Array, exceeded: list[str]) -> tuple[Trajectory, float] | None:
+        """Return the way from position and velocity, shape (2, n), to rest, and its share of acceleration."""
+        pepper, limits, phases, (position, velocity) = self.pepper, self.limits, self._phases(), state
+        # A joint passes no position beyond its start, its goal and where it first stops.
+        room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
+        needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
+        if needed.max() > 1.0:
+            exceeded.append("position")
+            return None
+        for share in SHARES:
+            allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
+            if steer(state, goal, allowed, phases) <= _ROUNDING:
+                raise InvalidValueError("goal", "the position where the robot rests", "another one")
+            motion = joined_phases(self.trajectory, position, phases)
+            names = self._exceeded(motion)
+            if not names:
+                return motion, share
+            exceeded += [name for name in names if name not in exceeded]
+        return None
+
+    def _exceeded(self, motion: Trajectory) -> tuple[str, ...]:
+        """Return which of torque, balance and clearance a cubic motion does not keep."""
+        exceeded = exceeded_effects(self.pepper, motion, self.limits, hasty=True)
+        if not exceeded and self.scene is not None:
+            checks = curve_checks_for(self.pepper, checked_world(self.scene))
+            exceeded = () if is_clear_along(checks, motion, held=False) else ("clearance",)
+        return exceeded
+
+    def _phases(self) -> Array:
+        return np.empty((self.pepper.n, 3, 4))

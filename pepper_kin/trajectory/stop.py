@@ -25,6 +25,7 @@ from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory.extremes import derivative, maxima
 from pepper_kin.trajectory.limits import (
     JerkLike,
+    LimitedQuantities,
     Limits,
     MotionLimits,
     jerk_limits,
@@ -32,7 +33,7 @@ from pepper_kin.trajectory.limits import (
     quantities_of,
 )
 from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, State, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -284,24 +285,32 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
     return (*found, *exceeded_effects(pepper, motion, limits))
 
 
-def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
-    """Return which of torque and balance a motion exceeds, looked at every 1 ms and beside every knot."""
-    found: list[str] = []
+def exceeded_effects(
+    pepper: PepperModel, motion: Trajectory, limits: Limits, hasty: bool = False
+) -> tuple[str, ...]:
+    """Return which of torque and balance a motion exceeds, looked at beside every knot and every 1 ms.
+
+    In haste, the first of these are enough where they exceed anything.
+    """
     quantities = quantities_of(pepper, limits)
     if not quantities.torque_limit.size + quantities.edges:
         return ()
-    pieces, steps = np.arange(motion.breaks.size - 1), np.diff(motion.breaks)
-    examined = (
-        motion(sample_times(motion.duration, EXAMINED_EVERY)),
-        motion.at_segments(pieces, np.zeros(pieces.size)),
-        motion.at_segments(pieces, steps),
-    )
-    states = [np.concatenate(part) for part in zip(*examined, strict=True)]
-    if np.any(np.abs(quantities.torque(*states)) > quantities.torque_limit * (1 + _ROUNDING)):
-        found.append("torque")
-    if np.any(quantities.moments(*states) < 0.0):
-        found.append("balance")
-    return tuple(found)
+    pieces, steps = np.tile(np.arange(motion.breaks.size - 1), 2), np.diff(motion.breaks)
+    at_knots = motion.at_segments(pieces, np.concatenate([np.zeros(steps.size), steps]))
+    found = _effects_exceeded(quantities, at_knots)
+    if not (hasty and found):
+        dense = _effects_exceeded(quantities, motion(sample_times(motion.duration, EXAMINED_EVERY)))
+        found = found | dense
+    return tuple(name for name in ("torque", "balance") if name in found)
+
+
+def _effects_exceeded(quantities: LimitedQuantities, state: State) -> set[str]:
+    found = set()
+    if np.any(np.abs(quantities.torque(*state)) > quantities.torque_limit * (1 + _ROUNDING)):
+        found.add("torque")
+    if np.any(quantities.moments(*state) < 0.0):
+        found.add("balance")
+    return found
 
 
 def _within(motion: Trajectory, order: int, low: Array, high: Array) -> bool:

@@ -370,20 +370,23 @@ class Trajectory(FrozenArrays):
         """
         return stop(pepper, self, at, how=how, **options)
 
-    def replaced(self, pepper: PepperModel, at: float, goal: ArrayLike, **options: Any) -> Splice:
-        """Return this motion until an instant, and from there the way to rest at a new goal.
+    def replaced(
+        self, pepper: PepperModel, at: float, goal: ArrayLike | Trajectory, **options: Any
+    ) -> Splice:
+        """Return this motion until an instant, and from there the way to a new goal, if possible in motion.
 
-        Every joint goes by itself with a share of its acceleration limit, or more to turn within its position
-        limits, and all arrive together (`pepper_kin.core.timing.steering`).  The acceleration may jump.
-        Limits of position, velocity and acceleration hold at every instant; torque and balance are examined
-        every millisecond and beside every knot, the clearance every millisecond.  Of the shares tried the
-        greatest that keeps all of them is taken; where none does, the motion stops first (`stop`), and
-        `Splice.how` says so.
+        Straight to rest, each joint with a share of its acceleration limit, or more to turn within its range;
+        or onto another motion and along it, left for now or on the way to a `stop`.  Joints arrive together
+        (`pepper_kin.core.timing.steering`); accelerations may jump.  Limits of position, velocity and
+        acceleration hold at every instant; torque and balance are examined every millisecond and beside every
+        knot; that nothing is touched is proven for the new way, of a stop looked at every millisecond.  Where
+        no share tried will do, the motion stops first, and `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.
             at: The instant [s].
-            goal: Joint positions [rad or m], shape (n,).
+            goal: Joint positions [rad or m], shape (n,); or a motion that keeps limits and touches nothing,
+                best one that begins where `stop` ends.
             **options: `scene`, which no body may touch; `torque`, False to leave it out; `balance` [m] as in
                 `retime`.
 
@@ -391,8 +394,7 @@ class Trajectory(FrozenArrays):
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the
                 motion, a wrong shape, NaN, or a goal at which the robot rests already.
             LimitError: for a goal outside the position limits.
-            InfeasibleError: where neither keeps all limits, naming those that the first exceeds, or where
-                `stop` finds none.
+            InfeasibleError: where no way keeps all limits, naming those that the first exceeds.
         """
         return replaced(pepper, self, at, goal, **options)
 

@@ -5,6 +5,7 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.collision.curve_examination import hull_of
 from pepper_kin.collision.motion_tree import (
     Hull,
     bounds_anywhere,
@@ -14,7 +15,6 @@ from pepper_kin.collision.motion_tree import (
 )
 from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.kinematics import frame_pose
-from pepper_kin.motion.examination import hull_of
 from pepper_kin.trajectory.path import as_cubic_path
 
 PEPPER = pk.load_pepper()

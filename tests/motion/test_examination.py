@@ -5,11 +5,11 @@ import pytest
 from scipy.interpolate import BSpline
 
 import pepper_kin as pk
+from pepper_kin.collision.curve_examination import cut, is_clear_along
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.examination import cut, is_clear_along
 from pepper_kin.motion.goal_search import APART, clear_goals
 from pepper_kin.planners import Path, rounded_waypoints
 from pepper_kin.trajectory.path import as_cubic_path

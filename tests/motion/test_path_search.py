@@ -6,10 +6,10 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import planners
 from pepper_kin.collision import CollisionChecker
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion import path_search
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
-from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.problem import COARSE, path_problem
 from pepper_kin.planners import tree

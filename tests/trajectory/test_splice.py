@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.core.timing.steering import join_phases, steer
+from pepper_kin.core.timing.steering import bridge, join_phases, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 
 GOAL = {"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "RShoulderRoll": -0.4, "HeadYaw": -0.5}
@@ -55,13 +55,53 @@ def test_no_motion_is_faster_and_all_joints_arrive():
         assert np.all(2 * np.abs(pieces[:, 2]) <= limits[1] * (1 + 1e-12))
 
 
+def test_a_way_between_two_motions_meets_both_within_limits():
+    """Not faster than ruckig's, which is the fastest, and within a step of a time that exists."""
+    ruckig = pytest.importorskip("ruckig")
+    rng, ratios = np.random.default_rng(1), []
+    for case in range(300):
+        n = 1 + case % 6
+        limits = rng.uniform(0.3, 5.0, (2, n))
+        ends = rng.normal(size=n) + rng.normal(size=(2, n)) * rng.choice([0.01, 1, 5])
+        speeds = rng.choice([-1.0, 0.0, 1.0, *rng.uniform(-1, 1, 3)], (2, n)) * limits[0]
+        beyond = rng.uniform(0.5, 20.0, (2, n)) * limits[0] ** 2 / (2 * limits[1])
+        room = ends.min(axis=0) - beyond[0], ends.max(axis=0) + beyond[1]
+        phases, states = np.empty((n, 3, 4)), np.stack([ends, speeds], axis=1)
+        time = bridge(*states, np.stack([*limits, *room]), 60.0, phases)
+        if time == 0.0:
+            continue  # a joint on its way out of its room
+        breaks, pieces = np.empty(3 * n + 1), np.empty((3 * n, 4, n))
+        count = join_phases(ends[0], phases, breaks, pieces)
+        motion = pk.Trajectory(tuple(f"j{k}" for k in range(n)), breaks[: count + 1], pieces[:count])
+        state = motion(np.linspace(0.0, motion.duration, 500))
+        assert np.allclose(state.position[[0, -1]], ends, rtol=0, atol=1e-9)
+        assert np.allclose(state.velocity[[0, -1]], speeds, rtol=0, atol=1e-9)
+        inner = np.arange(count - 1)
+        before = motion.at_segments(inner, np.diff(motion.breaks)[:-1])
+        after = motion.at_segments(inner + 1, 0 * inner)
+        assert np.allclose(before[:2], after[:2], rtol=0, atol=1e-9)
+        assert np.all((state.position >= room[0] - 1e-9) & (state.position <= room[1] + 1e-9))
+        assert np.all(np.abs(state.velocity) <= limits[0] * (1 + 1e-9))
+        assert np.all(np.abs(state.acceleration) <= limits[1] * (1 + 1e-9))
+        request = ruckig.InputParameter(n)
+        request.current_position, request.target_position = map(list, ends)
+        request.current_velocity, request.target_velocity = map(list, speeds)
+        request.max_velocity, request.max_acceleration = map(list, limits)
+        request.max_jerk = [np.inf] * n
+        planned = ruckig.Trajectory(n)
+        assert ruckig.Ruckig(n).calculate(request, planned) == ruckig.Result.Working
+        ratios.append(motion.duration / planned.duration)
+    assert len(ratios) > 150
+    assert min(ratios) > 1 - 1e-6
+    assert np.median(ratios) < 1.05
+
+
 def test_a_splice_keeps_limits_and_is_continuous(pepper, moving):
     goal, scene = pepper.joint_vector(GOAL), pk.Scene().add_box("box", (0.2, 0.2, 0.2), (1.5, 0.0, 0.8))
     for at in moving.duration * np.array([0.0, 0.2, 0.5, 0.8, 1.0]):
         splice = moving.replaced(pepper, at, goal, scene=scene, balance=0.0)
         found = splice.trajectory
         assert (splice.how, splice.time) == ("straight", at)
-        assert splice.clearance > 0.0
         assert np.allclose(found.end, goal, rtol=0, atol=1e-12)
         assert np.abs(found(found.duration).velocity).max() < 1e-12
         assert at == 0.0 or found.between(0.0, at).is_close(moving.between(0.0, at))
@@ -123,3 +163,51 @@ def test_what_a_splice_refuses(pepper, moving):
     wall = pk.Scene().add_box("wall", (3.0, 3.0, 3.0), (0.0, 0.0, 0.5))
     with pytest.raises(InfeasibleError, match="clearance"):
         moving.replaced(pepper, at, goal, scene=wall)
+
+
+def test_another_motion_is_joined_while_both_move(pepper, moving):
+    """The same goal by a motion that begins where the stop ends; sooner than by that stop."""
+    goal = pepper.joint_vector(GOAL)
+    for at in moving.duration * np.array([0.2, 0.5, 0.8]):
+        stop = moving.stop(pepper, at)
+        other = pk.retime(pepper, [stop.end, goal])
+        splice = moving.replaced(pepper, at, other)
+        found, after = splice.trajectory, at + stop.duration + other.duration
+        assert splice.how == "joined"
+        assert found.duration < after
+        assert found.between(0.0, at).is_close(moving.between(0.0, at))
+        assert np.allclose(found.end, goal, rtol=0, atol=1e-9)
+        inside = np.linspace(at, 0.999 * found.duration, 2000)
+        assert np.abs(found(inside).velocity).max(axis=1).min() > 0.0
+        certificate = found.check(pepper, collisions=False)
+        assert set(certificate.failures) <= {"balance"}, certificate.report()
+
+
+def test_a_motion_too_heavy_to_be_joined_comes_after_the_stop(pepper):
+    """Torque and balance of all ways by the certificate, and the end of the stop where there is one."""
+    ways, rng = [], np.random.default_rng(5)
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.04 * lower[:3], 0.04 * upper[:3]
+    for _ in range(80):
+        start, away, goal = rng.uniform(lower, upper, (3, pepper.n))
+        try:
+            motion = pk.retime(pepper, [start, away], balance=0.0)
+            stop = motion.stop(pepper, motion.duration / 2, balance=0.0)
+            other = pk.retime(pepper, [stop.end, goal], balance=0.0)
+        except InfeasibleError:
+            continue
+        splice = motion.replaced(pepper, motion.duration / 2, other, balance=0.0)
+        ways.append(splice.how)
+        certificate = splice.trajectory.check(pepper, collisions=False, balance=0.0)
+        assert certificate.success, certificate.report()
+        if splice.how == "after a stop":
+            parts = motion.between(0.0, motion.duration / 2).then(stop.trajectory).then(other)
+            assert splice.trajectory.is_close(parts)
+    assert set(ways) == {"joined", "after a stop"}, ways
+    assert ways.count("joined") > ways.count("after a stop")
+
+
+def test_another_motion_out_of_reach_is_refused(pepper, moving):
+    wall = pk.Scene().add_box("wall", (3.0, 3.0, 3.0), (0.0, 0.0, 0.5))
+    with pytest.raises(InfeasibleError, match="onto the other"):
+        moving.replaced(pepper, moving.duration / 2, moving, scene=wall)

@@ -1,13 +1,23 @@
-"""Joints from position and velocity to rest at a goal: bang-bang with a coast, all in the same time.
+"""Joints from position and velocity to rest at a goal, or to another motion, in one time: bang-bang.
 
 A joint goes from velocity v with acceleration a to a velocity c, keeps it, and brakes with a to rest.  Signs
 are such that the goal lies at a distance d beyond its stopping point, d >= v |v| / 2 a, so that c >= 0.  Its
-least time has c = min(sqrt(a d + v^2 / 2), v_max).  In a longer time T, with v <= c,
+least time has c = min(sqrt(a d + v^2 / 2), v_max).  In the time T of the slowest, joints that need not turn
+use the least acceleration: for d < v T / 2 that of braking, v^2 / 2 d, and they wait; for other d the first
+of those below, with w = 0.  A joint that turns does so with all of its own, and c is the lesser root of
 
-    d = c (T + v / a) - c^2 / a - v^2 / 2 a,
+    d = c (T + v / a) - c^2 / a - v^2 / 2 a.
 
-whose lesser root it is; where that is less than v the joint slows down first, d = v^2 / 2 a + c (T - v / a).
-It ends at rest, where it could wait: every time above the least is possible.
+To a velocity w at a distance d in a time T, the least acceleration that does it is used for some time and
+then its opposite: with m = 2 d - T (v + w),
+
+    a = (m +- sqrt(m^2 + T^2 (w - v)^2)) / T^2,   the sign that of m,
+
+and where that passes v_max between, with a coast at c = v_max for a > 0, -v_max for a < 0,
+
+    a = ((c - v)^2 + (c - w)^2) / (2 (c T - d)).
+
+Not every time above one that the limits allow is allowed: they are tried in turn.
 """
 
 from __future__ import annotations
@@ -18,6 +28,8 @@ from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 
 _SAME_TIME = 1e-12  # [s]
+_LONGER = 1.04  # ratio of times that are tried in turn
+_SHORTEST = 0.005  # [s] of them
 
 
 @compiled("float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, :, ::1])")
@@ -45,21 +57,98 @@ def steer(state: Array, goal: Array, limits: Array, phases: Array) -> float:
     for j in range(n):
         a, sign = limits[1, j], _direction(state, goal, limits, j)
         d, v = sign * (goal[j] - state[0, j]), sign * state[1, j]
-        beyond = d - v * abs(v) / (2 * a)
-        if v > 0.0 and beyond <= v * (longest - v / a):
-            c = beyond / (longest - v / a) if beyond > 0.0 else 0.0
-        else:
+        if v < 0.0:
             half, square = (a * longest + v) / 2, max(a * d + v * v / 2, 0.0)
             root = half + np.sqrt(max(half * half - square, 0.0))
             c = square / root if root > 0.0 else 0.0
-        first, last = abs(c - v) / a, c / a
-        phases[j, 0, 0], phases[j, 0, 1] = first, state[1, j]
-        phases[j, 0, 2] = sign * (a if c > v else -a)
-        phases[j, 1, 0], phases[j, 1, 1], phases[j, 1, 2] = max(longest - first - last, 0.0), sign * c, 0.0
-        phases[j, 2, 0], phases[j, 2, 1], phases[j, 2, 2] = last, sign * c, -sign * a
-        for k in range(3):
-            phases[j, k, 3] = 0.0
+        elif 2.0 * d < v * longest:
+            a, c = min(v * v / (2.0 * d), a), 0.0
+        else:
+            a, c = _least_acceleration(d, v, 0.0, limits[0, j], longest)
+        _write_phases(longest, sign * a, state[1, j], sign * c, 0.0, phases[j])
     return longest
+
+
+@compiled
+def _write_phases(time: float, a: float, v: float, c: float, w: float, phases: Array) -> None:
+    """Write the phases of a joint from velocity v to c and w, with accelerations of a size, shape (3, 4)."""
+    first, last = (abs(c - v) / abs(a), abs(w - c) / abs(a)) if a != 0.0 else (0.0, 0.0)
+    phases[0, 0], phases[0, 1], phases[0, 2] = first, v, abs(a) if c > v else -abs(a)
+    phases[1, 0], phases[1, 1], phases[1, 2] = max(time - first - last, 0.0), c, 0.0
+    phases[2, 0], phases[2, 1], phases[2, 2] = last, c, abs(a) if w > c else -abs(a)
+    for k in range(3):
+        phases[k, 3] = 0.0
+
+
+@compiled("float64(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64, float64[:, :, ::1])")
+def bridge(state: Array, target: Array, limits: Array, longest: float, phases: Array) -> float:
+    """Find a short motion of all joints from position and velocity to others.
+
+    Args:
+        state: Position and velocity at the start, shape (2, n) [rad or m, 1/s].
+        target: At the end, shape (2, n); both within the limits.
+        limits: Of velocity and acceleration as in `steer`, least and greatest position, shape (4, n).
+        longest: Time that it may take [s].
+        phases: As in `steer`.
+
+    Returns:
+        The time [s]; 0 where none of those tried is long enough and below the longest.
+    """
+    n, time = limits.shape[1], _SHORTEST
+    for j in range(n):
+        time = max(time, abs(target[1, j] - state[1, j]) / limits[1, j])
+        time = max(time, abs(target[0, j] - state[0, j]) / limits[0, j])
+    while time <= longest:
+        enough, j = True, 0
+        while enough and j < n:
+            enough, j = _allowed(state, target, limits, time, j), j + 1
+        if enough:
+            for j in range(n):
+                v, w = state[1, j], target[1, j]
+                a, c = _least_acceleration(target[0, j] - state[0, j], v, w, limits[0, j], time)
+                _write_phases(time, a, v, c, w, phases[j])
+            return time
+        time *= _LONGER
+    return 0.0
+
+
+@compiled
+def _allowed(state: Array, target: Array, limits: Array, time: float, j: int) -> bool:
+    """Return whether a joint keeps its limits in a time; see `bridge`."""
+    d, v, w = target[0, j] - state[0, j], state[1, j], target[1, j]
+    a, c = _least_acceleration(d, v, w, limits[0, j], time)
+    if not abs(a) <= limits[1, j]:
+        return False
+    for end, speed, back in ((state[0, j], v, -a), (target[0, j], w, a)):
+        if speed * c < 0.0:  # it turns round beyond this end
+            turn = end + speed * speed / (2.0 * back)
+            if turn < limits[2, j] or turn > limits[3, j]:
+                return False
+    return True
+
+
+@compiled
+def _least_acceleration(d: float, v: float, w: float, top: float, time: float) -> tuple[float, float]:
+    """Return a joint's first acceleration, and the velocity at which it coasts or turns to the opposite.
+
+    Args:
+        d: Distance to go [rad or m].
+        v: Velocity at the start.
+        w: Velocity at the end.
+        top: Limit of velocity.
+        time: Time to take [s].
+    """
+    m, change = 2.0 * d - time * (v + w), w - v
+    root = np.sqrt(m * m + time * time * change * change)
+    a = (m + (root if m >= 0.0 else -root)) / (time * time)
+    if a == 0.0:
+        return 0.0, v
+    c = v + (a * time + change) / 2.0
+    if abs(c) > top:
+        c = top if a > 0.0 else -top
+        beyond = c * time - d
+        a = ((c - v) ** 2 + (c - w) ** 2) / (2.0 * beyond) if beyond != 0.0 else np.inf
+    return a, c
 
 
 @compiled

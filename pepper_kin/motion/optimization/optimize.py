@@ -13,6 +13,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, least_clearance
+from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -24,7 +25,6 @@ from pepper_kin.model.joint_vectors import (
 )
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
-from pepper_kin.motion.examination import is_clear_along
 from pepper_kin.motion.optimization.cost import Cost, figures_of
 from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.plan_result import Plan

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene
+from pepper_kin.arrays import Array, PiecewiseCubic
+from pepper_kin.collision.curve_checks import CurveChecks, held_by
 from pepper_kin.collision.motion_tree import motion_bounds
+from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision.curve_check import (
     Intervals,
     count_intervals,
@@ -15,12 +16,10 @@ from pepper_kin.core.collision.curve_check import (
     write_intervals,
 )
 from pepper_kin.model import PepperModel
-from pepper_kin.motion.checks import Checks, held_by
-from pepper_kin.trajectory.path import PiecewiseCubic
 
 
 def is_clear_along(
-    checks: Checks,
+    checks: CurveChecks,
     curve: PiecewiseCubic,
     margins: tuple[float, float] = (0.0, 0.0),
     *,
