@@ -39,6 +39,7 @@ _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, f
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
+_HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
 
 
 class LiveStatus(ResultStatus):
@@ -289,10 +290,10 @@ class LiveMotion:
             return
         if _is_at(self._way.end, self._goal) and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
             yield self._way, ""
-        for candidate in (self._straight, self._planned):
-            found = candidate(now)
-            if found is not None and self._is_free(found) and self._ahead_is_clear(found, now):
-                yield found, ""
+        for candidates in (self._straight, self._planned):
+            for found in candidates(now):
+                if self._is_free(found) and self._ahead_is_clear(found, now):
+                    yield found, ""
         self._ask(now)
         yield self._way, self._blocked or "no way to the goal was found yet"
 
@@ -304,35 +305,45 @@ class LiveMotion:
         times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
         return not self._meets_standing(way(times).position)
 
-    def _straight(self, now: float) -> Trajectory | None:
+    def _straight(self, now: float) -> Iterator[Trajectory]:
         assert self._goal is not None
+        yield from self._replaced(self._goal)
+
+    def _replaced(self, by: Array | Trajectory) -> Iterator[Trajectory]:
+        """Yield the way to a goal, or onto another motion, from where the robot is committed to."""
         at = 0.0 if _stands(self._way) else min(COMMITTED * self._cycle, self._way.duration)
         try:
-            found = self._way.replaced(self._pepper, at, self._goal, **self._limits)
+            found = self._way.replaced(self._pepper, at, by, **self._limits)
         except PepperKinError:
-            return None
-        return found.trajectory
+            return
+        yield found.trajectory
 
-    def _planned(self, now: float) -> Trajectory | None:
-        """Return the way with what was planned, if that is there and the robot can still take it."""
+    def _planned(self, now: float) -> Iterator[Trajectory]:
+        """Yield the way with what was planned, if that is there and the robot can still take it.
+
+        Joined in motion first, then after the stop at whose end it begins.
+        """
         if self._asked is None:
             self._ask(now)
         asked = self._asked
         if asked is None:
-            return None
+            return
         wait([asked.answer], timeout=self._patience)
         if not asked.answer.done():
-            return None
+            return
         self._asked, answer = None, asked.answer.result()
         here = now - asked.begin
         before = self._rest_of(asked.before, here)
-        if answer is None or not _meet(before, self._way, COMMITTED * self._cycle):
-            return None
-        return answer if _stands(before) else before.then(answer)
+        if answer is None:
+            return
+        if not _stands(self._way) and _is_plain(self._way):
+            yield from self._replaced(answer)
+        if _meet(before, self._way, COMMITTED * self._cycle):
+            yield answer if _stands(before) else before.then(answer)
 
     def _ask(self, now: float) -> None:
         """Let a plan be made from where the robot will stand, or could, by another thread."""
-        if self._goal is None or self._asked is not None:
+        if self._goal is None or self._asked is not None or not _is_plain(self._way):
             return
         before = self._way
         if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
@@ -441,6 +452,11 @@ def _standing(pepper: PepperModel, q: Array) -> Trajectory:
 
 def _stands(way: Trajectory) -> bool:
     return way.coefficients.shape[:2] == (1, 1)
+
+
+def _is_plain(way: Trajectory) -> bool:
+    """Whether a way is of low degree: a stop along it has twice that, and so on."""
+    return way.coefficients.shape[1] <= _HIGHEST
 
 
 def _is_at(q: Array, goal: Array) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from pepper_kin.trajectory.stop import (
     exceeded_effects,
     joined_phases,
     limits_of,
-    stop,
+    stop_within,
 )
 
 if TYPE_CHECKING:
@@ -78,10 +78,10 @@ def replaced(
             reason = "neither in motion nor after a stop does the robot get onto the other one"
             raise InfeasibleError("splice", reason, "a motion that begins where `stop` ends")
         return joined
-    goal = np.array(as_joint_vector(pepper, goal, "goal"))
-    check_within_limits(pepper, goal, "goal", 1e-9)
+    end = np.array(as_joint_vector(pepper, cast("ArrayLike", goal), "goal"))
+    check_within_limits(pepper, end, "goal", 1e-9)
     exceeded: list[str] = []
-    found = moving.straight(goal, exceeded) or moving.after_stop(goal)
+    found = moving.straight(end, exceeded) or moving.after_stop(end)
     if found is None:
         reason = f"straight to the goal it would exceed {', '.join(exceeded)}, and after a stop too"
         raise InfeasibleError("splice", reason, "`pepper_kin.motion.replan`")
@@ -111,8 +111,11 @@ class MovingStart:
     ) -> None:
         refuse_other_joints(pepper, trajectory.joint_names)
         self.pepper, self.trajectory, self.scene = pepper, trajectory, scene
-        self.at, self._options = checked_instant(trajectory, at), {"torque": torque, "balance": balance}
-        self.limits = limits_of(pepper, motion_limits(pepper, scene=scene, **self._options))
+        if scene is not None and scene.movers:
+            still = "obstacles that stand, as of scene.at(time); or `motion.LiveMotion`"
+            raise InvalidValueError("scene", f"{scene.movers[0].name!r} moving", still)
+        self.at = checked_instant(trajectory, at)
+        self.limits = limits_of(pepper, motion_limits(pepper, torque=torque, balance=balance, scene=scene))
         if not np.isfinite([self.limits.velocity, self.limits.acceleration]).all():
             allowed = "finite limits of velocity and acceleration"
             raise InvalidValueError("limits", "none for some joint", allowed)
@@ -126,7 +129,7 @@ class MovingStart:
         Raises:
             InfeasibleError: as `stop` does.
         """
-        found = stop(self.pepper, self.trajectory, self.at, scene=None, **self._options).trajectory
+        found = stop_within(self.pepper, self.trajectory, self.at, self.limits).trajectory
         if self.scene is None:
             return found
         states = found(sample_times(found.duration, EXAMINED_EVERY)).position
@@ -177,12 +180,12 @@ class MovingStart:
                 between = joined_phases(self.trajectory, starts[i, 0], phases)
                 exceeded = self._exceeded(between)
                 if not exceeded:
-                    first = () if i == 0 else (stopped.between(0.0, leaves[i]),)
+                    first = () if i == 0 or stopped is None else (stopped.between(0.0, leaves[i]),)
                     last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
                     return self._spliced("joined", share, *first, between, *last)
                 if "clearance" in exceeded:
                     break
-        return self._spliced("after a stop", 1.0, stopped, other) if meets else None
+        return self._spliced("after a stop", 1.0, stopped, other) if meets and stopped is not None else None
 
     def _spliced(self, how: str, share: float, *parts: Trajectory) -> Splice:
         """Return the motion until the instant and parts after it."""

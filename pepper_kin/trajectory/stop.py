@@ -97,17 +97,25 @@ def stop(
     limits = limits_of(pepper, allowed)
     if jerk is not None:
         limits = replace(limits, jerk=jerk_limits(pepper, jerk))
+    found = stop_within(pepper, trajectory, at, limits, how)
+    if scene is None:
+        return found
+    return replace(found, clearance=least_clearance(pepper, found.trajectory, scene, at))
+
+
+def stop_within(
+    pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits, how: str = "path"
+) -> Stop:
+    """Return the hardest stop from an instant [s] within limits, without its clearance; see `stop`."""
     if np.abs(trajectory(at).velocity).max() <= _AT_REST:
         found = Stop(_resting(trajectory, at), how)
     elif how == "joints":
         found = _of_joints(pepper, trajectory, at, limits)
     else:
         found = Stop(_along_path(trajectory, at, limits, pepper), how)
-        if jerk is not None:
+        if limits.jerk is not None:
             found = _with_jerk(pepper, trajectory, at, limits, found.duration)
-    return (
-        found if scene is None else replace(found, clearance=least_clearance(pepper, found.trajectory, scene))
-    )
+    return found
 
 
 def checked_instant(trajectory: Trajectory, at: float) -> float:
@@ -348,8 +356,12 @@ def _with_jerk(
     return Stop(trajectory.between(at, trajectory.duration), "end")
 
 
-def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene) -> float:
-    """Return the least distance between bodies at every millisecond [m], at most 0 in contact."""
-    states: NDArray[np.float64] = motion(sample_times(motion.duration, EXAMINED_EVERY)).position
-    nearest = collision.least_clearance(pepper, states, checked_world(scene))
+def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene, begin: float) -> float:
+    """Return the least distance between bodies at every millisecond [m], at most 0 in contact.
+
+    The motion begins at a time [s] of the scene.
+    """
+    times = sample_times(motion.duration, EXAMINED_EVERY)
+    states: NDArray[np.float64] = motion(times).position
+    nearest = collision.least_clearance(pepper, states, checked_world(scene), begin + times)
     return float(nearest.distance if nearest.forbidden is None else min(nearest.distance, 0.0))

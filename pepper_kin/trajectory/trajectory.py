@@ -357,9 +357,9 @@ class Trajectory(FrozenArrays):
             pepper: The robot, which gives the limits.
             at: The instant [s].
             how: "path" or "joints".
-            **options: `scene`, around which the clearance is measured, and whose attached objects count with
-                their mass; `torque`, False to leave it out; `balance` [m], `jerk` and `payload` as in
-                `retime`, None to leave them out.
+            **options: `scene`, around which the clearance is measured, its obstacles moving from time 0 of
+                this motion on, and whose attached objects count with their mass; `torque`, False to leave it
+                out; `balance` [m], `jerk` and `payload` as in `retime`, None to leave them out.
 
         Raises:
             InvalidValueError: for joints that are not the robot's, a time outside the motion, an option out

@@ -200,3 +200,21 @@ def test_refusals(pepper, trajectory):
     stop = trajectory.stop(pepper, 0.1)
     with pytest.raises(dataclasses.FrozenInstanceError):
         stop.how = "joints"
+
+
+def test_the_clearance_of_a_stop_is_that_to_where_obstacles_are_then(pepper):
+    motion = pk.retime(pepper, [pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.2})])
+    at = motion.duration / 2
+    hand = pk.kinematics.frame_pose(pepper, motion(at).position, "l_gripper")[:3, 3]
+    away = hand + np.array([0.1, 1.0, 0.0])
+    ball = pk.Scene().add_sphere("ball", 0.05, away, velocity=(0.0, -1.0 / at, 0.0))
+    found = motion.stop(pepper, at, scene=ball)
+    times = np.linspace(0.0, found.duration, 200)
+    states = found.trajectory(times).position
+    wanted = min(
+        float(pk.collision.clearance(pepper, q, ball.at(at + t))) for q, t in zip(states, times, strict=True)
+    )
+    assert found.clearance == pytest.approx(wanted, abs=1e-3)
+    assert found.clearance < motion.stop(pepper, at, scene=pk.Scene()).clearance
+    with pytest.raises(InvalidValueError, match="'ball' moving"):
+        motion.replaced(pepper, at, motion.start, scene=ball)
