@@ -117,6 +117,8 @@ class LiveMotion:
         rate: Cycles a second [1/s].
         horizon: How far the way is looked ahead, and how old a scene may be [s].
         margin: Distance kept from obstacles that move, besides their uncertainty [m].
+        delay: By how much the robot is behind what is commanded, at most [s]: obstacles may be as far from
+            where they are compared as they come in it.
         tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
         torque: Whether torques are kept within their limits.
         balance: As in `retime` [m]; None to leave it out.
@@ -139,6 +141,7 @@ class LiveMotion:
         rate: float = 30.0,
         horizon: float = 1.0,
         margin: float = 0.01,
+        delay: float = 0.0,
         tolerance: float = 0.2,
         torque: bool = True,
         balance: float | None = None,
@@ -152,6 +155,7 @@ class LiveMotion:
             check_positive("horizon", horizon, "s"),
             check_positive("margin", margin, "m"),
         )
+        self._delay = not_negative("delay", delay)
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
         self._patience = self._cycle / 5.0 if patience is None else not_negative("patience", patience)
         self._balance = balance
@@ -428,9 +432,9 @@ class LiveMotion:
             return False
         since = np.maximum(times + (now - self._seen), 0.0)
         speed = float((np.abs(states.velocity) @ self._reach).max()) + movers.speed
-        kept = np.full(times.size, self._margin + 0.5 * times[1] * speed)
+        kept = np.full(times.size, self._margin + 0.5 * times[1] * speed + self._delay * movers.speed)
         if growing:
-            kept += movers.uncertainty * since
+            kept += movers.uncertainty * (since + self._delay)
         both = movers.states(states.position, since)
         checker = fast_checker_for(movers.robot, movers.scene)
         found = checker.nearer(both, kept)

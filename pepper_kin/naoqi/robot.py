@@ -215,7 +215,7 @@ class Robot:
     ) -> RobotMotionResult:
         """Make a live motion of joints; returns when it is over.
 
-            live = LiveMotion(pepper, robot.state().of(pepper.joint_names))
+            live = LiveMotion(pepper, robot.state().of(pepper.joint_names), delay=0.2)
             robot.follow_live(live, each_cycle)
 
         Targets are sent at 50 Hz, and measured states reported to the motion.

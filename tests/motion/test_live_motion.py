@@ -107,6 +107,26 @@ def test_nothing_is_hit_while_obstacles_keep_to_their_uncertainty(careful, seed)
     assert moving_contacts(careful, found, see) == 0
 
 
+def test_a_robot_that_is_behind_hits_nothing_either(careful):
+    """What is commanded is done 0.3 s later, while balls that come to where a hand leaves are on time."""
+    start, goal = careful.joint_vector(GOAL), careful.posture("Stand")
+    hand, hits = pk.kinematics.frame_pose(careful, start, "l_gripper")[:3, 3], {}
+    for known in (0.0, 0.3):
+        hits[known] = 0
+        for apart in np.linspace(0.16, 0.4, 7):
+
+            def see(now, apart=apart):
+                place = hand + np.array([apart - 0.4 * now, 0.0, 0.0])
+                return pk.Scene().add_sphere("ball", 0.08, place, velocity=(-0.4, 0.0, 0.0))
+
+            live = LiveMotion(careful, start, see(0.0), patience=2.0, delay=known)
+            live.set_goal(goal)
+            found = run(live, 1.5, see)
+            hits[known] += moving_contacts(careful, found, lambda at, see=see: see(at + 0.3))
+    assert hits[0.0] > 0
+    assert hits[0.3] == 0
+
+
 def test_a_way_around_what_stands_is_planned(careful):
     start = careful.joint_vector({"RShoulderPitch": 0.9, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})
     goal = careful.joint_vector({"RShoulderPitch": -0.5, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})
@@ -185,7 +205,7 @@ def test_what_is_refused(careful):
     stand = careful.posture("Stand")
     with pytest.raises(InvalidValueError, match="in contact"):
         LiveMotion(careful, stand, pk.Scene().add_sphere("ball", 0.3, (0.0, 0.0, 0.9)))
-    for option in ("rate", "horizon", "margin", "tolerance"):
+    for option in ("rate", "horizon", "margin", "delay", "tolerance", "patience"):
         with pytest.raises(InvalidValueError, match=option):
             LiveMotion(careful, stand, **{option: -1.0})
     live = LiveMotion(careful, stand)
