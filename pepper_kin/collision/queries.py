@@ -47,7 +47,7 @@ def in_collision(
     q_all = as_joint_vectors(pepper, q, "q")
     found = np.array(_checkers()(pepper, scene.standing).in_collision(q_all)).ravel()
     free, when = np.flatnonzero(~found), checked_times(times, found.size)
-    states = movers.states(q_all.reshape(found.size, -1)[free], when[free])
+    states = movers.states(q_all.reshape(found.size, pepper.n)[free], when[free])
     checker = _checkers()(movers.robot, movers.scene)
     near = checker.nearer(states, movers.uncertainty * when[free])
     if movers.alike:

@@ -47,7 +47,10 @@ def test_verdicts_at_times_are_coals_of_the_scene_then(robot):
         assert in_collision(pepper, q[0], scene, times[0]) == coal[0]
         assert in_collision(pepper, q, scene).tolist() == checker_for(pepper, scene).in_collision(q).tolist()
         touching += sum(coal)
+        walled = scene.add_box("wall", (1.0, 1.0, 1.0), (0.0, 0.0, 0.8))
+        assert in_collision(pepper, q, walled, times).all()
     assert 40 < touching < 200
+    assert in_collision(pepper, q[:0], scene, 1.0).shape == (0,)
 
 
 def distance_kept(pepper, q, scene, time):

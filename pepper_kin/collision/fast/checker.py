@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,9 +136,9 @@ class FastChecker:
             return found != 0
         starts = np.flatnonzero(np.diff(margins, prepend=np.nan))
         memory = self._prepared.memory()
-        for start, stop in zip(starts, [*starts[1:], len(q)], strict=True):
+        for start, stop in pairwise([*starts.tolist(), len(q)]):
             set_margins(memory, self.exact.margin, float(margins[start]), RANGE_RADIUS)
-            check_many(memory, flat, found, int(start), int(stop))
+            check_many(memory, flat, found, start, stop)
         self._prepared.named(memory, self._prepared.margins)
         for k in np.flatnonzero(found == TIE):
             exact = self.exact.with_margins(self.exact.margin, float(margins[k]))
