@@ -172,10 +172,11 @@ def test_mesh_names_may_be_too_long_for_a_file() -> None:
         read_mesh(robot.visual_shapes[0].geometry.path)
 
 
-def test_xacro_is_refused_by_its_element() -> None:
+@pytest.mark.parametrize("element", ["include", "if", "unless", "insert_block", "element"])
+def test_xacro_is_refused_by_its_element(element: str) -> None:
     head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-    with pytest.raises(ModelError, match="URDF: holds <xacro:include>; expand it first"):
-        pk.load_robot(chain(1).replace('<robot name="chain">', f'{head}<xacro:include filename="a"/>'))
+    with pytest.raises(ModelError, match=f"URDF: holds <xacro:{element}>; expand it first"):
+        pk.load_robot(chain(1).replace('<robot name="chain">', f'{head}<xacro:{element} filename="a"/>'))
 
 
 @pytest.mark.parametrize("value", ["1_0", "\u0661", "nan", "1e31", "9" * 5000, "0x10", "true", ""])

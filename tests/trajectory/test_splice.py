@@ -6,6 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.core.timing.steering import bridge, join_phases, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+from pepper_kin.trajectory.splice import MovingStart
 
 GOAL = {"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "RShoulderRoll": -0.4, "HeadYaw": -0.5}
 
@@ -211,3 +212,16 @@ def test_another_motion_out_of_reach_is_refused(pepper, moving):
     wall = pk.Scene().add_box("wall", (3.0, 3.0, 3.0), (0.0, 0.0, 0.5))
     with pytest.raises(InfeasibleError, match="onto the other"):
         moving.replaced(pepper, moving.duration / 2, moving, scene=wall)
+
+
+def test_the_stop_of_a_splice_counts_what_the_robot_carries(pepper):
+    away = pepper.joint_vector({"LShoulderPitch": 0.0})
+    scene = pk.Scene().add_sphere("weight", 0.02, (2.0, 0.0, 0.0))
+    held = scene.attach("weight", "l_gripper", np.eye(4), mass=0.7, touch_links=pepper.link_names)
+    moving = pk.retime(pepper, [away, pepper.joint_vector({"LShoulderPitch": 1.2})], scene=held)
+    differ = 0
+    for at in moving.duration * np.linspace(0.1, 0.9, 9):
+        start = MovingStart(pepper, moving, at, held, True, None)
+        assert start.stopped.is_close(moving.stop(pepper, at, scene=held).trajectory)
+        differ += not start.stopped.is_close(moving.stop(pepper, at).trajectory)
+    assert differ
