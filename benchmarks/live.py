@@ -224,6 +224,26 @@ def moving_boxes(pepper, motions, rng, verdicts):
     print(f"verdicts that differ from coal's: {differ} of {101 * len(alone)}, {touching} of them contacts")
 
 
+def free_cycles(pepper):
+    """Print what a cycle takes whose way is free, beside ten boxes that move and are seen anew each time."""
+    rng, goals = np.random.default_rng(0), [pepper.posture("Stand")]
+    goals.append(pepper.joint_vector({"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "HeadYaw": -0.5}))
+    scene, spent = pk.Scene(), []
+    for name in map(str, range(10)):
+        place, size = rng.uniform((0.9, -0.7, 0.4), (1.2, 0.7, 1.3)), rng.uniform(0.08, 0.24, 3)
+        scene = scene.add_box(name, size, place, velocity=rng.uniform(-0.02, 0.02, 3))
+    live = pk.motion.LiveMotion(pepper, goals[0], patience=1.0)
+    for k in range(600):
+        if k % 40 == 0:
+            live.set_goal(goals[(k // 40 + 1) % 2])
+        poses = {name: scene.objects[name].transform_object_to_world for name in scene.names}
+        live.set_scene(scene.moved(poses), k / 30)
+        state = live.step(k / 30)
+        if state.status is pk.motion.LiveStatus.MOVING and k > 100:
+            spent.append(state.spent)
+    line("live cycle, the way free", spent, 1e3, "ms")
+
+
 def among_boxes(pepper, rng, count, off):
     """Print how live motions fare among ten boxes whose velocities are up to `off` [m/s] off."""
     slower = {"velocity": 0.3 * pepper.velocity_limits, "acceleration": 0.3 * pepper.acceleration_limits}
@@ -313,6 +333,7 @@ def main():
     steering(pepper, motions, rng, count // PER_STOP)
     moved_scenes(pepper, rng)
     moving_boxes(pepper, motions, rng, count // 10)
+    free_cycles(pepper)
     for off in (0.0, 0.5):
         among_boxes(pepper, rng, count // 1_000, off)
     assert broken == 0

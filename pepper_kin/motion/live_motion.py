@@ -147,7 +147,7 @@ class LiveMotion:
         balance: float | None = None,
         patience: float | None = None,
     ) -> None:
-        self._pepper = self.pepper = pepper
+        self.pepper = pepper
         rest = np.array(as_joint_vector(pepper, start, "start"))
         check_within_limits(pepper, rest, "start", 1e-9)
         self._cycle = 1.0 / check_positive("rate", rate, "Hz")
@@ -191,15 +191,15 @@ class LiveMotion:
             LimitError: for a goal outside the limits.
         """
         if goal is not None:
-            goal = np.array(as_joint_vector(self._pepper, goal, "goal"))
-            check_within_limits(self._pepper, goal, "goal", 1e-9)
+            goal = np.array(as_joint_vector(self.pepper, goal, "goal"))
+            check_within_limits(self.pepper, goal, "goal", 1e-9)
         self._goal, self._attempts, self._asked = goal, 0, None
 
     def set_scene(self, scene: Scene | None, time: float) -> None:
         """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
 
         Raises:
-            InvalidValueError: for what is no scene, attached objects with mass, or a time that is no number.
+            InvalidValueError: for another type, attached objects with mass, or a time that is not finite.
         """
         seen = as_real(time)
         if not math.isfinite(seen):
@@ -222,7 +222,7 @@ class LiveMotion:
         numbers, the robot is stopped, and stays halted.
         """
         measured = np.asarray(q, dtype=float)
-        if measured.shape != (self._pepper.n,) or not np.isfinite(measured).all():
+        if measured.shape != (self.pepper.n,) or not np.isfinite(measured).all():
             self._fault = "the measured state is not finite numbers of all joints"
             return
         least, worst = math.inf, 0
@@ -233,7 +233,7 @@ class LiveMotion:
             if off[nearest].max() < least:
                 least, worst = float(off[nearest].max()), int(off[nearest].argmax())
         if self._past and least > self._tolerance:
-            name = self._pepper.joint_names[worst]
+            name = self.pepper.joint_names[worst]
             self._fault = f"{name} is {least:.3f} off the motion, tolerance {self._tolerance:g}"
 
     def step(self, now: float) -> LiveState:
@@ -261,7 +261,7 @@ class LiveMotion:
 
     def _rest_of(self, way: Trajectory, here: float) -> Trajectory:
         if way.duration - here <= 2.0 * TIME_TOLERANCE:
-            return _standing(self._pepper, way.end)
+            return _standing(self.pepper, way.end)
         return way.between(here, way.duration) if here > 0.0 else way
 
     def _choose(self, now: float) -> tuple[LiveStatus, str, bool]:
@@ -317,7 +317,7 @@ class LiveMotion:
         """Yield the way to a goal, or onto another motion, from where the robot is committed to."""
         at = 0.0 if _stands(self._way) else min(COMMITTED * self._cycle, self._way.duration)
         try:
-            found = self._way.replaced(self._pepper, at, by, **self._limits)
+            found = self._way.replaced(self.pepper, at, by, **self._limits)
         except PepperKinError:
             return
         yield found.trajectory
@@ -352,7 +352,7 @@ class LiveMotion:
         before = self._way
         if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
             try:
-                stop = before.stop(self._pepper, _BRANCH, **self._limits)
+                stop = before.stop(self.pepper, _BRANCH, **self._limits)
             except InfeasibleError:
                 return
             before = before.between(0.0, _BRANCH).then(stop.trajectory)
@@ -367,14 +367,14 @@ class LiveMotion:
 
         Every other search moves all joints but those of a base, not only those in which the ends differ.
         """
-        free = [name for name in self._pepper.joint_names if name not in BASE_JOINTS]
+        free = [name for name in self.pepper.joint_names if name not in BASE_JOINTS]
         try:
             found = plan(
-                self._pepper, start, goal, scene, margin=self._margin, seed=seed, timeout=0.3,
+                self.pepper, start, goal, scene, margin=self._margin, seed=seed, timeout=0.3,
                 joints=free if seed % 2 else None,
                 balance=self._balance,
             )  # fmt: skip
-            return retime(self._pepper, found, **self._limits) if found.success else None
+            return retime(self.pepper, found, **self._limits) if found.success else None
         except PepperKinError:
             return None  # a start or goal in contact by then
 
@@ -393,7 +393,7 @@ class LiveMotion:
         if _stands(way) or way.duration <= at + _INSTANT or (self._braking and way is self._way):
             return way, None
         try:
-            stop = way.between(at, way.duration).stop(self._pepper, 0.0, **self._limits)
+            stop = way.between(at, way.duration).stop(self.pepper, 0.0, **self._limits)
         except InfeasibleError:
             return None
         return way.between(0.0, at).then(stop.trajectory), stop
@@ -420,14 +420,14 @@ class LiveMotion:
         return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
 
     def _meets_standing(self, q: Array) -> bool:
-        checker = fast_checker_for(self._pepper, self._scene.standing, _STILL, 0.0)
+        checker = fast_checker_for(self.pepper, self._scene.standing, _STILL, 0.0)
         found = checker.in_collision(q)
         if found.any():
             self._note(checker.exact, q[int(found.argmax())])
         return bool(found.any())
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
-        movers = movers_of(self._pepper, self._scene)
+        movers = movers_of(self.pepper, self._scene)
         if movers is None:
             return False
         since = np.maximum(times + (now - self._seen), 0.0)

@@ -59,7 +59,7 @@ def falling_problems(
 
     Args:
         checks: The robot in its scene.
-        ends: Start and goals, with what they keep of the margin requested.
+        ends: Start and goals, and which part of the requested margin they keep.
         margins: The margin requested, and what must be kept [m].
         resolution: See `path_problem`.
     """

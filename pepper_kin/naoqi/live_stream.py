@@ -11,11 +11,10 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.naoqi.channel import Moved
-from pepper_kin.naoqi.following import FollowOptions
 from pepper_kin.naoqi.link import Link
-from pepper_kin.naoqi.robot_motion import RobotMotion
+from pepper_kin.naoqi.robot_motion import BaseOptions, RobotMotion
 from pepper_kin.naoqi.robot_state import RobotState
-from pepper_kin.supervision import Clock, MotionEndedError, RobotMotionStatus
+from pepper_kin.supervision import MotionEndedError, RobotMotionStatus
 
 EachCycle = Callable[[float, LiveState | None], bool]
 
@@ -29,11 +28,10 @@ class LiveStream(RobotMotion):
     Args:
         link: The connection.
         pepper: Robot whose states are read.
+        base: Times, watchdog and clock.
         live: The motion, of joints without a base.
-        each_cycle: Called before each cycle with the time and the last state; returns whether to go on.
-        options: Tolerances and times.
-        guarded: Whether the robot has a watchdog.
-        clock: Time.
+        each_cycle: Called before each cycle with the time and the last state; returns whether to go on, and
+            is not called again after it said no.
         check: Raises what speaks against the motion.
     """
 
@@ -43,17 +41,15 @@ class LiveStream(RobotMotion):
         self,
         link: Link,
         pepper: PepperModel,
+        base: BaseOptions,
         live: LiveMotion,
         each_cycle: EachCycle,
-        options: FollowOptions,
-        guarded: bool,
-        clock: Clock,
         check: Callable[[], object],
     ) -> None:
         self._joints = list(live.pepper.joint_names)
-        super().__init__(link, pepper, Moved(self._joints, False), options, guarded, clock, check)
+        super().__init__(link, pepper, Moved(self._joints, False), *base, check)
         self._columns = [pepper.joint_index(name) for name in self._joints]
-        self._live, self._each_cycle = live, each_cycle
+        self._live, self._each_cycle, self._goes_on = live, each_cycle, True
         self._state: LiveState | None = None
 
     def _begin(self) -> Iterator[None]:
@@ -69,7 +65,8 @@ class LiveStream(RobotMotion):
         if self._finishing:
             return self._closed()
         now, live = self._clock.now(), self._live
-        if not self._each_cycle(now, self._state):
+        self._goes_on = self._goes_on and self._each_cycle(now, self._state)
+        if not self._goes_on:
             live.set_goal(None)
         if self._states:
             _, measured, _ = self._states[-1]

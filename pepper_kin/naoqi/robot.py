@@ -243,10 +243,8 @@ class Robot:
         def check() -> RobotState:
             return self._check_start(live.trajectory)
 
-        motion = LiveStream(
-            self._link, self.pepper, live, each_cycle, chosen, self.has_watchdog, self._clock, check
-        )
-        return self._supervised(motion)
+        base = BaseOptions(chosen, self.has_watchdog, self._clock)
+        return self._supervised(LiveStream(self._link, self.pepper, base, live, each_cycle, check))
 
     def move_to(
         self,

@@ -188,15 +188,17 @@ def test_a_live_motion_goes_where_its_goal_goes(robot):
     turned[head], reaching[pepper.joint_index("LShoulderPitch")] = 0.6, 0.6
     goals = [turned, reaching, stand]
     live = LiveMotion(careful, robot.state().of(pepper.joint_names), tolerance=1.5, patience=1.0)
-    seen = []
+    seen, said_no = [], []
 
     def each_cycle(now, state):
         if state is None or state.status is LiveStatus.REACHED:
             if not goals:
+                said_no.append(now)
                 return False
             live.set_goal(goals.pop(0))
         elif state.status is LiveStatus.MOVING and len(goals) == 2 and state.at(now).position[head] > 0.2:
             live.set_goal(goals.pop(0))  # on its way
+        assert not said_no  # nor asked again after it
         live.set_scene(pk.Scene(), now)
         seen.append(state)
         return len(seen) < 3000
