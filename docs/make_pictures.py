@@ -35,6 +35,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_20": motions.draw_20_naoqi_script,
     "example_21": motions.draw_21_ros_client,
     "example_22": motions.draw_22_live_motion,
+    "example_23": motions.draw_23_follow_a_path,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "visual": pages.draw_visual,

@@ -84,6 +84,7 @@ FUNCTIONS = {
     "pepper_kin.base_placement.result": pk.base_placement.place_base,
     "pepper_kin.ik.result": pk.ik.solve,
     "pepper_kin.motion.cartesian": pk.motion.cartesian_path,
+    "pepper_kin.motion.follow_result": pk.motion.follow,
     "pepper_kin.motion.live_motion": pk.motion.LiveMotion,
     "pepper_kin.motion.optimization.minimum_torque": pk.motion.minimum_torque_trajectory,
     "pepper_kin.motion.optimization.optimized": pk.motion.optimize,

@@ -294,3 +294,20 @@ def draw_22_live_motion() -> None:
             plot.set(ylim=(0, None))
             plot.set_xlabel("s; gray: it stops or waits", labelpad=0)
     sheet.save("example_22.png")
+
+
+def draw_23_follow_a_path() -> None:
+    """The hand's path of the example with the robot at its begin, and the hand's speed over time."""
+    example = variables_of("23")
+    pepper, motion = example["pepper"], example["motion"]
+    size = (450, 500)
+    stage = Stage().robot(pepper, motion.start)
+    stage.tube(example["route"](np.linspace(0.0, example["route"].length, 200)), ORANGE, 0.004)
+    around = np.array([[x, y, z] for x in (-0.2, 0.5) for y in (-0.3, 0.5) for z in (0.6, 1.25)])
+    sheet = Sheet().image(stage.picture(framing(around, size, 40, 18, margin=1.0)))
+    plot = sheet.axes(520, 60, 265, 370)
+    plot.plot(example["times"], example["speeds"], color=COLORS["orange"])
+    plot.set(
+        xlabel="s", title="speed of the hand [m/s], three laps", xlim=(0, motion.duration), ylim=(0, None)
+    )
+    sheet.save("example_23.png")

@@ -8,7 +8,10 @@
     replan                                    a new goal in motion, by a planned way if need be
     validate, Validation, ValidationStatus    a path from elsewhere, examined
     simplify_path, interpolate_path
-    cartesian_path, CartesianPath, CartesianStatus, HandCurve, Line, Arc   a hand along lines and arcs
+    follow, Followed, FollowStatus            tasks along a whole path, at a set speed
+    sequence, PTP, LIN, CIRC, SPLINE          commands of industrial robots
+    HandCurve, Line, Arc, Route               curves of a hand
+    cartesian_path, CartesianPath, CartesianStatus   a hand along curves, as far as it gets
     optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
     minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
     LiveMotion, LiveState, LiveStatus         to goals that change, among obstacles that move
@@ -22,7 +25,9 @@ from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesia
 from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.costed_plan import plan_costed
-from pepper_kin.motion.curves import Arc, HandCurve, Line
+from pepper_kin.motion.curves import CIRC, LIN, SPLINE, Arc, HandCurve, Line, Route
+from pepper_kin.motion.follow_result import Followed, FollowStatus
+from pepper_kin.motion.following import follow
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.live_motion import LiveMotion, LiveState, LiveStatus
@@ -39,15 +44,22 @@ from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 from pepper_kin.motion.replanning import replan
+from pepper_kin.motion.sequence import PTP, sequence
 from pepper_kin.motion.validation import Validation, ValidationStatus, validate
 
 __all__ = [
+    "CIRC",
+    "LIN",
+    "PTP",
+    "SPLINE",
     "Arc",
     "CartesianPath",
     "CartesianStatus",
     "Cost",
     "CostAlong",
     "Figures",
+    "FollowStatus",
+    "Followed",
     "HandCurve",
     "Leg",
     "Line",
@@ -64,9 +76,11 @@ __all__ = [
     "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
+    "Route",
     "Validation",
     "ValidationStatus",
     "cartesian_path",
+    "follow",
     "gesture",
     "gesture_meaning",
     "gesture_names",
@@ -80,6 +94,7 @@ __all__ = [
     "plan_costed",
     "plan_legs",
     "replan",
+    "sequence",
     "simplify_path",
     "validate",
 ]

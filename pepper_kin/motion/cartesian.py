@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from pepper_kin import ik
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, checker_for
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -152,7 +151,7 @@ def cartesian_path(
     check_positive("step", step, "[m]")
     direction_task = None if direction is None else ik.Point(hand, direction)
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
-    route = Route.of(frame_pose(pepper, q, frame)[:3, 3], _as_curves(curves))
+    route = Route.of(frame_pose(pepper, q, frame)[:3, 3], curves)
     heading = None if direction_task is None else direction_task.direction
     follower = _Follower(
         pepper, hand, frame, heading, scene, joints, margin=margin,
@@ -170,20 +169,13 @@ def cartesian_path(
         fraction=fraction,
         path=read_only(path),
         distances=read_only(done),
-        position_error=float(np.linalg.norm(hands - route.at(done), axis=1).max()),
+        position_error=float(np.linalg.norm(hands - route(done), axis=1).max()),
         direction_error=float("nan")
         if direction_task is None
         else max(direction_task.error(pepper, state) for state in path),
         clearance=float(follower.checker.clearance(path).min()),
         time=time.perf_counter() - begin,
     )
-
-
-def _as_curves(curves: HandCurve | Sequence[HandCurve]) -> tuple[HandCurve, ...]:
-    items = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
-    if not items or not all(isinstance(curve, HandCurve) for curve in items):
-        raise InvalidValueError("curves", repr(curves), "one Line or Arc or more")
-    return items
 
 
 class _Follower:
@@ -246,7 +238,7 @@ class _Follower:
             return np.array(path), np.array(done), CartesianStatus.START_INVALID, fault[1]
         ahead = list(stops[:0:-1])
         while ahead:
-            point = route.at(np.array(ahead[-1:]))[0]
+            point = route(ahead[-1])
             found = self._step(path[-1], point)
             if not isinstance(found, tuple):
                 path.append(found)

@@ -102,6 +102,7 @@ class Limits:
         speed: Greatest speeds of frames' origins [m/s].
         wheels: Limits of the wheels of a planar base; None for other robots.
         jerk: [rad/s^3 or m/s^3], shape (n,); None to leave jerk out.
+        path_speed: Greatest rate of the path's parameter [1/s].
     """
 
     velocity: Array
@@ -112,6 +113,7 @@ class Limits:
     speed: AtFrames = ()
     wheels: WheelLimits | None = None
     jerk: Array | None = None
+    path_speed: float = np.inf
 
 
 class MotionLimits(NamedTuple):

@@ -79,6 +79,7 @@ def retime(
     gridpoints: int = 200,
     solver: str = "fast",
     scene: Scene | None = None,
+    path_speed: float | None = None,
 ) -> Trajectory:
     """Return the time-optimal trajectory along a plan or another path, from rest to rest; see the module.
 
@@ -106,6 +107,8 @@ def retime(
         gridpoints: Least number of intervals of the grid, 2 to 50,000.
         solver: "fast", this library's own, or "toppra", the package of that name, as reference.
         scene: The scene whose attached objects count with their mass; None: that in which a plan was made.
+        path_speed: Greatest rate of the parameter of a curve [1/s], as [m/s] where it is a way in meters;
+            None for any. Not with `jerk`, nor by "toppra".
 
     Returns:
         The trajectory; its `binding` says which limit acts at each instant.
@@ -143,6 +146,10 @@ def retime(
         refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
         _refuse_missing(pepper, curve.coefficients, acceleration_limits)
         _refuse_unbounded(curve.coefficients, limits)
+    if path_speed is not None:
+        if rate is not None or solver != "fast":
+            raise InvalidValueError("path_speed", path_speed, "None with `jerk`, and with another solver")
+        limits = replace(limits, path_speed=check_positive("path_speed", path_speed, "1/s"))
     count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
     try:
         timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
@@ -219,6 +226,19 @@ def _without_kinks(curve: CubicPath) -> list[CubicPath]:
     kinks = kinks[:count]
     ends = [0, *kinks.tolist(), len(curve.breaks) - 1]
     return [CubicPath(curve.breaks[a : b + 1], curve.coefficients[a:b]) for a, b in itertools.pairwise(ends)]
+
+
+def grid_parameters(curve: CubicPath, intervals: int) -> Array:
+    """Return the parameters at the knots of the motion that `retime` makes of a curve, shape (N + 1,)."""
+    found = [curve.breaks[:1]]
+    for part in _without_kinks(curve):
+        steps = np.diff(part.breaks)
+        counts = np.maximum(1, np.ceil(intervals * steps / (part.breaks[-1] - part.breaks[0]) - 1e-9)).astype(
+            int
+        )
+        for begin, end, count in zip(part.breaks[:-1], part.breaks[1:], counts, strict=True):
+            found.append(np.linspace(begin, end, count + 1)[1:])
+    return np.concatenate(found)
 
 
 def _timed(

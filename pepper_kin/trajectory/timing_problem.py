@@ -60,7 +60,7 @@ class TimingProblem:
         self.grid, self.effects, self.rows, self.space = self._tables[:4]
         self.limits = PathLimits(
             limits.velocity, limits.acceleration, self.quantities.torque_limit,
-            _GREATEST * float(breaks[-1] - breaks[0]) ** 2,
+            min(_GREATEST * float(breaks[-1] - breaks[0]) ** 2, limits.path_speed**2),
         )  # fmt: skip
 
     @property

@@ -61,6 +61,17 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
     return casadi.Function("ik_step", [q, weights, targets], [casadi.cse(step)])
 
 
+def rows_function(pepper: PepperModel, tasks: Sequence[Structure]) -> casadi.Function:
+    """Return the function (q, targets) -> residuals of all tasks (m), and their Jacobian by q (m, n)."""
+    import casadi
+
+    q = casadi.SX.sym("q", pepper.n)
+    targets = casadi.SX.sym("targets", sum(task.target_size for task in tasks))
+    rows = zip(*residuals(pepper, tasks, q, targets), strict=True)
+    outputs = [casadi.densify(casadi.vertcat(*part)) for part in rows]
+    return casadi.Function("ik_rows", [q, targets], casadi.cse(outputs))
+
+
 def residuals(pepper: PepperModel, tasks: Sequence[Structure], q: Any, targets: Any) -> list[tuple[Any, Any]]:
     """Return the residual of each task and its Jacobian by q as expressions.
 

@@ -1,0 +1,266 @@
+"""The way through a whole path of tasks that accelerates the joints least, as one banded problem.
+
+At nodes s_0 < ... < s_K of a path's parameter, with x = q / (acceleration limits),
+
+    minimize  sum_i w_i |(x'')_i|^2 + sum_k h_k rho_k |x_k - g_k|^2   subject to  r(q_k; s_k) = 0,
+
+x'' by divided differences of three nodes, w and h shares of the path's length, g a posture to stay near.
+Tasks are linearized in each step (Gauss-Newton).  At every node their rows leave a null space, from a
+singular value decomposition; in it the rest is a banded positive definite system (null-space method: Nocedal
+and Wright, Numerical Optimization, 2006, section 16.2).  Position limits are penalties where exceeded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.core.path_blocks import solve_path_blocks
+
+Rows: TypeAlias = Callable[[Array], tuple[Array, Array]]
+
+LONGEST_STEP = 0.5
+"""Of a joint in one step [rad or m]."""
+
+_SPEED = 10.0  # beside x'' with the path's length as 1: about (half a wave)^2
+_DAMPING = 1e-2  # of the largest singular value of a node's rows: smaller ones do not move the joints far
+_ENOUGH = 0.02  # of the cost: a step that gains less is the last
+_LEAST_HELD, _MORE_HELD, _LESS_HELD, _TRIALS = 1e-3, 8.0, 4.0, 7
+_LEAST_SLOPE = 1.0  # of barriers
+_STIFF = 1000.0  # of a limit, beside what bends the path there
+
+
+class PathNodes(NamedTuple):
+    """Nodes of a path, and what bends it there.
+
+    Attributes:
+        s: The path's parameter, rising, shape (K,); of a closed path without its end, where it begins anew.
+        closed: Whether the path is closed.
+        bend: Sum of w c c^T of all divided differences c: couplings of nodes k and k + d at [d, k], shape
+            (3, K), modulo K where closed.
+        share: h: share of the path's length at each node, shape (K,).
+    """
+
+    s: Array
+    closed: bool
+    bend: Array
+    share: Array
+
+    @classmethod
+    def of(cls, s: Array, corners: Array, closed: bool, length: float, emphasis: Array) -> PathNodes:
+        """Return nodes of a path.
+
+        Args:
+            s: The path's parameter, shape (K,).
+            corners: Nodes at which the path may be bent freely, shape (m,).
+            closed: Whether the path is closed.
+            length: The path's length.
+            emphasis: Factors on w at the nodes, shape (K,).
+        """
+        steps = np.diff(s, append=[length] if closed else []) / length
+        count = len(s)
+        before, after = (np.roll(steps, 1), steps) if closed else (steps[:-1], steps[1:])
+        middle = np.arange(count) if closed else np.arange(1, count - 1)
+        smooth = ~np.isin(s[middle], corners)
+        middle, before, after = middle[smooth], before[smooth], after[smooth]
+        c = 2.0 / (before + after) * np.stack([1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after])
+        weight, bend = emphasis[middle] * (before + after) / 2, np.zeros((3, count))
+        places = [(middle + d) % count for d in (-1, 0, 1)]
+        for a in range(3):
+            for b in range(a, 3):
+                np.add.at(bend[b - a], places[a], weight * c[a] * c[b])
+        for place, d, sign in ((0, 0, 1.0), (1, 0, 1.0), (0, 1, -1.0)):
+            np.add.at(bend[d], (np.arange(len(steps)) + place) % count, sign * _SPEED / steps)
+        share = np.zeros(count)
+        np.add.at(share, np.arange(len(steps)), steps / 2)
+        np.add.at(share, (np.arange(len(steps)) + 1) % count, steps / 2)
+        return cls(s, closed, bend, share)
+
+    def bent(self, x: Array) -> Array:
+        """Return the couplings times x, shape (K, n)."""
+        found = self.bend[0, :, None] * x
+        here = np.arange(len(x))
+        for d in (1, 2):
+            after, before = (here + d) % len(x), here - d
+            found += self.bend[d, :, None] * x[after] + self.bend[d, before, None] * x[before]
+        return found
+
+
+class _Point(NamedTuple):
+    """Tasks and objective at x, shape (K, k): of its moving joints, in units of `PathProblem.scale`.
+
+    Attributes:
+        x: See above.
+        residual: Of the equations, shape (K, m).
+        rows: Their derivatives by x, shape (K, m, k).
+        gradient: Of the objective without `more`, shape (K, k).
+        weight: Its diagonal terms beside `PathNodes.bend`, shape (K, k).
+        more: Values, shape (K, w), and derivatives, shape (K, w, k), whose squares are in the objective, too.
+        objective: Half the sum of all squares.
+    """
+
+    x: Array
+    residual: Array
+    rows: Array
+    gradient: Array
+    weight: Array
+    more: list[tuple[Array, Array]]
+    objective: float
+
+    def cost(self, price: float) -> float:
+        """Return the objective and the residuals at a price each."""
+        return self.objective + price * float(np.abs(self.residual).sum())
+
+
+class _Model(NamedTuple):
+    """The linearized problem at a point.
+
+    Attributes:
+        across: Least step onto the tasks, shape (K, k).
+        inverse: Pseudo-inverse of the rows, damped; zero at the first node, which stays, shape (K, k, m).
+        null: Bases of the rows' null spaces, shape (K, d, k).
+        rows_along: Derivatives of `_Point.more` along them, shape (K, w, d).
+        gradient: Of the objective after the step across, shape (K, k).
+        weight: As in `_Point`.
+        multipliers: Of the equations, shape (K, m).
+    """
+
+    across: Array
+    inverse: Array
+    null: Array
+    rows_along: Array
+    gradient: Array
+    weight: Array
+    multipliers: Array
+
+    def onto(self, residual: Array) -> Array:
+        """Return the least step that removes a residual, shape (K, m), by the same rows, shape (K, k)."""
+        return -np.einsum("knr,kr->kn", self.inverse, residual)
+
+
+class PathProblem(NamedTuple):
+    """The problem of one set of nodes; the first node is where the robot is.
+
+    Attributes:
+        nodes: The nodes.
+        equations: Residuals that vanish and their Jacobians at joint positions of all nodes.
+        wishes: The same of those that are only as small as they can be; their rows are weighted.
+        barriers: The same of those that are small where their rows are not zero: penalties.
+        scale: Joint positions of x = 1 [rad or m], shape (n,).
+        limits: Lower and upper bounds to stay within [rad or m], shape (2, n).
+        near: g [rad or m], shape (K, n).
+        nearness: rho, shape (K,).
+        moving: Whether a joint may move, shape (n,).
+    """
+
+    nodes: PathNodes
+    equations: Rows
+    wishes: Rows | None
+    barriers: Rows | None
+    scale: Array
+    limits: Array
+    near: Array
+    nearness: Array
+    moving: np.ndarray
+
+    def solved(self, q: Array, steps: int, still: float, met: float) -> Array:
+        """Return joint positions, shape (K, n), after at most so many steps, fewer if they become small.
+
+        A step is taken if it lowers the objective plus a multiple of the tasks' residuals that is above
+        their multipliers; else it is shortened by a proximal term (Levenberg and Marquardt), which shrinks
+        again with steps that are taken.
+
+        Args:
+            q: Where to begin, shape (K, n) [rad or m].
+            steps: Number of steps.
+            still: Size of a step that ends it [rad or m].
+            met: Residuals below which it may end.
+        """
+        x, held = q[:, self.moving] / self.scale[self.moving], _LEAST_HELD
+        point = self._point(q, x)
+        for _ in range(steps):
+            model = self._model(point)
+            price = 2.0 * np.abs(model.multipliers).max(initial=0.0)
+            for _ in range(_TRIALS):
+                x = point.x + model.across + self._along(model, held)
+                # Once more onto the tasks, by the same rows: their curvature alone refuses good steps.
+                x = x + model.onto(self.equations(self._whole(q, x))[0])
+                trial = self._point(self._whole(q, x), x)
+                longest = np.abs((x - point.x) * self.scale[self.moving]).max()
+                if longest <= LONGEST_STEP and trial.cost(price) <= point.cost(price):
+                    break
+                held *= _MORE_HELD
+            else:
+                return self._whole(q, point.x)
+            gain = 1.0 - trial.cost(price) / max(point.cost(price), 1e-300)
+            point, held = trial, max(held / _LESS_HELD, _LEAST_HELD)
+            if np.abs(trial.residual).max() < met and (longest < still or gain < _ENOUGH):
+                break
+        return self._whole(q, point.x)
+
+    def _whole(self, q: Array, x: Array) -> Array:
+        whole = q.copy()
+        whole[:, self.moving] = x * self.scale[self.moving]
+        return whole
+
+    def _point(self, q: Array, x: Array) -> _Point:
+        """Return the tasks and the objective at joint positions q, shape (K, n), with their moving part x."""
+        residual, rows = self.equations(q)
+        scale, nodes = self.scale[self.moving], self.nodes
+        rest = x - self.near[:, self.moving] / scale
+        outside = x - np.clip(x, *self.limits[:, self.moving] / scale)
+        stiff, pull = _STIFF * nodes.bend[0], nodes.share * self.nearness
+        bent = nodes.bent(x)
+        value = (x * bent).sum() + (pull[:, None] * rest**2).sum() + (stiff[:, None] * outside**2).sum()
+        more = []
+        for rows_of, is_barrier in ((self.wishes, False), (self.barriers, True)):
+            if rows_of is None:
+                continue
+            wish, slopes = rows_of(q)
+            slopes = slopes[:, :, self.moving] * scale
+            factor = np.sqrt(nodes.share)[:, None]
+            if is_barrier:
+                steep = np.maximum(np.linalg.norm(slopes, axis=2), _LEAST_SLOPE)
+                factor = np.sqrt(stiff)[:, None] / steep
+            more.append((wish * factor, slopes * factor[:, :, None]))
+            value += float(((wish * factor) ** 2).sum())
+        gradient = bent + pull[:, None] * rest + stiff[:, None] * outside
+        weight = np.where(outside != 0.0, stiff[:, None], 0.0) + pull[:, None]
+        return _Point(
+            x, residual, rows[:, :, self.moving] * scale, gradient, weight, more, 0.5 * float(value)
+        )
+
+    def _model(self, point: _Point) -> _Model:
+        """Return the linearized problem at a point: the step onto the tasks, and what is left free."""
+        left, size, right = np.linalg.svd(point.rows)
+        rank = size.shape[1]
+        gain = size / (size**2 + (_DAMPING * size.max()) ** 2 + 1e-300)
+        inverse = np.einsum("kin,ki,kri->knr", right[:, :rank], gain, left[:, :, :rank])
+        inverse[0] = 0.0
+        across = -np.einsum("knr,kr->kn", inverse, point.residual)
+        gradient = point.gradient + self.nodes.bent(across) + point.weight * across
+        null, along = np.ascontiguousarray(right[:, rank:]), list[Array]()
+        for wish, slopes in point.more:
+            lack = wish + np.einsum("kmn,kn->km", slopes, across)
+            gradient += np.einsum("kmn,km->kn", slopes, lack)
+            along.append(np.einsum("kmn,kin->kmi", slopes, null))
+        multipliers = np.einsum("knr,kn->kr", inverse, gradient)
+        none = np.zeros((len(null), 0, null.shape[1]))
+        rows_along = np.ascontiguousarray(np.concatenate(along, axis=1)) if along else none
+        return _Model(across, inverse, null, rows_along, gradient, point.weight, multipliers)
+
+    def _along(self, model: _Model, held: float) -> Array:
+        """Return the step along the tasks, shape (K, k), with a proximal term of a share of the stiffness."""
+        values = np.ascontiguousarray(-np.einsum("kin,kn->ki", model.null, model.gradient))
+        if values.size == 0 or len(values) == 1:
+            return np.zeros_like(model.across)
+        weight = np.ascontiguousarray(model.weight + held * self.nodes.bend[0][:, None])
+        if not solve_path_blocks(
+            model.null, self.nodes.bend, weight, model.rows_along, self.nodes.closed, values
+        ):
+            return np.zeros_like(model.across)
+        values[0] = 0.0
+        return np.asarray(np.einsum("kin,ki->kn", model.null, values))
