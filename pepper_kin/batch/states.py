@@ -161,9 +161,8 @@ def _by_kernel(
     """
     for value, what in zip(arrays, quantities, strict=True):
         flat_value = value.reshape(-1)
-        if (
-            not np.vdot(flat_value, flat_value) <= MOST_SQUARED
-        ):  # a large sum, which needs a closer look, or NaN
+        # A large sum needs a closer look, or is NaN; by `einsum`, since OpenBLAS wakes threads that spin.
+        if not np.einsum("i,i", flat_value, flat_value) <= MOST_SQUARED:
             as_joint_vectors(pepper, value, what)
     name, *args = quantity
     compiled = kernel(pepper, str(name), *args, wide=math.prod(batch) >= WIDE_FROM)
