@@ -20,7 +20,8 @@ ORDER = (
     "model",
     "symbolic",
     "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
-    "trajectory", "files", "motion", "twin", "paper", "identification", "supervision", "jobs", "viewer",
+    "trajectory", "files", "motion", "twin", "learning", "paper", "identification", "supervision", "jobs",
+    "viewer",
     "cli", "naoqi", "ros", "qibullet",
 )  # fmt: skip
 """From the top down: a package may import those before it."""

@@ -21,6 +21,7 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
     shown,
 )
+from pepper_kin.trajectory.limits import checked_share
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 
 MOST_ROBOTS = 1_000_000
+FASTEST = 1e6  # [rad/s or m/s, and the same squared] of commands without a limit
 
 
 class TwinBatch:
@@ -101,6 +103,7 @@ class TwinBatch:
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._delay = Delay(round(self.actuators.latency / self.timestep))
         self._q = self._v = self._torque = np.zeros((self.count, pepper.n))
+        self._shaped: Array | None = None
         self.reset()
 
     @property
@@ -142,6 +145,8 @@ class TwinBatch:
         # The present arrays may be those of a run that was handed out.
         self._q, self._v, torque = self._q.copy(), self._v.copy(), self._torque.copy()
         self._q[places], self._v[places] = position, velocity
+        if self._shaped is not None:
+            self._shaped[0, places], self._shaped[1, places] = position, 0.0
         torque[places] = self._torque_at_rest()[places]
         self._torque = torque
         still = np.zeros_like(position)
@@ -226,6 +231,47 @@ class TwinBatch:
         command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
 
+    def step(
+        self, targets: ArrayLike, steps: int = 20, *, speed: float = 1.0, threads: int = 1
+    ) -> NDArray[np.bool_]:
+        """Send the joints to targets, as `setAngles` does, and let some timesteps pass.
+
+        The command of each joint goes on to its target along a cubic in time, from where it is and as fast
+        as it is, see `pepper_kin.core.simulation.target_following`; the joints follow it.  `reset`,
+        `execute` and `follow` put the commands to where the joints are, at rest.
+
+        Args:
+            targets: Positions [rad or m], shape (n,), or one for each robot, shape (N, n); those beyond the
+                position limits are brought within.
+            steps: Number of timesteps.
+            speed: Share of the velocity limits that commands may use, in (0, 1].
+            threads: Number of threads; the result does not depend on it.
+
+        Returns:
+            Whether each robot's state is finite and sound; others keep their last good one, shape (N,).
+
+        Raises:
+            InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity; or for robots with
+                latency, torque mode or feed-forward of the inverse dynamics, which `follow` is for.
+        """
+        n = self.pepper.n
+        if self._delay.ticks or self._torque_mode.any() or self.feedforward == "inverse_dynamics":
+            allowed = "no latency, no torque mode, feed-forward 'gravity' or 'none'; or `follow`"
+            raise InvalidValueError("robots", "of another kind", allowed)
+        check_whole("steps", steps, 1)
+        check_whole("threads", threads, 1)
+        goal = np.broadcast_to(self._states(targets, "targets", self.count), (self.count, n))
+        goal = np.clip(goal, self.pepper.lower_limits, self.pepper.upper_limits)
+        if self._shaped is None:
+            self._shaped = np.stack([self._q, np.zeros_like(self._q)])
+        share = checked_share("speed", speed)
+        shaping = np.stack([share * self.pepper.velocity_limits, self.pepper.acceleration_limits])
+        shaping = np.where(np.isfinite(shaping) & (shaping > 0), shaping, FASTEST)
+        state = np.stack([self._q, self._v, self._torque, *self._shaped, goal])
+        state, good = self._simulator.go_to(state, shaping, steps * self.substeps, threads)
+        self._q, self._v, self._torque, self._shaped = state[0], state[1], state[2], state[3:5]
+        return np.asarray(good == steps * self.substeps)
+
     def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
         """Follow commands from the present states of the robots, and return the run.
 
@@ -235,6 +281,7 @@ class TwinBatch:
             every: Timesteps between recorded states; start and end alone if None.
             threads: Number of threads.
         """
+        self._shaped = None
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
         check_whole("threads", threads)

@@ -14,6 +14,7 @@ from pepper_kin.core.simulation.contact_step import no_world
 from pepper_kin.core.simulation.drive_state import COLD_LIMIT, HELD, TEMPERATURE, remembers
 from pepper_kin.core.simulation.implicit_step import CONSTANT, CONSTANT_LIMIT, RobotTables, StepWorkspace
 from pepper_kin.core.simulation.rollout import Inputs, Log, Span, rollout
+from pepper_kin.core.simulation.shaped_steps import shaped_steps
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
@@ -151,6 +152,31 @@ class Simulator:
 
         run_in_pieces(state.shape[1] * weight, threads, weight, work)
         return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
+
+    def go_to(
+        self, state: Array, shaping: Array, steps: int, threads: int
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Send all robots to targets; see `shaped_steps`.
+
+        Args:
+            state: Position, velocity, torque, command, its speed, and target, shape (6, N, n).
+            shaping: Greatest speed and acceleration of the commands, shape (2, n).
+            steps: Number of steps.
+            threads: Number of threads; the result does not depend on it.
+
+        Returns:
+            The new state, and the number of good steps of each robot, shape (N,).
+        """
+        blocks = np.stack([self._blocks(x) for x in state])
+        lanes, good = np.repeat(shaping, self._lanes, axis=1), np.empty(self.robots, np.int64)
+        weight = self._lanes * _WEIGHT
+
+        def work(start: int, stop: int) -> None:
+            span = np.array([start // weight, -(-stop // weight), steps])
+            shaped_steps(span, self.tables, self.workspace(), blocks, lanes, good)
+
+        run_in_pieces(blocks.shape[1] * weight, threads, weight, work)
+        return np.stack([self._robots(x) for x in blocks]), good
 
     def workspace(self) -> StepWorkspace:
         """Return the arrays of one thread."""

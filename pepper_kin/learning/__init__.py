@@ -1,0 +1,33 @@
+"""Pepper's twin as environments of Gymnasium: `pip install pepper_kin[learning]`.
+
+    PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
+    TASKS, ReachTask              what is asked, and how it is scored
+    Oracle                        solves the tasks by inverse kinematics: what can be reached at all
+
+Importing it registers `PepperReach-v0`, `PepperReachBoth-v0` and `PepperGazeReach-v0`, for `gymnasium.make`
+and for `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
+"""
+
+from pepper_kin.exceptions import MissingDependencyError
+
+try:
+    import gymnasium
+except ImportError as error:
+    command = "pip install 'pepper_kin[learning]'"
+    raise MissingDependencyError("gymnasium", command, "pepper_kin.learning") from error
+
+from pepper_kin.learning.env import PepperEnv
+from pepper_kin.learning.oracle import Oracle
+from pepper_kin.learning.reach_task import TASKS, ReachTask
+from pepper_kin.learning.vector_env import PepperVectorEnv
+
+__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "ReachTask"]
+
+for _name in TASKS:
+    if f"Pepper{_name}-v0" not in gymnasium.registry:
+        gymnasium.register(
+            f"Pepper{_name}-v0",
+            entry_point="pepper_kin.learning.env:PepperEnv",
+            vector_entry_point="pepper_kin.learning.vector_env:PepperVectorEnv",
+            kwargs={"task": _name},
+        )

@@ -1,0 +1,154 @@
+"""Environments of Gymnasium: interfaces, modes, seeds, and tasks that can be solved."""
+
+import importlib
+import importlib.metadata
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import pepper_kin as pk
+from pepper_kin import learning
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.learning import Oracle, PepperVectorEnv
+
+ENDS = 50
+
+
+def success_of(env, policy, episodes=2):
+    """Return the share of episodes that end in success."""
+    env.reset(seed=5)
+    ends = []
+    while len(ends) < episodes:
+        *_, truncated, infos = env.step(policy())
+        if truncated.any():
+            ends.append(infos["final_info"]["is_success"].mean())
+    return np.mean(ends)
+
+
+@pytest.mark.parametrize("name", list(learning.TASKS))
+def test_a_task_can_be_solved_and_not_by_chance(name):
+    env = PepperVectorEnv(100, name, autoreset_mode=AutoresetMode.SAME_STEP)
+    assert success_of(env, Oracle(env)) >= 0.98
+    drawn = np.random.default_rng(0)
+    assert success_of(env, lambda: drawn.uniform(-1, 1, env.action_space.shape)) <= 0.05
+
+
+def test_the_oracle_finds_tasks_that_cannot_be_solved():
+    env = PepperVectorEnv(50, "Reach", autoreset_mode=AutoresetMode.SAME_STEP)
+    env._goals = env._goals + np.array([0.4, 0.0, 0.0])  # beyond the arm's reach
+    assert success_of(env, Oracle(env)) < 0.5
+
+
+@pytest.mark.filterwarnings("ignore:.*Box observation space.*")
+@pytest.mark.parametrize("options", [{}, {"sparse": True, "goal_form": True}])
+@pytest.mark.parametrize("name", list(learning.TASKS))
+def test_gymnasium_accepts_the_environments(name, options):
+    check_env(gymnasium.make(f"Pepper{name}-v0", **options).unwrapped, skip_render_check=True)
+    many = gymnasium.make_vec(
+        f"Pepper{name}-v0", num_envs=3, vectorization_mode="vector_entry_point", **options
+    )
+    observations, _ = gymnasium.wrappers.vector.RecordEpisodeStatistics(many).reset(seed=3)
+    assert many.observation_space.contains(observations)
+    observations, rewards, terminated, truncated, _ = many.step(many.action_space.sample())
+    assert many.observation_space.contains(observations)
+    assert rewards.shape == terminated.shape == truncated.shape == (3,)
+
+
+def run(env, actions, steps):
+    env.reset(seed=7)
+    return [env.step(actions[k % len(actions)]) for k in range(steps)]
+
+
+def test_episodes_end_as_each_mode_says():
+    actions = np.random.default_rng(1).uniform(-1, 1, (7, 4, 5))
+    envs = {mode: PepperVectorEnv(4, autoreset_mode=mode) for mode in AutoresetMode}
+    runs = {mode: run(env, actions, ENDS) for mode, env in envs.items()}
+    before, last = runs[AutoresetMode.NEXT_STEP], runs[AutoresetMode.SAME_STEP][-1]
+    assert not any(step[3].any() for step in before[:-1])
+    assert before[-1][3].all()
+    np.testing.assert_array_equal(last[4]["final_obs"], before[-1][0])
+    np.testing.assert_array_equal(last[1], before[-1][1])
+    assert last[4]["_final_obs"].all()
+    home = envs[AutoresetMode.NEXT_STEP].pepper.neutral()
+    np.testing.assert_array_equal(envs[AutoresetMode.SAME_STEP].twins.position, np.tile(home, (4, 1)))
+    observations, rewards, _, truncated, _ = envs[AutoresetMode.NEXT_STEP].step(actions[0])
+    np.testing.assert_array_equal(observations, last[0])
+    assert not rewards.any()
+    assert not truncated.any()
+    stopped = envs[AutoresetMode.DISABLED]
+    mask = np.array([True, False, False, True])
+    kept = stopped.twins.position
+    stopped.reset(options={"reset_mask": mask})
+    np.testing.assert_array_equal(stopped.twins.position[~mask], kept[~mask])
+    np.testing.assert_array_equal(stopped.twins.position[mask], np.tile(home, (2, 1)))
+
+
+def test_seeds_repeat_whatever_the_number_of_robots():
+    few, many = PepperVectorEnv(3), PepperVectorEnv(9)
+    np.testing.assert_array_equal(few.reset(seed=11)[0], many.reset(seed=11)[0][:3])
+    assert len(np.unique(many.goals.round(9), axis=0)) > 6
+    again = many.reset(seed=11)[0]
+    np.testing.assert_array_equal(again[:3], few.reset(seed=11)[0])
+    assert not np.array_equal(many.reset(seed=12)[0], again)
+    single = [PepperVectorEnv(1).reset(seed=[s])[0] for s in (4, 5)]
+    np.testing.assert_array_equal(few.reset(seed=[4, 5, 4])[0], np.concatenate([*single, single[0]]))
+
+
+def test_rewards_of_the_goal_form_can_be_computed_again():
+    for sparse in (False, True):
+        env = PepperVectorEnv(6, "ReachBoth", goal_form=True, sparse=sparse)
+        env.reset(seed=0)
+        for _ in range(3):
+            observations, rewards, *_ = env.step(env.action_space.sample())
+        again = env.compute_reward(observations["achieved_goal"], observations["desired_goal"], {})
+        np.testing.assert_allclose(rewards, again, atol=1e-6)
+
+
+def test_robots_differ_by_their_randomization():
+    env = PepperVectorEnv(8, randomization={"stiffness": (0.5, 2.0)})
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(np.ones((8, 5)))
+    assert np.ptp(env.twins.position[:, env.joints], axis=0).max() > 1e-3
+    usual = PepperVectorEnv(8)
+    usual.reset(seed=0)
+    for _ in range(5):
+        usual.step(np.ones((8, 5)))
+    assert np.ptp(usual.twins.position[:, usual.joints], axis=0).max() == 0.0
+
+
+def test_misuse_is_refused():
+    env = PepperVectorEnv(4)
+    with pytest.raises(InvalidValueError, match="before reset"):
+        env.step(np.zeros((4, 5)))
+    env.reset(seed=0)
+    wrong = np.zeros((4, 5))
+    wrong[2, 1] = np.nan
+    with pytest.raises(InvalidValueError, match="environment 2"):
+        env.step(wrong)
+    with pytest.raises(InvalidValueError, match="shape"):
+        env.step(np.zeros((3, 5)))
+    with pytest.raises(InvalidValueError, match="reset_mask"):
+        env.reset(options={"reset_mask": np.ones(3, bool)})
+    with pytest.raises(UnknownNameError, match="Reach"):
+        PepperVectorEnv(4, "Raech")
+    with pytest.raises(InvalidValueError, match="no goal"):
+        PepperVectorEnv(4, speed=1e-6)
+    package = importlib.metadata.distribution("example-robot-data")
+    files = package.files or ()
+    panda = next(file for file in files if str(file).endswith("panda_description/urdf/panda.urdf"))
+    robot = pk.load_robot(package.locate_file(panda))
+    with pytest.raises(UnknownNameError):
+        PepperVectorEnv(4, pepper=robot)
+
+
+def test_without_gymnasium_the_command_that_installs_it_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    for name in [name for name in sys.modules if name.startswith("pepper_kin.learning")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(MissingDependencyError, match=r"pepper_kin\[learning\]"):
+        importlib.import_module("pepper_kin.learning")
