@@ -25,6 +25,7 @@ RATE = 30.0
 UNCERTAINTY = 0.3
 """By how much the velocity of what is dragged may be off [m/s]."""
 _WINDOW = 3  # cycles over which the velocity of what is dragged is the mean
+_HELD = 30  # cycles for which it may set off again
 _SHORT = 0.3  # [s] of waiting, such as for a plan, that need no words
 _DUE = 0.9 / RATE  # [s] after which a cycle is due: ticks come every 10 ms
 
@@ -60,7 +61,7 @@ class LiveRun:
         self._aimed: list[Task] | None = None
         self._searched: Scene | None = None
         self._fault = ""
-        self._places: deque[tuple[float, dict[str, Array]]] = deque(maxlen=_WINDOW + 1)
+        self._places: deque[tuple[float, dict[str, Array]]] = deque(maxlen=_HELD + 1)
 
     def aim(self, tasks: list[Task]) -> None:
         """Take other tasks from the next cycle on; none to stop."""
@@ -161,12 +162,14 @@ class LiveRun:
         """Return the scene with velocities of what was dragged of late, as a tracker would say."""
         places = {name: thing.transform_object_to_world[:3, 3] for name, thing in scene.objects.items()}
         self._places.append((now, places))
-        since, before = self._places[0]
+        since, before = self._places[max(len(self._places) - 1 - _WINDOW, 0)]
         moving = {}
         for name, thing in scene.objects.items():
-            way = places[name] - before.get(name, places[name])
-            if way.any() and not thing.moves and not isinstance(thing.geometry, HalfSpace):
-                moving[name] = replace(thing, velocity=way / (now - since), uncertainty=UNCERTAINTY)
+            here = places[name]
+            dragged = (self._places[0][1].get(name, here) != here).any() and not thing.moves
+            if dragged and not isinstance(thing.geometry, HalfSpace):
+                velocity = (here - before.get(name, here)) / (now - since)
+                moving[name] = replace(thing, velocity=velocity, uncertainty=UNCERTAINTY)
         return Scene({**scene.objects, **moving}, scene.attached, scene.allowed) if moving else scene
 
 
