@@ -43,6 +43,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "gestures": pages.draw_gestures,
     "timing": pages.draw_timing,
     "live_page": pages.draw_live_page,
+    "live_go": pages.draw_live_go,
     "log_page": pages.draw_log_page,
 }
 

@@ -17,7 +17,7 @@ from PIL import Image
 import pepper_kin as pk
 from pepper_kin.jobs import demo_scene
 from pepper_kin.jobs.demo import GAZE, TARGET
-from pepper_kin.kinematics import reach_map
+from pepper_kin.kinematics import frame_pose, reach_map
 from pepper_kin.kinematics.reach_picture import save_reach_picture
 from pepper_kin.model import Box, PepperModel
 from pepper_kin.trajectory import Trajectory
@@ -32,6 +32,11 @@ from .sheet import FOLDER, Sheet, save_small
 from .stage import aim
 
 LOGS = Path(os.environ.get("PEPPER_KIN_ROBOT_LOGS", Path(__file__).parents[3] / "shared" / "robot_logs"))
+ON_SCREEN = """(place) => {
+    const seen = new MeshCat.THREE.Vector3(place[0], place[2], -place[1]).project(pepperKin.viewer.camera);
+    const box = document.getElementById("view").getBoundingClientRect();
+    return [box.left + (seen.x + 1) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+}"""
 SCRUB = "e => { e.value = 0.6 * e.max; e.dispatchEvent(new Event('input')); }"
 TABLE = [[x, y, 0.7] for x in (0.3, 0.67) for y in (-0.3, 0.4)]
 
@@ -136,6 +141,33 @@ def draw_live_page() -> None:
             "gaze", (0.38, 0.22, 0.82)
         )
         save_small(_photographed(address, _press_plan), "live_page.png")
+
+
+def draw_live_go() -> None:
+    """The live page while the robot waits, as a box was dragged onto the target to which it goes."""
+    pepper = pk.load_pepper()
+    arm = {"LShoulderPitch": 1.0, "LShoulderRoll": 0.3, "LElbowRoll": -0.8, "RShoulderRoll": -0.3}
+    target = frame_pose(pepper, pepper.joint_vector(arm | {"LShoulderPitch": -0.5}), "LArm_effector")[:3, 3]
+    beside = target + np.array([0.0, 0.5, 0.0])
+    scene = pk.Scene().add_box("box 1", (0.16, 0.16, 0.16), beside)
+
+    def go(page: Any) -> None:
+        _until(page, "pepperKin.values.obstacles?.length === 1")
+        page.locator("[data-view=front]").click()  # a drag stays in the plane of the screen
+        page.locator("#go").click()
+        _until(page, "pepperKin.values.q[5] < 0.7")
+        (x, y), (left, top) = (page.evaluate(ON_SCREEN, place.tolist()) for place in (beside, target))
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(left, top, steps=5)
+        page.mouse.up()
+        _until(page, "document.getElementById('message').textContent.includes('box 1')")
+        page.locator("[data-view=three-quarter]").click()
+
+    with pk.Viewer(pepper, port=0).add_scene(scene) as viewer:
+        address = viewer.show(pepper.joint_vector(arm))
+        viewer.follow(False).move_target("left hand", target)
+        save_small(_photographed(address, go), "live_go.png")
 
 
 def draw_log_page() -> None:

@@ -62,6 +62,7 @@ class LiveState:
         begin: When it begins, on the caller's clock [s].
         status: What is done.
         reason: Why the robot does not go to the goal; empty where it does.
+        near: Names of the two that come too near, where that is the reason; else empty.
         stop: The stop in it; None at rest.
         clear: Whether all of it was found clear of the newest scene.
         spent: Processor time of this thread in the cycle [s].
@@ -71,6 +72,7 @@ class LiveState:
     begin: float
     status: LiveStatus
     reason: str
+    near: tuple[str, ...]
     stop: Stop | None
     clear: bool
     spent: float
@@ -166,6 +168,7 @@ class LiveMotion:
         self._way, self._begin = _standing(pepper, rest), math.nan
         self._sent: tuple[Trajectory, Stop | None] = (self._way, None)
         self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
+        self._near: tuple[str, ...] = ()
         self._past: list[tuple[float, Trajectory]] = []
         self._threads = ThreadPoolExecutor(1, f"{OWN_THREADS}-live")
         self._asked: _Asked | None = None
@@ -248,8 +251,9 @@ class LiveMotion:
         self._come_to(instant)
         status, reason, clear = self._choose(instant)
         self._past = [*self._past[-40:], (instant, self._sent[0])]
+        near = self._near if reason and reason == self._blocked else ()
         return LiveState(
-            self._sent[0], instant, status, reason, self._sent[1], clear, time.thread_time() - began
+            self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began
         )
 
     def _come_to(self, now: float) -> None:
@@ -446,7 +450,7 @@ class LiveMotion:
         """Note what is nearest to what at a configuration, unless something is noted in this cycle."""
         pair = None if self._blocked else checker.closest_pair(q)
         if pair is not None:
-            self._blocked = f"{' and '.join(pair.names)} come too near"
+            self._near, self._blocked = pair.names, f"{' and '.join(pair.names)} come too near"
 
 
 def _standing(pepper: PepperModel, q: Array) -> Trajectory:

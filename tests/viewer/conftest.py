@@ -92,6 +92,12 @@ def until():
     return wait
 
 
+@pytest.fixture(scope="session")
+def on_screen():
+    """Where a live page shows a place in the robot's axes, in pixels."""
+    return lambda page, place: page.evaluate(TO_SCREEN, [float(x) for x in place])
+
+
 @pytest.fixture
 def open_live(browser, until):
     """Open live pages; on leaving, see that they complained of nothing and asked nobody else for anything."""
@@ -115,4 +121,9 @@ def open_live(browser, until):
     assert strangers == []
 
 
+TO_SCREEN = """(place) => {
+    const seen = new MeshCat.THREE.Vector3(place[0], place[2], -place[1]).project(pepperKin.viewer.camera);
+    const box = document.getElementById('view').getBoundingClientRect();
+    return [box.left + (seen.x + 1) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+}"""
 READY = "window.pepperKin !== undefined && pepperKin.connected && pepperKin.parts.scene.poses !== null"

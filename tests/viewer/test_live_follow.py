@@ -13,11 +13,6 @@ from pepper_kin.viewer.server import ViewerServer
 pytestmark = pytest.mark.browser
 
 LEFT = "LArm_effector"
-TO_SCREEN = """(place) => {
-    const seen = new MeshCat.THREE.Vector3(place[0], place[2], -place[1]).project(pepperKin.viewer.camera);
-    const box = document.getElementById('view').getBoundingClientRect();
-    return [box.left + (seen.x + 1) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
-}"""
 
 
 @pytest.fixture(scope="module")
@@ -84,11 +79,11 @@ def agreed(page, server):
         page.wait_for_timeout(20)
 
 
-def test_a_dragged_target_takes_the_hand_along(open_live, until, fresh, pepper):
+def test_a_dragged_target_takes_the_hand_along(open_live, until, on_screen, fresh, pepper):
     page = open_live(fresh.url)
     page.screenshot()  # the camera stands where it will
     start = hand(fresh, pepper)
-    x, y = page.evaluate(TO_SCREEN, start.tolist())
+    x, y = on_screen(page, start)
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 12, y - 8, steps=3)

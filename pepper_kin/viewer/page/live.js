@@ -138,7 +138,10 @@
       parts.plots.time = state?.time ?? 0;
       parts.plots.draw();
     },
-    mode: (mode) => (parts.plots.inMotion = mode === "motion"),
+    mode: (mode) => {
+      parts.plots.inMotion = mode === "motion";
+      element("go").ariaPressed = String(mode === "live");
+    },
     live: (sample) => parts.plots.add(sample),
     alerts: (alerts) => showAlerts(alerts),
     touching: (touching) => parts.scene.setTouching(touching),

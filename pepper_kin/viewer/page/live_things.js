@@ -12,6 +12,7 @@ class TargetRows {
     const press = (id, action) => (document.getElementById(id).onclick = action);
     press("release", () => send({ do: "release" }));
     press("plan", () => send({ do: "plan" }));
+    press("go", () => send({ do: "go" }));
     const follow = document.getElementById("follow");
     follow.onchange = () => send({ do: "follow", on: follow.checked });
   }

@@ -50,6 +50,7 @@ class Hub:
             "change": session.change_obstacle,
             "remove": session.remove_obstacle,
             "plan": session.plan,
+            "go": session.go,
             "play": session.play,
             "pause": session.pause,
             "seek": session.seek,

@@ -7,9 +7,10 @@ A command is an object with the field "do", its name, and the fields below; all 
     target          name, position, stamp?    release         name?
     add             kind, position?, size?    change          name, position?, size?, color?
     remove          name                      plan
-    play                                      pause
-    seek            time                      speed           value
-    loop            on                        clear
+    go                                        play
+    pause                                     seek            time
+    speed           value                     loop            on
+    clear
 """
 
 from __future__ import annotations
@@ -98,6 +99,7 @@ _FIELDS: dict[str, dict[str, Reader]] = {
     "change": {"name": _text, "position?": _place, "size?": _numbers, "color?": _numbers},
     "remove": {"name": _text},
     "plan": {},
+    "go": {},
     "play": {},
     "pause": {},
     "seek": {"time": _number},

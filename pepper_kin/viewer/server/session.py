@@ -25,6 +25,7 @@ from pepper_kin.viewer.server.document import blank_document
 from pepper_kin.viewer.server.explaining import at_target, on_the_way
 from pepper_kin.viewer.server.follower import RATE, Follower
 from pepper_kin.viewer.server.layers import LAYERS, TARGETS, VISUAL, layers_of
+from pepper_kin.viewer.server.live_run import LiveRun
 from pepper_kin.viewer.server.planning import Shown
 from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
@@ -34,7 +35,7 @@ from pepper_kin.viewer.server.targets import Targets
 from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.world import World
 
-FREE, FOLLOWING, MOTION = "free", "follow", "motion"
+FREE, FOLLOWING, MOTION, LIVE = "free", "follow", "motion", "live"
 READING_STEP = 0.05  # [s] between two samples of the plots
 ON_THE_WAY = 0.4  # [s] after which a body that follows is said to
 SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
@@ -68,6 +69,7 @@ class Session:
         self._follow, self._servo_ready = True, False
         self._follower: Follower | None = None
         self._playback: Playback | None = None
+        self._run: LiveRun | None = None
         self._now, self._read_at, self._aimed_at, self._scene_at = 0.0, -1.0, -1.0, -1.0
         self._scene_waits = self._unread = False
         self._answered = True
@@ -201,7 +203,7 @@ class Session:
             self.targets[name].on = False
         self._retract()
         self.touch()
-        if self.mode == FOLLOWING:
+        if self.mode in (FOLLOWING, LIVE):
             self._pursue()
 
     def set_follow(self, on: bool) -> None:
@@ -222,6 +224,9 @@ class Session:
     def _pursue(self) -> None:
         """Let the body go after the targets as they are now."""
         self.touch()
+        if self._run is not None:
+            self._run.aim(self.targets.tasks())
+            return
         if not self._follow:
             return
         if not self._servo_ready:
@@ -235,11 +240,13 @@ class Session:
         self._follower.aim(self.targets.tasks())
 
     def _leave(self, mode: str) -> None:
-        """Change to another mode: free, following targets, or a motion."""
+        """Change to another mode: free, following targets, a motion, or going to targets."""
         if self._playback is not None:
             self._playback.playing = False
         if mode != FOLLOWING:
             self._follower = None
+        if mode != LIVE:
+            self._run = None
         self.mode = mode
 
     # ---- the world
@@ -294,6 +301,16 @@ class Session:
             self.answer("Nothing to plan to: set a target first, by dragging a colored ball.", "bad")
             return
         self._tasks.plan(self, tasks)
+
+    def go(self) -> None:
+        """Go to the targets that are set, now and around what is in the way, until they are let go."""
+        if not self.targets.any_on:
+            self.answer("Nowhere to go: set a target first, by dragging a colored ball.", "bad")
+            return
+        if self._run is None:
+            self._leave(LIVE)
+            self._run = LiveRun(self.pepper, self._q)
+        self._pursue()
 
     def load(self, shown: Shown, play: bool) -> None:
         """Show a motion, at its start, and perhaps play it."""
@@ -365,6 +382,8 @@ class Session:
             return False
         if self.mode == FOLLOWING and self._follower is not None:
             return self._follower.resting
+        if self._run is not None:
+            return self._run.resting
         return not (self.mode == MOTION and self._playback is not None and self._playback.playing)
 
     @property
@@ -382,6 +401,8 @@ class Session:
                 self._follower.set_scene(self.scene)
         if self.mode == FOLLOWING and self._follower is not None:
             self._tick_follower(self._follower, seconds)
+        elif self._run is not None:
+            self._tick_run(self._run, seconds)
         elif self.mode == MOTION and self._playback is not None:
             self._playback.advance(seconds)
             self._take_motion()
@@ -421,6 +442,25 @@ class Session:
             text = on_the_way(tasks)
             if self.document["message"]["text"] != text:
                 self.say(text)
+
+    def _tick_run(self, run: LiveRun, seconds: float) -> None:
+        since = run.advance(seconds)
+        if since is not None:
+            if self.scene.movers:
+                self._world.replace(self.scene.at(since, enlarged=False))
+            run.begin(self.scene)
+        if run.state is None:
+            return
+        q, self._v, self._a = run.shown
+        if not np.array_equal(q, self._q):
+            self._q = q
+            self.touch()
+            self.alerts.strain(self._now, self._q, self._v, self._a, self.scene)
+        text, kind = run.report()
+        if self.document["message"]["text"] != text:
+            self.answer(text, kind)
+        if run.stopped:
+            self._leave(FREE)
 
     # ---- for the pages
 
