@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import collision
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.splines import (
     derivatives_on_segments,
@@ -37,7 +37,7 @@ from pepper_kin.trajectory.limits import (
     motion_limits,
     quantities_of,
 )
-from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.trajectory.samples import known, refuse_other_joints
 from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 
 if TYPE_CHECKING:
@@ -280,7 +280,8 @@ def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Tra
     n = position.size
     breaks, pieces = np.empty(3 * n + 1), np.empty((3 * n, 4, n))
     count = join_phases(position, phases, breaks, pieces)
-    return _like(trajectory, breaks[: count + 1], pieces[:count])
+    arrays = {"breaks": read_only(breaks[: count + 1]), "coefficients": read_only(pieces[:count])}
+    return known(type(trajectory), trajectory.joint_names, trajectory.joint_units, **arrays)
 
 
 def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
