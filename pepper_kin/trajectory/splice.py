@@ -40,7 +40,8 @@ _SAME = 1e-9  # [rad or m]
 _LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
 _JOINS = 8  # instants of that motion at which it may arrive there
 _LONGEST = 2.0  # [s] on the way between the two
-_LESS, _LEAST = 0.7, 0.04  # of a joint's acceleration, where it is too much; of its limit, at the end
+_LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
+_LEAST = 0.04  # share of acceleration limits for a way between two motions
 _SLOW = 0.25  # of the accelerations of all joints, at which something may still be touched
 
 
@@ -187,12 +188,12 @@ class MovingStart:
             _, i, k, share = heappop(ways)
             bridged(i, k, share)
             between = joined_phases(self.trajectory, starts[i, 0], phases)
-            exceeded, blamed = self._exceeded(between)
+            exceeded, used = self._exceeded(between)
             if not exceeded:
                 first = () if i == 0 or stopped is None else (stopped.between(0.0, leaves[i]),)
                 last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
                 return self._spliced("joined", float(share.min()), *first, between, *last)
-            share = np.where(blamed, _LESS, 1.0) * share
+            share = self._slower(share, used)
             if "clearance" in exceeded or share.min() < _LEAST:
                 continue
             if time := bridged(i, k, share):
@@ -220,24 +221,29 @@ class MovingStart:
             exceeded.append("position")
             return None
         share, phases = np.ones(goal.size), np.empty((goal.size, 3, 4))
-        while share.min() >= _LEAST:
+        for _ in range(_TRIALS):
             allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
             if steer(state, goal, allowed, phases) <= _ROUNDING:
                 raise InvalidValueError("goal", "the position where the robot rests", "another one")
             motion = joined_phases(self.trajectory, position, phases)
-            names, blamed = self._exceeded(motion)
+            names, used = self._exceeded(motion)
             if not names:
                 return motion, float(share.min())
             exceeded += [name for name in names if name not in exceeded]
-            share *= np.where(blamed, _LESS, 1.0)
+            share = self._slower(share, used)
             if "clearance" in names and share.max() < least:
                 break
         return None
 
     def _exceeded(self, motion: Trajectory) -> tuple[tuple[str, ...], Array]:
-        """Return which of torque, balance and clearance a cubic motion exceeds, and the joints to blame."""
-        names, blamed = first_exceeded(self.pepper, motion, self.limits)
+        """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
+        names, used = first_exceeded(self.pepper, motion, self.limits)
         if not names and self.scene is not None:
             checks = curve_checks_for(self.pepper, checked_world(self.scene))
             names = () if is_clear_along(checks, motion, held=False) else ("clearance",)
-        return names, np.ones_like(blamed) if "clearance" in names else blamed
+        return names, used
+
+    def _slower(self, share: Array, used: Array) -> Array:
+        """Return shares of accelerations, shape (n,), below those used, or for all joints where none is."""
+        blamed = np.isfinite(used) | np.isinf(used).all()
+        return np.where(blamed, _LESS * np.minimum(share, used / self.limits.acceleration), share)

@@ -308,14 +308,14 @@ def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) ->
 
 
 def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[tuple[str, ...], Array]:
-    """Return what a motion exceeds where that is found first, and whose accelerations contribute most to it.
+    """Return what a motion exceeds where that is found first, and with which accelerations of joints.
 
     A joint contributes what a torque or edge moment, where it is exceeded most, would be less without the
     joint's acceleration.
 
     Returns:
-        As `exceeded_effects`; and whether a joint contributes half as much as any other or more, shape (n,);
-        all of them where none contributes.
+        As `exceeded_effects`; and the size of the acceleration there of each joint that contributes half as
+        much as any other or more, inf for others, shape (n,) [rad/s^2 or m/s^2].
     """
     quantities, n = quantities_of(pepper, limits), pepper.n
     for state in _examined(quantities, motion):
@@ -327,9 +327,10 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
             without[2].reshape(-1, n, n)[:, np.arange(n), np.arange(n)] = 0.0
             left = _excess(quantities, without)[:, over].reshape(-1, n, over.size)
             gain = excess[worst, over][:, None] - left[each, :, each]
-            blamed = gain >= _BLAMED * gain.max(axis=1, keepdims=True) - _ROUNDING
-            return _names(quantities, over), blamed.any(axis=0)
-    return (), np.zeros(n, bool)
+            blamed = gain > _BLAMED * np.maximum(gain.max(axis=1, keepdims=True), _ROUNDING)
+            used = np.where(blamed, np.abs(state[2, worst]), np.inf).min(axis=0)
+            return _names(quantities, over), used
+    return (), np.full(n, np.inf)
 
 
 def _examined(quantities: LimitedQuantities, motion: Trajectory) -> Iterator[Array]:
