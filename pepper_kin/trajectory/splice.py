@@ -42,6 +42,7 @@ _JOINS = 8  # instants of that motion at which it may arrive there
 _LONGEST = 2.0  # [s] on the way between the two
 _LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
 _LEAST = 0.04  # share of acceleration limits for a way between two motions
+_DOUBTFUL = 0.15  # share below which a stop and the way from there may end sooner
 _SLOW = 0.25  # of the accelerations of all joints, at which something may still be touched
 
 
@@ -85,7 +86,15 @@ def replaced(
     end = np.array(as_joint_vector(pepper, cast("ArrayLike", goal), "goal"))
     check_within_limits(pepper, end, "goal", 1e-9)
     exceeded: list[str] = []
-    found = moving.straight(end, exceeded) or moving.after_stop(end)
+    found = moving.straight(end, exceeded)
+    if found is None or found.share < _DOUBTFUL:
+        try:
+            ways = [way for way in (found, moving.after_stop(end)) if way is not None]
+        except InfeasibleError:  # it cannot stop
+            if found is None:
+                raise
+            ways = [found]
+        found = min(ways, key=lambda way: way.trajectory.duration, default=None)
     if found is None:
         reason = f"straight to the goal it would exceed {', '.join(exceeded)}, and after a stop too"
         raise InfeasibleError("splice", reason, "`pepper_kin.motion.replan`")
