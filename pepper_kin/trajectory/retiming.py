@@ -82,7 +82,7 @@ def retime(
     scene: Scene | None = None,
     start_velocity: ArrayLike | None = None,
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a plan or another path, from rest to rest; see the module.
+    """Return the time-optimal trajectory along a plan or another path, to rest; see the module.
 
     Args:
         pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.

@@ -352,7 +352,7 @@ def _excess(quantities: LimitedQuantities, state: Array) -> Array:
     return np.concatenate([torque, -quantities.moments(*state)], axis=1)
 
 
-def _names(quantities: LimitedQuantities, over: Array) -> tuple[str, ...]:
+def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, ...]:
     """Return what columns of `_excess` are of."""
     torque = over < quantities.torque_limit.size
     return ("torque",) * bool(torque.any()) + ("balance",) * (not torque.all())
