@@ -378,7 +378,8 @@ class Trajectory(FrozenArrays):
         (`pepper_kin.core.timing.steering`); accelerations may jump.  Limits of position, velocity and
         acceleration hold at every instant; torque and balance are examined every millisecond and beside every
         knot; that nothing is touched is proven for the new way, of a stop looked at every millisecond.  Where
-        no share tried will do, the motion stops first, and `Splice.how` says so.
+        no share tried will do, or only such a small one that a stop and the way from there end sooner, the
+        motion stops first, and `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.
