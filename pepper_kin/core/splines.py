@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
@@ -304,9 +305,16 @@ def shifted(coefficients: Array, by: Array) -> Array:
     Returns:
         Shape (m, k, n).
     """
-    moved, rows = coefficients.copy(), np.flatnonzero(by)  # often one piece of hundreds
-    for power in range(coefficients.shape[1]):
-        for low in range(power):
-            gain = comb(power, low) * by[rows] ** (power - low)
-            moved[rows, low] += gain[:, None] * coefficients[rows, power]
+    moved, rows = coefficients.copy(), np.flatnonzero(by)  # often one piece of hundreds, or none
+    gains, gaps = _binomials(coefficients.shape[1])
+    powers = by[rows, None] ** np.arange(coefficients.shape[1])
+    moved[rows] = (gains * powers[:, gaps]) @ coefficients[rows]
     return moved
+
+
+@lru_cache(maxsize=16)
+def _binomials(count: int) -> tuple[Array, NDArray[np.intp]]:
+    """Return how many ways there are to choose i of j, and j - i, or 0 for j < i; shape (count, count)."""
+    gains = np.array([[comb(j, i) for j in range(count)] for i in range(count)], dtype=float)
+    gaps = np.arange(count) - np.arange(count)[:, None]
+    return gains, np.maximum(gaps, 0)

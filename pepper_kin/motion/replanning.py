@@ -32,8 +32,8 @@ def replan(
 
     Straight, as `Trajectory.replaced` does, if that keeps all limits and touches nothing.  Else a path is
     planned from where the motion can stop, or, where something is in the way of that, from where it is; timed
-    from rest to rest; and joined in motion, as by `Trajectory.replaced`.  Where no way onto it was found, the
-    robot stops first, and `Splice.how` says so.
+    from rest to rest; and joined in motion, as by `Trajectory.replaced`.  Where no way onto it was found, a
+    straight way is tried with lower accelerations; else the robot stops first, and `Splice.how` says so.
 
     Args:
         pepper: The robot, which gives the limits.
@@ -56,17 +56,19 @@ def replan(
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
     moving = MovingStart(pepper, trajectory, at, world, torque, balance)
-    found = moving.straight(goal, [])
+    found = moving.straight(goal, [], 1.0)
     if found is not None:
         return found
     begin = moving.state[0] if moving.stopped is None else moving.stopped.end
     way = plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=balance)
-    if not way.success:
-        raise InfeasibleError("splice", way.message, way.advice)
-    if way.curve is None:
+    if way.success and way.curve is None:
         found = moving.after_stop(goal)
-    else:
+    elif way.success:
         found = moving.onto(retime(pepper, way, torque=torque, balance=balance))
+    if found is None or found.how == "after a stop":
+        found = moving.straight(goal, []) or found
+    if found is None and not way.success:
+        raise InfeasibleError("splice", way.message, way.advice)
     if found is None:
         reason = "something is in the way of a stop, and no way past it was found"
         raise InfeasibleError("splice", reason, "an earlier instant, or stop(how='joints')")

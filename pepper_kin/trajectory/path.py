@@ -18,6 +18,7 @@ from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_wi
 
 SAME = 1e-9  # [rad or m] way-points no further apart than this are one
 LIMIT_TOLERANCE = 1e-9  # [rad or m]
+_ALONG = 1e-6  # of a velocity, across the path
 
 
 @runtime_checkable
@@ -179,6 +180,34 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
             "cubic segments; of another trajectory its positions, such as trajectory.sample(0.05).position",
         )
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
+
+
+def as_tangent_path(pepper: PepperModel, path: PathLike, velocity: Array) -> tuple[CubicPath, float]:
+    """Return a path that begins in the direction of a velocity, shape (n,), and ds/dt there.
+
+    Way-points are joined by the cubic spline over the chord length that begins in that direction.
+
+    Raises:
+        InvalidValueError: for a curve that begins in another direction; else as `as_cubic_path`.
+    """
+    curve = as_cubic_path(pepper, path)
+    if not velocity.any():
+        return curve, 0.0
+    if not (is_plan(path) or isinstance(path, PiecewiseCubic)):
+        from scipy.interpolate import CubicSpline
+
+        points = _waypoints(pepper, path)
+        chords = np.diff(points, axis=0)
+        lengths = np.linalg.norm(chords, axis=1)
+        ends = (1, velocity / np.linalg.norm(velocity)), (1, chords[-1] / lengths[-1])
+        spline = CubicSpline(np.append(0.0, np.cumsum(lengths)), points, bc_type=ends)
+        curve = _checked(pepper, CubicPath(spline.x, np.moveaxis(spline.c[::-1], 0, 1)))
+    tangent = curve.coefficients[0, 1]
+    speed = float(velocity @ tangent) / max(float(tangent @ tangent), 1e-300)
+    if not (speed > 0.0 and np.abs(velocity - speed * tangent).max() <= _ALONG * np.abs(velocity).max()):
+        allowed = "a velocity along the beginning of the path; else motion.replan or Trajectory.replaced"
+        raise InvalidValueError("start_velocity", np.array2string(velocity, precision=4), allowed)
+    return curve, speed
 
 
 def is_plan(path: object) -> bool:

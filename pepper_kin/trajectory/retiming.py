@@ -25,13 +25,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LONGEST_MOTION
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_choice, check_positive, check_whole
+from pepper_kin.model.joint_vectors import as_joint_vector, check_choice, check_positive, check_whole
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.editing import joined
@@ -46,7 +47,7 @@ from pepper_kin.trajectory.limits import (
     refuse_motionless,
     wheel_speeds,
 )
-from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path
+from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path, as_tangent_path
 from pepper_kin.trajectory.sampling import sample_times
 from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
 from pepper_kin.trajectory.timing_problem import TimingProblem
@@ -80,8 +81,9 @@ def retime(
     solver: str = "fast",
     scene: Scene | None = None,
     path_speed: float | None = None,
+    start_velocity: ArrayLike | None = None,
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a plan or another path, from rest to rest; see the module.
+    """Return the time-optimal trajectory along a plan or another path, to rest; see the module.
 
     Args:
         pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.
@@ -109,19 +111,24 @@ def retime(
         scene: The scene whose attached objects count with their mass; None: that in which a plan was made.
         path_speed: Greatest rate of the parameter of a curve [1/s], as [m/s] where it is a way in meters;
             None for any. Not with `jerk`, nor by "toppra".
+        start_velocity: With which the motion begins [rad/s or m/s], shape (n,), in the direction in which a
+            curve begins; way-points are joined by a spline that begins in that direction.  Not with `jerk`,
+            `duration` or solver="toppra".
 
     Returns:
         The trajectory; its `binding` says which limit acts at each instant.
 
     Raises:
         InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
-            length; NaN; a joint that moves and has no limit of acceleration; or a path that no limit bounds.
+            length; NaN; a joint that moves and has no limit of acceleration; a path that no limit bounds; or
+            one that does not begin along `start_velocity`.
         UnknownNameError: for a frame or joint that the robot lacks, or a name of jerk limits.
         LimitError: where the path leaves the position limits, naming the joint.
         InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
             for a motion of more than an hour, naming the scales;
-            where the robot would tip over even at rest; where `duration` is less than the least one; or for
-            a plan that failed, with its reason.
+            where the robot would tip over even at rest; where `duration` is less than the least one; for a
+            `start_velocity` too great to keep limits, naming the share that is not; or for a plan that
+            failed, with its reason.
     """
     check_choice("solver", solver, SOLVERS)
     requested = None if duration is None else check_positive("duration", duration, "s")
@@ -136,7 +143,13 @@ def retime(
         torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
         scene=scene, along=path,
     )  # fmt: skip
-    curve = as_cubic_path(pepper, path)
+    if start_velocity is None:
+        curve, start = as_cubic_path(pepper, path), 0.0
+    else:
+        if rate is not None or requested is not None or solver != "fast":
+            raise InvalidValueError("start_velocity", "with jerk, duration or toppra", "none of these")
+        velocity = as_joint_vector(pepper, start_velocity, "start_velocity")
+        curve, start = as_tangent_path(pepper, path, velocity)
     drives = _drives(pepper, curve.coefficients)
     if acceleration_limits is None:
         limits = _kept_limits(pepper, allowed, drives)
@@ -152,7 +165,8 @@ def retime(
         limits = replace(limits, path_speed=check_positive("path_speed", path_speed, "1/s"))
     count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
     try:
-        timed = [_timed(pepper, part, limits, rate, count, solver) for part in _without_kinks(curve)]
+        parts = [(part, 0.0 if k else start) for k, part in enumerate(_without_kinks(curve))]
+        timed = [_timed(pepper, part, limits, rate, count, solver, at) for part, at in parts]
     except TooLongError as error:
         raise _too_long(error.duration, allowed[:3]) from None
     trajectory = functools.reduce(joined, timed)
@@ -242,12 +256,13 @@ def grid_parameters(curve: CubicPath, intervals: int) -> Array:
 
 
 def _timed(
-    pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str
-) -> Trajectory:
-    """Return the fastest trajectory; jerk limits [rad/s^3 or m/s^3] have shape (n,), None for none."""
+    pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str,
+    start: float,
+) -> Trajectory:  # fmt: skip
+    """Return the fastest trajectory from ds/dt; jerk limits have shape (n,) [rad/s^3 or m/s^3], or None."""
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
     if solver == "fast":
-        trajectory = fastest_motion(problem)
+        trajectory = fastest_motion(problem, start)
     else:
         from pepper_kin.trajectory.toppra_solver import toppra_motion
 

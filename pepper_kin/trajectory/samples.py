@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from pepper_kin.model.joint_vectors import as_finite
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.trajectory import Trajectory
+
+_Value = TypeVar("_Value", "Samples", "Trajectory")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +93,12 @@ def refuse_other_joints(pepper: PepperModel, joint_names: tuple[str, ...]) -> No
         raise InvalidValueError(
             "joints of the trajectory", ", ".join(joint_names), ", ".join(pepper.joint_names)
         )
+
+
+def known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **arrays: Array) -> _Value:
+    """Return a trajectory or samples of arrays, of any shape, that are known to be right."""
+    value = object.__new__(kind)
+    for array in arrays.values():
+        array.setflags(write=False)
+    value.__dict__.update(joint_names=names, joint_units=units, **arrays)
+    return value

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -22,9 +24,8 @@ from pepper_kin.trajectory.limits import motion_limits
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 from pepper_kin.trajectory.stop import (
-    SHARES,
     checked_instant,
-    exceeded_effects,
+    first_exceeded,
     joined_phases,
     limits_of,
     stop_within,
@@ -39,6 +40,10 @@ _SAME = 1e-9  # [rad or m]
 _LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
 _JOINS = 8  # instants of that motion at which it may arrive there
 _LONGEST = 2.0  # [s] on the way between the two
+_LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
+_LEAST = 0.04  # share of acceleration limits for a way between two motions
+_DOUBTFUL = 0.15  # share below which a stop and the way from there may end sooner
+_SLOW = 0.25  # of the accelerations of all joints, at which something may still be touched
 
 
 @dataclass(frozen=True)
@@ -49,8 +54,8 @@ class Splice:
         trajectory: The motion until the instant, and from there to the goal.
         how: "straight"; "joined" to a motion to the goal, while both move; or "after a stop".
         time: The instant [s].
-        share: Share of the acceleration limits that joints use on the way there or to that motion, but for
-            those that need more to stop within their position limits.
+        share: Least share of its acceleration limit that a joint uses on the way there or to that motion, but
+            for those that need more to stop within their position limits.
     """
 
     trajectory: Trajectory
@@ -81,7 +86,15 @@ def replaced(
     end = np.array(as_joint_vector(pepper, cast("ArrayLike", goal), "goal"))
     check_within_limits(pepper, end, "goal", 1e-9)
     exceeded: list[str] = []
-    found = moving.straight(end, exceeded) or moving.after_stop(end)
+    found = moving.straight(end, exceeded)
+    if found is None or found.share < _DOUBTFUL:
+        try:
+            ways = [way for way in (found, moving.after_stop(end)) if way is not None]
+        except InfeasibleError:  # it cannot stop
+            if found is None:
+                raise
+            ways = [found]
+        found = min(ways, key=lambda way: way.trajectory.duration, default=None)
     if found is None:
         reason = f"straight to the goal it would exceed {', '.join(exceeded)}, and after a stop too"
         raise InfeasibleError("splice", reason, "`pepper_kin.motion.replan`")
@@ -136,9 +149,12 @@ class MovingStart:
         touches = collision.in_collision(self.pepper, states, checked_world(self.scene))
         return None if touches.any() else found
 
-    def straight(self, goal: Array, exceeded: list[str]) -> Splice | None:
-        """Return the way of every joint by itself to rest at a goal, or None and add what it exceeds."""
-        found = self._steered(self.state, goal, exceeded)
+    def straight(self, goal: Array, exceeded: list[str], least: float = _SLOW) -> Splice | None:
+        """Return the way of every joint by itself to rest at a goal, or None and add what it exceeds.
+
+        One that touches something is tried slower, down to the least share of the accelerations.
+        """
+        found = self._steered(self.state, goal, exceeded, least)
         return None if found is None else self._spliced("straight", found[1], found[0])
 
     def after_stop(self, goal: Array) -> Splice | None:
@@ -163,28 +179,34 @@ class MovingStart:
         starts = self.state[None] if stopped is None else np.stack(stopped(leaves)[:2], axis=1)
         meets = stopped is not None and np.abs(stopped.end - other.start).max() <= _SAME
         most = stopped.duration if meets and stopped is not None else _LONGEST
-        pepper, top, phases = self.pepper, self.limits.acceleration, self._phases()
+        pepper, top, phases = self.pepper, self.limits.acceleration, np.empty((self.pepper.n, 3, 4))
         limits = np.stack([self.limits.velocity, top, pepper.lower_limits, pepper.upper_limits])
-        ways = []
-        for i, leave in enumerate(leaves):
-            for k, join in enumerate(joins):
-                longest = min(most + join - leave, _LONGEST)
-                time = bridge(starts[i], targets[k], limits, longest, phases)
-                if time > 0.0:
-                    ways.append((leave + time - join, i, k, longest))
-        for _, i, k, longest in sorted(ways):
-            for share in SHARES:
-                limits[1] = share * top
-                if not bridge(starts[i], targets[k], limits, longest, phases):
-                    break
-                between = joined_phases(self.trajectory, starts[i, 0], phases)
-                exceeded = self._exceeded(between)
-                if not exceeded:
-                    first = () if i == 0 or stopped is None else (stopped.between(0.0, leaves[i]),)
-                    last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
-                    return self._spliced("joined", share, *first, between, *last)
-                if "clearance" in exceeded:
-                    break
+        full = np.ones(pepper.n)
+        ways: list[tuple[float, int, int, Array]] = []
+
+        def bridged(i: int, k: int, share: Array) -> float:
+            limits[1] = share * top
+            longest = min(most + joins[k] - leaves[i], _LONGEST)
+            return bridge(starts[i], targets[k], limits, longest, phases)
+
+        for i, k in itertools.product(range(leaves.size), range(_JOINS)):
+            if time := bridged(i, k, full):
+                ways.append((leaves[i] + time - joins[k], i, k, full))
+        heapify(ways)
+        while ways:
+            _, i, k, share = heappop(ways)
+            bridged(i, k, share)
+            between = joined_phases(self.trajectory, starts[i, 0], phases)
+            exceeded, used = self._exceeded(between)
+            if not exceeded:
+                first = () if i == 0 or stopped is None else (stopped.between(0.0, leaves[i]),)
+                last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
+                return self._spliced("joined", float(share.min()), *first, between, *last)
+            share = self._slower(share, used)
+            if "clearance" in exceeded or share.min() < _LEAST:
+                continue
+            if time := bridged(i, k, share):
+                heappush(ways, (leaves[i] + time - joins[k], i, k, share))
         return self._spliced("after a stop", 1.0, stopped, other) if meets and stopped is not None else None
 
     def _spliced(self, how: str, share: float, *parts: Trajectory) -> Splice:
@@ -196,33 +218,41 @@ class MovingStart:
             whole = whole.then(part)
         return Splice(whole, how, self.at, share)
 
-    def _steered(self, state: Array, goal: Array, exceeded: list[str]) -> tuple[Trajectory, float] | None:
+    def _steered(
+        self, state: Array, goal: Array, exceeded: list[str], least: float = _SLOW
+    ) -> tuple[Trajectory, float] | None:
         """Return the way from position and velocity, shape (2, n), to rest, and its share of acceleration."""
-        pepper, limits, phases, (position, velocity) = self.pepper, self.limits, self._phases(), state
+        pepper, limits, (position, velocity) = self.pepper, self.limits, state
         # A joint passes no position beyond its start, its goal and where it first stops.
         room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
         needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
         if needed.max() > 1.0:
             exceeded.append("position")
             return None
-        for share in SHARES:
+        share, phases = np.ones(goal.size), np.empty((goal.size, 3, 4))
+        for _ in range(_TRIALS):
             allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
             if steer(state, goal, allowed, phases) <= _ROUNDING:
                 raise InvalidValueError("goal", "the position where the robot rests", "another one")
             motion = joined_phases(self.trajectory, position, phases)
-            names = self._exceeded(motion)
+            names, used = self._exceeded(motion)
             if not names:
-                return motion, share
+                return motion, float(share.min())
             exceeded += [name for name in names if name not in exceeded]
+            share = self._slower(share, used)
+            if "clearance" in names and share.max() < least:
+                break
         return None
 
-    def _exceeded(self, motion: Trajectory) -> tuple[str, ...]:
-        """Return which of torque, balance and clearance a cubic motion does not keep."""
-        exceeded = exceeded_effects(self.pepper, motion, self.limits, hasty=True)
-        if not exceeded and self.scene is not None:
+    def _exceeded(self, motion: Trajectory) -> tuple[tuple[str, ...], Array]:
+        """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
+        names, used = first_exceeded(self.pepper, motion, self.limits)
+        if not names and self.scene is not None:
             checks = curve_checks_for(self.pepper, checked_world(self.scene))
-            exceeded = () if is_clear_along(checks, motion, held=False) else ("clearance",)
-        return exceeded
+            names = () if is_clear_along(checks, motion, held=False) else ("clearance",)
+        return names, used
 
-    def _phases(self) -> Array:
-        return np.empty((self.pepper.n, 3, 4))
+    def _slower(self, share: Array, used: Array) -> Array:
+        """Return shares of accelerations, shape (n,), below those used, or for all joints where none is."""
+        blamed = np.isfinite(used) | np.isinf(used).all()
+        return np.where(blamed, _LESS * np.minimum(share, used / self.limits.acceleration), share)

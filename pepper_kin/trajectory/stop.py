@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import comb
@@ -13,9 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import collision
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.core.splines import evaluate_on_segments, quintic_hermite
+from pepper_kin.core.splines import (
+    derivatives_on_segments,
+    evaluate_at_times,
+    evaluate_on_segments,
+    quintic_hermite,
+)
 from pepper_kin.core.timing.grid import coefficient_states
 from pepper_kin.core.timing.steering import join_phases
 from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop_polynomials, stop_profile
@@ -32,8 +37,8 @@ from pepper_kin.trajectory.limits import (
     motion_limits,
     quantities_of,
 )
-from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, State, sample_times
+from pepper_kin.trajectory.samples import known, refuse_other_joints
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -41,7 +46,8 @@ if TYPE_CHECKING:
 
 _STEP = 0.005  # [s] greatest length of an interval
 _AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
-SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
+_SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
+_BLAMED = 0.5  # of the greatest contribution to what is exceeded
 _LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
 _ROUNDING = 1e-9  # of a limit
 _AT_REST = 1e-9  # [rad/s or m/s]
@@ -224,7 +230,7 @@ def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: L
     limit is exceeded; with none of them, the greatest.
     """
     state, tried = trajectory(at), []
-    for share in SHARES:
+    for share in _SHARES:
         phases = np.array(
             [
                 _braking(*motion)
@@ -274,7 +280,8 @@ def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Tra
     n = position.size
     breaks, pieces = np.empty(3 * n + 1), np.empty((3 * n, 4, n))
     count = join_phases(position, phases, breaks, pieces)
-    return _like(trajectory, breaks[: count + 1], pieces[:count])
+    arrays = {"breaks": read_only(breaks[: count + 1]), "coefficients": read_only(pieces[:count])}
+    return known(type(trajectory), trajectory.joint_names, trajectory.joint_units, **arrays)
 
 
 def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
@@ -293,32 +300,62 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
     return (*found, *exceeded_effects(pepper, motion, limits))
 
 
-def exceeded_effects(
-    pepper: PepperModel, motion: Trajectory, limits: Limits, hasty: bool = False
-) -> tuple[str, ...]:
-    """Return which of torque and balance a motion exceeds, looked at beside every knot and every 1 ms.
-
-    In haste, the first of these are enough where they exceed anything.
-    """
+def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
+    """Return which of torque and balance a motion exceeds, looked at beside every knot and every 1 ms."""
     quantities = quantities_of(pepper, limits)
-    if not quantities.torque_limit.size + quantities.edges:
-        return ()
-    pieces, steps = np.tile(np.arange(motion.breaks.size - 1), 2), np.diff(motion.breaks)
-    at_knots = motion.at_segments(pieces, np.concatenate([np.zeros(steps.size), steps]))
-    found = _effects_exceeded(quantities, at_knots)
-    if not (hasty and found):
-        dense = _effects_exceeded(quantities, motion(sample_times(motion.duration, EXAMINED_EVERY)))
-        found = found | dense
-    return tuple(name for name in ("torque", "balance") if name in found)
+    over = [_excess(quantities, state).max(axis=0) > 0.0 for state in _examined(quantities, motion)]
+    return _names(quantities, np.flatnonzero(np.any(over, axis=0)))
 
 
-def _effects_exceeded(quantities: LimitedQuantities, state: State) -> set[str]:
-    found = set()
-    if np.any(np.abs(quantities.torque(*state)) > quantities.torque_limit * (1 + _ROUNDING)):
-        found.add("torque")
-    if np.any(quantities.moments(*state) < 0.0):
-        found.add("balance")
-    return found
+def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[tuple[str, ...], Array]:
+    """Return what a motion exceeds where that is found first, and with which accelerations of joints.
+
+    A joint contributes what a torque or edge moment, where it is exceeded most, would be less without the
+    joint's acceleration.
+
+    Returns:
+        As `exceeded_effects`; and the size of the acceleration there of each joint that contributes half as
+        much as any other or more, inf for others, shape (n,) [rad/s^2 or m/s^2].
+    """
+    quantities, n = quantities_of(pepper, limits), pepper.n
+    for state in _examined(quantities, motion):
+        excess = _excess(quantities, state)
+        over = np.flatnonzero(excess.max(axis=0) > 0.0)
+        if over.size:
+            worst, each = excess[:, over].argmax(axis=0), np.arange(over.size)
+            without = state[:, worst].repeat(n, axis=1)
+            without[2].reshape(-1, n, n)[:, np.arange(n), np.arange(n)] = 0.0
+            left = _excess(quantities, without)[:, over].reshape(-1, n, over.size)
+            gain = excess[worst, over][:, None] - left[each, :, each]
+            blamed = gain > _BLAMED * np.maximum(gain.max(axis=1, keepdims=True), _ROUNDING)
+            used = np.where(blamed, np.abs(state[2, worst]), np.inf).min(axis=0)
+            return _names(quantities, over), used
+    return (), np.full(n, np.inf)
+
+
+def _examined(quantities: LimitedQuantities, motion: Trajectory) -> Iterator[Array]:
+    """Yield the states beside every knot, then those of every 1 ms, shape (3, T, n); none without limits."""
+    if quantities.torque_limit.size + quantities.edges:
+        breaks, pieces = motion.breaks, motion.coefficients
+        steps = np.diff(breaks)
+        ends = np.append(0.0 * steps, steps)
+        yield derivatives_on_segments(pieces, np.tile(np.arange(steps.size), 2), ends, 3)
+        times = sample_times(motion.duration, EXAMINED_EVERY)
+        states = np.empty((3, times.size, motion.n))
+        evaluate_at_times(breaks, pieces, times, states)
+        yield states
+
+
+def _excess(quantities: LimitedQuantities, state: Array) -> Array:
+    """Return by how much torques and edge moments of states, shape (3, T, n), exceed limits, (T, k + e)."""
+    torque = np.abs(quantities.torque(*state)) - quantities.torque_limit * (1 + _ROUNDING)
+    return np.concatenate([torque, -quantities.moments(*state)], axis=1)
+
+
+def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, ...]:
+    """Return what columns of `_excess` are of."""
+    torque = over < quantities.torque_limit.size
+    return ("torque",) * bool(torque.any()) + ("balance",) * (not torque.all())
 
 
 def _within(motion: Trajectory, order: int, low: Array, high: Array) -> bool:

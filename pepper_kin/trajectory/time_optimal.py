@@ -19,6 +19,7 @@ from pepper_kin.core.timing.parameterization import (
 from pepper_kin.core.timing.reachability import fastest_profile
 from pepper_kin.core.timing.tables import Instants, StateEffects
 from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, LONGEST_MOTION, MORE, TOLERANCE
+from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory
 
@@ -49,36 +50,55 @@ _TRIALS = 9  # solutions with tightened limits where time cannot be stretched
 _MARGINS = (1e-3, 1e-5)  # shares of limits left unused there, to be tried in turn
 
 
-def fastest_motion(problem: TimingProblem) -> Trajectory:
-    """Return the fastest motion along a path from rest to rest that keeps limits.
+def fastest_motion(problem: TimingProblem, start: float = 0.0) -> Trajectory:
+    """Return the fastest motion along a path to rest that keeps limits.
 
     Velocity and acceleration keep their limits at every instant, the others at both ends of every interval
     and at every multiple of 1 ms.  Where a limit is exceeded between grid points, that interval's is
     tightened by the excess before the passes are run again; what is left is removed by stretching time (see
     `pepper_kin.core.timing.parameterization`).  Of the multiples of 1 ms, those are examined that lie on
-    intervals where a limit is near.
+    intervals where a limit is near.  A motion that is going to be stretched begins faster by as much.
+
+    Args:
+        problem: The path and its limits.
+        start: ds/dt at the start [1/s].
 
     Raises:
         InfeasibleError: where there is none, saying why.
         TooLongError: for a motion longer than `LONGEST_MOTION`.
     """
-    found: Trajectory | None = None
-    if problem.plain:
-        status, failed, _, found = problem.fastest()
-    else:
-        problem.fill()
-        status, failed, stretch = optimal_profile(
-            problem.grid, problem.effects, problem.limits, problem.rows, problem.space
-        )
-        if status == FOUND:
-            stretch = _stretched(problem, problem.space.best, stretch)
-            if np.isfinite(stretch):
-                found = problem.trajectory(problem.space.best, stretch)
-    if status == NO_PROFILE:
-        raise problem.infeasible(failed)
+    stretch = 1.0
+    for _ in range(_TRIALS):
+        problem.space.x[0] = (start * stretch) ** 2
+        status, failed, needed, found = _fastest(problem)
+        if status == NO_PROFILE:
+            raise problem.infeasible(failed)
+        if found is None or start == 0.0:
+            break
+        if needed <= stretch:
+            return problem.trajectory(problem.space.best, stretch)
+        stretch = needed * (1.0 + LEAST)
     if status == FOUND and found is None:
         refuse_long(profile_duration(problem.grid, problem.space.best))
+    if start > 0.0:
+        reason = "in motion from the start, it passes postures that the robot can barely hold"
+        raise InfeasibleError("trajectory", reason, "`Trajectory.replaced`, or a path with less load")
     return _motion_without_rest(problem) if found is None else found
+
+
+def _fastest(problem: TimingProblem) -> tuple[int, int | None, float, Trajectory | None]:
+    """Search the fastest motion from the squared speed at the start; see `TimingProblem.fastest`."""
+    if problem.plain:
+        return problem.fastest()
+    problem.fill()
+    status, failed, stretch = optimal_profile(
+        problem.grid, problem.effects, problem.limits, problem.rows, problem.space
+    )
+    if status == FOUND:
+        stretch = _stretched(problem, problem.space.best, stretch)
+        if np.isfinite(stretch):
+            return status, failed, stretch, problem.trajectory(problem.space.best, stretch)
+    return status, failed, stretch, None
 
 
 def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:

@@ -36,7 +36,7 @@ class TimingProblem:
         effects: Torques, edge moments and frame speeds at its nodes.
         limits: Limits of the joints.
         rows: Receives the constraints.
-        space: Work space of the search.
+        space: Work space of the search; `x[0]` is the squared speed (ds/dt)^2 at the start, at first 0.
         quantities: What limits look at, for other states.
         loads: What is carried.
 
@@ -58,6 +58,7 @@ class TimingProblem:
         count = interval_count(breaks, intervals)
         self._tables = _tables_of(count, len(breaks) - 1, pepper.n, torques, edges)
         self.grid, self.effects, self.rows, self.space = self._tables[:4]
+        self.space.x[0] = 0.0
         self.limits = PathLimits(
             limits.velocity, limits.acceleration, self.quantities.torque_limit,
             min(_GREATEST * float(breaks[-1] - breaks[0]) ** 2, limits.path_speed**2),
@@ -135,6 +136,11 @@ class TimingProblem:
                 "choose a path whose center of mass is nearer to the middle of the wheels, or less balance"
             )
             return InfeasibleError("trajectory", reason, nearer)
+        x, (least, most) = self.space.x[0], self.space.reach[0]
+        if failed_at == 0 and x > 0.0 and most > 0.0:
+            bound = f"at most {np.sqrt(most / x):.6g}" if x > most else f"at least {np.sqrt(least / x):.6g}"
+            reason = f"along the path start_velocity could be {bound} times as large"
+            return InfeasibleError("trajectory", reason, "another start_velocity, or `Trajectory.replaced`")
         where = "" if failed_at is None else f" from {self.share(failed_at):.0%} of it on"
         return InfeasibleError(
             "trajectory",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from pepper_kin.trajectory.check import check
 from pepper_kin.trajectory.interpolation import from_positions
 from pepper_kin.trajectory.key_frames import Frame, from_keyframes
 from pepper_kin.trajectory.plot import plot
-from pepper_kin.trajectory.samples import Samples, names_and_units
+from pepper_kin.trajectory.samples import Samples, known, names_and_units
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
 from pepper_kin.trajectory.segment_values import checked_derivatives
 from pepper_kin.trajectory.splice import Splice, replaced
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pepper_kin.model import PepperModel
-
-_Value = TypeVar("_Value", "Samples", "Trajectory")
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +237,7 @@ class Trajectory(FrozenArrays):
             InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
         """
         time = sample_times(self.duration, dt)
-        return _known(Samples, self.joint_names, self.joint_units, time=time, **self(time)._asdict())
+        return known(Samples, self.joint_names, self.joint_units, time=time, **self(time)._asdict())
 
     def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
         """Return whether two trajectories are the same to a tolerance, however they are cut into pieces.
@@ -380,7 +378,8 @@ class Trajectory(FrozenArrays):
         (`pepper_kin.core.timing.steering`); accelerations may jump.  Limits of position, velocity and
         acceleration hold at every instant; torque and balance are examined every millisecond and beside every
         knot; that nothing is touched is proven for the new way, of a stop looked at every millisecond.  Where
-        no share tried will do, the motion stops first, and `Splice.how` says so.
+        no share tried will do, or only such a small one that a stop and the way from there end sooner, the
+        motion stops first, and `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.
@@ -443,15 +442,7 @@ def known_trajectory(
     (m, k, n); they are copied, to memory that cannot be written to.
     """
     arrays = {"breaks": read_only(breaks), "coefficients": read_only(coefficients)}
-    return _known(Trajectory, names, units, **arrays)
-
-
-def _known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **arrays: Array) -> _Value:
-    value = object.__new__(kind)
-    for array in arrays.values():
-        array.setflags(write=False)
-    value.__dict__.update(joint_names=names, joint_units=units, **arrays)
-    return value
+    return known(Trajectory, names, units, **arrays)
 
 
 def checked_trajectory(value: Trajectory) -> Trajectory:

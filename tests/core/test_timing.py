@@ -30,7 +30,7 @@ def make_rows(size, nodes, n, r):
 def make_space(size, r):
     return ProfileSpace(
         np.empty((size, 3, 2 * r + 1)), np.empty((size, 3)), np.empty((size + 1, 2)), np.ones(size, bool),
-        np.empty(size + 1), np.empty(size + 1),
+        np.zeros(size + 1), np.empty(size + 1),
     )  # fmt: skip
 
 

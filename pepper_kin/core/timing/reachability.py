@@ -18,7 +18,7 @@ _ROUNDING = 1e-12
 
 @compiled("int64(PathGrid, PathRows, ProfileSpace)", lean=True)
 def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
-    """Find the fastest squared speed from rest to rest.
+    """Find the fastest squared speed from that at the start, `space.x[0]`, to rest.
 
     With u = d2s/dt2 constant on each interval and x = (ds/dt)^2, the rows low <= a u + b x + c <= high hold
     at both ends of every interval, at the second with x + 2 D u in place of x.  Backward: the greatest and
@@ -31,7 +31,7 @@ def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
     Args:
         grid: The path.
         rows: The constraints.
-        space: Workspace of any content; receives x.
+        space: Workspace; x[0] is read, the other x are received.
 
     Returns:
         -1; or, where there is no profile, the grid point at which the search ended.
@@ -42,9 +42,10 @@ def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
 
 @compiled(lean=True)
 def reset_profile(space: ProfileSpace) -> None:
-    """Make the next passes start from nothing."""
+    """Make the next passes start from nothing but the squared speed at the start."""
     for i in range(space.x.size):
-        space.x[i] = space.reach[i, 0] = space.reach[i, 1] = 0.0
+        space.reach[i, 0] = space.reach[i, 1] = 0.0
+    space.x[1:] = 0.0
     for i in range(space.changed.size):
         space.changed[i] = True
 
@@ -83,7 +84,7 @@ def repeat_passes(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
         fresh = smallest != reach[i, 0] or greatest != reach[i, 1]
         reach[i, 0], reach[i, 1] = smallest, greatest
         space.changed[i] = True
-    if reach[0, 0] > 0.0:
+    if not reach[0, 0] <= x[0] <= reach[0, 1]:
         return 0
     fresh = False
     for i in range(size):
