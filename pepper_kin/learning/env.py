@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
@@ -14,7 +14,7 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 class PepperEnv(gymnasium.Env[Any, Any]):
     """A Pepper with a goal; see `PepperVectorEnv`, whose options it takes."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, **options: Any) -> None:
         self.batch = PepperVectorEnv(1, autoreset_mode=AutoresetMode.DISABLED, **options)

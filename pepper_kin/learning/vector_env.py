@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -54,7 +54,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         UnknownNameError: for an unknown task, or a robot without its joints.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -219,7 +219,8 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
 
         if not self.goal_form:
             return box(size + goal)
-        parts = {"observation": box(size), "achieved_goal": box(goal), "desired_goal": box(goal)}
+        parts: dict[str, gymnasium.Space[Any]] = {"observation": box(size)}
+        parts |= {"achieved_goal": box(goal), "desired_goal": box(goal)}
         return gymnasium.spaces.Dict(parts)
 
     def _varied(self, ranges: Mapping[str, tuple[float, float]], seed: int) -> dict[str, Array]:
