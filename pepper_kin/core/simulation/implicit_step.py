@@ -9,7 +9,7 @@ friction and stop on each joint at the end of the step (see `actuator_model`):
 As no F_j rises, the step minimizes the strictly convex, piecewise quadratic function
 (w - v)^T (M + J) (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.
 It is found by Newton's method: solve on guessed segments, take the segments at the solution, and repeat
-until they agree; mostly at once.  From the fifth round on the way to the new guess is searched exactly for
+until they agree; mostly at once.  From the fourth round on the way to the new guess is searched exactly for
 the least value, after which the method ends in finitely many rounds.
 
 Robots are side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
@@ -46,8 +46,8 @@ RUNAWAY = 1e4
 NEWTON_ROUNDS = 4
 """After these the way to the next guess is searched for the least value."""
 MOST_ROUNDS = 60
-HALVINGS = 50
-"""Of the interval that is searched."""
+MOST_SEARCHED, NARROW = 50, 1e-15
+"""Points of the way that are looked at, and width of the bracket, as a share of the way, that ends it."""
 SAME_FORCE = 1e-9
 """Agreement of actuator model and equation of motion [N m or N], and as a part of the force."""
 
@@ -179,6 +179,9 @@ def write_equation(
 def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
     """Finish a step whose first guess is wrong: find the segments on which actuator model and motion agree.
 
+    Lanes on which the first guess is right keep it.  The others begin anew with the segments at their present
+    velocities: what saturates in a step did so mostly in the step before.
+
     Args:
         robots: The robots.
         law: Parameters of the block, shape (rows, m).
@@ -186,27 +189,31 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
     """
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     _first_segments(h, law, space)
+    violation = space.step_output.size - lanes
+    for lane in range(lanes):
+        space.flags[CONVERGED, lane] = space.step_output[violation + lane] <= 0.0
+        if not space.flags[CONVERGED, lane]:
+            for e in range(lane, m, lanes):
+                space.step_output[NEXT_V * m + e] = space.step_input[V * m + e]
+            _look_up(h, lane, lanes, False, law, space)
     entries = robots.places.shape[1] * lanes
     for p in range(entries):
         space.solve_input[p] = space.step_output[MASS * m + p]
-    for round_ in range(MOST_ROUNDS):
-        if round_ > 0:
-            _next_guess(robots, law, space)
+    for round_ in range(1, MOST_ROUNDS):
+        _next_guess(robots, law, space)
         if _all_agree(h, lanes, law, space):
             return
         for lane in range(lanes):
             if not space.flags[CONVERGED, lane]:
                 if round_ >= NEWTON_ROUNDS:
                     _line_search(lane, robots, law, space)
-                _look_up(h, lane, lanes, 0 < round_ < NEWTON_ROUNDS, law, space)
+                _look_up(h, lane, lanes, round_ < NEWTON_ROUNDS, law, space)
 
 
 @compiled(lean=True)
 def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
     """Write the segments of the first guess, from parameters of shape (rows, m)."""
     m = space.solve_output.size
-    for lane in range(space.flags.shape[1]):
-        space.flags[CONVERGED, lane] = False
     for e in range(m):
         v = space.step_input[V * m + e]
         friction, stick = friction_segment(law[COULOMB, e], v)
@@ -296,19 +303,26 @@ def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorksp
         way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
         slope += way * (rows[GONE, e] / h + step_output[BIAS * m + e] - step_input[LOAD * m + e])
         curvature += way * rows[WAY, e] / h
-    low, high = 0.0, 1.0
-    for _ in range(HALVINGS):
-        t = (low + high) / 2
-        rise = slope + t * curvature
+    # The slope rises piecewise linearly along the way: Newton's method, or halves where that leaves the bracket.
+    low, high, t = 0.0, 1.0, 1.0
+    for _ in range(MOST_SEARCHED):
+        rise, steep = slope + t * curvature, curvature
         for e in range(lane, m, lanes):
             way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
             w = rows[BEFORE, e] + t * way
             _, c, k = segment_at(law, e, h, step_input[e], w, step_output[SERVO * m + e], w)
             rise -= way * (c - k * w)
+            steep += way * way * k
         if rise < 0.0:
             low = t
         else:
             high = t
+        ahead = t - rise / steep if steep > 0.0 else low
+        if not low < ahead < high:
+            ahead = (low + high) / 2
+        if high - low < NARROW or abs(ahead - t) < NARROW:
+            break
+        t = ahead
     for e in range(lane, m, lanes):
         w = rows[BEFORE, e] + high * (step_output[NEXT_V * m + e] - rows[BEFORE, e])
         step_output[NEXT_V * m + e] = w
