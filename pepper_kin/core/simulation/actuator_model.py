@@ -136,11 +136,11 @@ def speed_torque_line(stall: float, line: float, w: float) -> tuple[float, float
     return -stall - line * w, stall - line * w
 
 
-@compiled(lean=True)
+@compiled(lean=True, inline=True)
 def segment_at(
-    law: Floats2, e: int, h: float, q: float, w: float, servo: float, before: float
+    law: Floats2, e: int, h: float, q: float, w: float, servo: float
 ) -> tuple[float, float, float]:
-    """Return torque, intercept c and slope k of the law of element e at a velocity.
+    """Return torque, intercept c and slope k of the law of element e at a velocity, without branches.
 
     Args:
         law: Parameters, one row for each of `ActuatorTable`, shape (rows, m).
@@ -149,41 +149,40 @@ def segment_at(
         q: Position at the start of the step.
         w: Velocity at its end.
         servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f.
-        before: Another velocity, or w itself; a joint that has reversed between the two gets the segment
-            on which friction holds it.
     """
     gain = servo_gain(h, law[KP, e], law[KD, e])
     wanted = servo - gain * w
-    torque, intercept, slope = wanted, servo, gain
     limit, stall, line = law[LIMIT, e], law[STALL, e], law[LINE, e]
     lower_line, upper_line = speed_torque_line(stall, line, w)
     upper, lower = min(max(upper_line, -limit), limit), min(max(lower_line, -limit), limit)
-    if wanted > upper:
-        on_line = -limit < upper_line < limit
-        torque, slope, intercept = upper, line if on_line else 0.0, stall if on_line else upper
-    if wanted < lower:
-        on_line = -limit < lower_line < limit
-        torque, slope, intercept = lower, line if on_line else 0.0, -stall if on_line else lower
-    coulomb = law[COULOMB, e]
+    above, below = wanted > upper, wanted < lower
+    bound, on = select(below, lower, upper), select(below, lower_line, upper_line)
+    on_line, end = (-limit < on) & (on < limit), select(below, -stall, stall)
+    clipped = above | below
+    torque = select(clipped, bound, wanted)
+    slope = select(clipped, select(on_line, line, 0.0), gain)
+    intercept = select(clipped, select(on_line, end, bound), servo)
+    friction, stick = friction_segment(law[COULOMB, e], w)
+    push, stiff = _stop_at(law, h, e, q - law[UPPER, e], w, 1.0)
+    other, more = _stop_at(law, h, e, q - law[LOWER, e], w, -1.0)
+    return torque, intercept - friction - push - other, slope + law[VISCOUS, e] + stick + stiff + more
+
+
+@compiled(lean=True, inline=True)
+def when_turned(coulomb: float, w: float, before: float) -> tuple[float, float]:
+    """Return by what c and k change of a joint that has reversed since a velocity: friction holds it."""
     friction, stick = friction_segment(coulomb, w)
-    if w * before < 0.0 and min(abs(w), abs(before)) > CREEP and coulomb > 0.0:
-        friction, stick = 0.0, coulomb / CREEP
-    push, stiff = _stops_at(law, e, h, q, w)
-    return torque, intercept - friction - push, slope + law[VISCOUS, e] + stick + stiff
+    turned = (w * before < 0.0) & (min(abs(w), abs(before)) > CREEP)
+    return select(turned, friction, 0.0), select(turned, coulomb / CREEP - stick, 0.0)
 
 
-@compiled(lean=True)
-def _stops_at(law: Floats2, e: int, h: float, q: float, w: float) -> tuple[float, float]:
-    """Return c and k of the stops of element e, from parameters of shape (rows, m)."""
+@compiled(lean=True, inline=True)
+def _stop_at(law: Floats2, h: float, e: int, beyond: float, w: float, sign: float) -> tuple[float, float]:
+    """Return c and k of a stop of element e, which the joint is beyond by [rad or m], above if sign is 1."""
     stiffness, damping = law[STOP_STIFFNESS, e], law[STOP_DAMPING, e]
-    push, slope = 0.0, 0.0
-    for sign in (1.0, -1.0):
-        beyond = q - (law[UPPER, e] if sign > 0.0 else law[LOWER, e])
-        base, stiff = stiffness * beyond, h * stiffness + (damping if sign * beyond > 0.0 else 0.0)
-        if sign * (base + stiff * w) > 0.0:
-            push += base
-            slope += stiff
-    return push, slope
+    base, stiff = stiffness * beyond, h * stiffness + select(sign * beyond > 0.0, damping, 0.0)
+    pushes = sign * (base + stiff * w) > 0.0
+    return select(pushes, base, 0.0), select(pushes, stiff, 0.0)
 
 
 @compiled("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
@@ -200,4 +199,4 @@ def present_torques(law: Floats2, state: Floats2, feedforward: Floats1, torque: 
         q, v = state[0, e], state[1, e]
         error = state[2, e] - encoder_reading(law[RESOLUTION, e], q)
         servo = servo_feedback(law[KP, e], law[KD, e], error, state[3, e]) + feedforward[e]
-        torque[e] = segment_at(law, e, 0.0, q, v, servo, v)[0]
+        torque[e] = segment_at(law, e, 0.0, q, v, servo)[0]

@@ -35,7 +35,9 @@ from pepper_kin.core.simulation.actuator_model import (
     VISCOUS,
     friction_segment,
     segment_at,
+    select,
     servo_gain,
+    when_turned,
 )
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel
@@ -86,8 +88,9 @@ class StepWorkspace(NamedTuple):
         work: Workspace of the kernels, shape (>= work_size,).
         solve_input: Input of the kernel that solves: mass, extra and right, shape (p W + 2 m,).
         solve_output: Its output, shape (m,).
-        rows: Intercept and slope of each joint's segment, velocities of the round before, and M times the way
-            to the next guess and M times what was gone, shape (5, m).
+        rows: Intercept and slope of each joint's segment, velocities of the round before, M times the way to
+            the next guess, M times what was gone, 1 where a lane is open, and by how much forces were wrong,
+            shape (7, m).
         flags: Which lanes are done, and which robots go on, shape (2, W).
     """
 
@@ -105,7 +108,7 @@ Q, V, Q_REF, V_REF, FEEDFORWARD_TORQUE, LOAD, CONSTANT = 0, 1, 2, 3, 4, 5, 6
 CONSTANT_LIMIT = CONSTANT + 3  # torque limits, the fourth of the constants
 NEXT_Q, NEXT_V, TORQUE, SERVO, BIAS, MASS = 0, 1, 2, 3, 4, 5
 # Rows of `rows` and `flags`.
-INTERCEPT, SLOPE, BEFORE, WAY, GONE = 0, 1, 2, 3, 4
+INTERCEPT, SLOPE, BEFORE, WAY, GONE, OPEN, WRONG = range(7)
 CONVERGED, ALIVE = 0, 1
 
 
@@ -191,23 +194,26 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
     _first_segments(h, law, space)
     violation = space.step_output.size - lanes
     for lane in range(lanes):
-        space.flags[CONVERGED, lane] = space.step_output[violation + lane] <= 0.0
-        if not space.flags[CONVERGED, lane]:
-            for e in range(lane, m, lanes):
+        right = space.step_output[violation + lane] <= 0.0
+        space.flags[CONVERGED, lane] = right
+        for e in range(lane, m, lanes):
+            space.rows[OPEN, e] = 0.0 if right else 1.0
+            if not right:
                 space.step_output[NEXT_V * m + e] = space.step_input[V * m + e]
-            _look_up(h, lane, lanes, False, law, space)
+    _look_up(h, False, law, space)
     entries = robots.places.shape[1] * lanes
     for p in range(entries):
         space.solve_input[p] = space.step_output[MASS * m + p]
     for round_ in range(1, MOST_ROUNDS):
         _next_guess(robots, law, space)
-        if _all_agree(h, lanes, law, space):
+        _look_up(h, round_ < NEWTON_ROUNDS, law, space)
+        if _all_agree(lanes, space):
             return
-        for lane in range(lanes):
-            if not space.flags[CONVERGED, lane]:
-                if round_ >= NEWTON_ROUNDS:
+        if round_ >= NEWTON_ROUNDS:
+            for lane in range(lanes):
+                if not space.flags[CONVERGED, lane]:
                     _line_search(lane, robots, law, space)
-                _look_up(h, lane, lanes, round_ < NEWTON_ROUNDS, law, space)
+            _look_up(h, False, law, space)
 
 
 @compiled(lean=True)
@@ -223,44 +229,52 @@ def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
 
 
 @compiled(lean=True)
-def _all_agree(h: float, lanes: int, law: Floats2, space: StepWorkspace) -> bool:
-    """Write the torques, and mark lanes that agree with the law, shape (rows, m); return whether all do."""
-    m = space.solve_output.size
-    all_agree = True
+def _look_up(h: float, turns: bool, law: Floats2, space: StepWorkspace) -> None:
+    """Write the torques and segments at the present velocities of lanes that are open, all at once.
+
+    In `rows` it is written, too, by how much the forces on the segments before were wrong, beyond what is
+    allowed.
+
+    Args:
+        h: Timestep [s].
+        turns: Whether joints that have reversed since the round before get the segment of sticking.
+        law: Parameters of the block, shape (rows, m).
+        space: Changed.
+    """
+    m, rows, step_input, step_output = (
+        space.solve_output.size,
+        space.rows,
+        space.step_input,
+        space.step_output,
+    )
+    for e in range(m):
+        w, is_open = step_output[NEXT_V * m + e], rows[OPEN, e] > 0.0
+        torque, c, k = segment_at(law, e, h, step_input[e], w, step_output[SERVO * m + e])
+        due = rows[INTERCEPT, e] - rows[SLOPE, e] * w
+        off = abs(c - k * w - due) - SAME_FORCE * (1.0 + abs(due))
+        more_c, more_k = when_turned(law[COULOMB, e], w, select(turns, rows[BEFORE, e], w))
+        rows[WRONG, e] = select(is_open, off, -1.0)
+        step_output[TORQUE * m + e] = select(is_open, torque, step_output[TORQUE * m + e])
+        rows[INTERCEPT, e] = select(is_open, c + more_c, rows[INTERCEPT, e])
+        rows[SLOPE, e] = select(is_open, k + more_k, rows[SLOPE, e])
+
+
+@compiled(lean=True)
+def _all_agree(lanes: int, space: StepWorkspace) -> bool:
+    """Mark lanes whose forces were right; return whether all are."""
+    m, all_agree = space.solve_output.size, True
     for lane in range(lanes):
         if space.flags[CONVERGED, lane]:
             continue
         agrees = True
         for e in range(lane, m, lanes):
-            w = space.step_output[NEXT_V * m + e]
-            torque, c, k = segment_at(law, e, h, space.step_input[e], w, space.step_output[SERVO * m + e], w)
-            due = space.rows[INTERCEPT, e] - space.rows[SLOPE, e] * w
-            if abs(c - k * w - due) > SAME_FORCE * (1.0 + abs(due)):
-                agrees = False
-            space.step_output[TORQUE * m + e] = torque
-        space.flags[CONVERGED, lane] = agrees
+            agrees = agrees and space.rows[WRONG, e] <= 0.0  # False for NaN
+        if agrees:
+            space.flags[CONVERGED, lane] = True
+            for e in range(lane, m, lanes):
+                space.rows[OPEN, e] = 0.0
         all_agree = all_agree and agrees
     return all_agree
-
-
-@compiled(lean=True)
-def _look_up(h: float, lane: int, lanes: int, turns: bool, law: Floats2, space: StepWorkspace) -> None:
-    """Write the torques and segments at the present velocities of a lane.
-
-    Args:
-        h: Timestep [s].
-        lane: The lane.
-        lanes: W.
-        turns: Whether joints that have reversed since the round before get the segment of sticking.
-        law: Parameters of the block, shape (rows, m).
-        space: Changed.
-    """
-    m = space.solve_output.size
-    for e in range(lane, m, lanes):
-        w = space.step_output[NEXT_V * m + e]
-        before = space.rows[BEFORE, e] if turns else w
-        torque, c, k = segment_at(law, e, h, space.step_input[e], w, space.step_output[SERVO * m + e], before)
-        space.step_output[TORQUE * m + e], space.rows[INTERCEPT, e], space.rows[SLOPE, e] = torque, c, k
 
 
 @compiled(lean=True)
@@ -303,14 +317,14 @@ def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorksp
         way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
         slope += way * (rows[GONE, e] / h + step_output[BIAS * m + e] - step_input[LOAD * m + e])
         curvature += way * rows[WAY, e] / h
-    # The slope rises piecewise linearly along the way: Newton's method, or halves where that leaves the bracket.
+    # The slope rises piecewise linearly along the way: Newton's method, or halves where that leaves it.
     low, high, t = 0.0, 1.0, 1.0
     for _ in range(MOST_SEARCHED):
         rise, steep = slope + t * curvature, curvature
         for e in range(lane, m, lanes):
             way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
             w = rows[BEFORE, e] + t * way
-            _, c, k = segment_at(law, e, h, step_input[e], w, step_output[SERVO * m + e], w)
+            _, c, k = segment_at(law, e, h, step_input[e], w, step_output[SERVO * m + e])
             rise -= way * (c - k * w)
             steep += way * way * k
         if rise < 0.0:
