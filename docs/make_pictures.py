@@ -36,6 +36,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_21": motions.draw_21_ros_client,
     "example_22": motions.draw_22_live_motion,
     "example_23": motions.draw_23_follow_a_path,
+    "example_24": motions.draw_24_imitate_reach,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "visual": pages.draw_visual,

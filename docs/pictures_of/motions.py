@@ -311,3 +311,20 @@ def draw_23_follow_a_path() -> None:
         xlabel="s", title="speed of the hand [m/s], three laps", xlim=(0, motion.duration), ylim=(0, None)
     )
     sheet.save("example_23.png")
+
+
+def draw_24_imitate_reach() -> None:
+    """Shares of goals reached in each round, in which the network acts ever more, and after them."""
+    example = variables_of("24")
+    curve = np.array(example["curve"])
+    sheet = Sheet()
+    plot = sheet.axes(80, 60, 690, 370)
+    plot.plot(
+        np.arange(1, curve.size + 1), curve, color=COLORS["orange"], marker="o", label="goals of training"
+    )
+    plot.axhline(example["best"], color=COLORS["gray"], linestyle="--", label="its teacher, new goals")
+    plot.axhline(example["learned"], color=COLORS["orange"], linestyle=":", label="the network, new goals")
+    plot.axvspan(1, 4.5, color=COLORS["gray"], alpha=0.2, lw=0)
+    plot.set(xlabel="round; gray: its teacher acts, too", title="share of goals reached", ylim=(0, 1.05))
+    plot.legend(fontsize=9, loc="lower right")
+    sheet.save("example_24.png")

@@ -14,8 +14,8 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
 
 CAMERA = "CameraTop_optical_frame"
-BANK = 1024
-_DRAWN = 16 * BANK
+BANK = 2048
+_DRAWN = 8 * BANK
 _SPARE = 0.05  # of the joints' ranges, that goals stay away from their ends
 _IN_TIME = 0.6  # of an episode, in which a straight way of the joints leads to a goal
 _HELD = 0.9  # of the efforts
@@ -107,7 +107,7 @@ def task_named(task: str | ReachTask) -> ReachTask:
 
 
 @kept_for_robot(most=16)
-def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float) -> Array:
+def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float, seed: int) -> Array:
     """Return goals that can be reached from the neutral posture in the time of an episode [m], (m, hands, 3).
 
     They are where the hands are in postures that touch nothing, that the joints can hold, and to which
@@ -118,6 +118,7 @@ def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float) 
         task: The task.
         speed: Share of the velocity limits that commands use.
         period: Time of a step [s].
+        seed: Draws the postures.
 
     Raises:
         InvalidValueError: where the episodes are too short for any.
@@ -125,7 +126,7 @@ def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float) 
     joints, home = task.joints(pepper), pepper.neutral()
     low, high = pepper.lower_limits[joints], pepper.upper_limits[joints]
     spare = _SPARE * (high - low)
-    drawn = np.random.default_rng(0).uniform(low + spare, high - spare, (_DRAWN, joints.size))
+    drawn = np.random.default_rng(seed).uniform(low + spare, high - spare, (_DRAWN, joints.size))
     fastest, strongest = speed * pepper.velocity_limits[joints], pepper.acceleration_limits[joints]
     q = np.tile(home, (_DRAWN, 1))
     q[:, joints] = drawn

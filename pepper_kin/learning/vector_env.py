@@ -14,7 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.reach_task import ReachTask, Score, goals_of, task_named
 from pepper_kin.model import PepperModel, load_pepper
-from pepper_kin.model.joint_vectors import check_positive, check_whole
+from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
 from pepper_kin.twin import TwinBatch, actuator_parameters
 
 STEPS = 20  # of the twin, of a millisecond each: 50 Hz
@@ -47,6 +47,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: What happens at the end of an episode, as Gymnasium defines it.
         randomization: Quantity of `ActuatorParameters` -> range of the factor on it, drawn for each robot and
             joint once, with `randomization_seed`.
+        goal_seed: Draws the two thousand goals at most that episodes choose from.
         threads: Threads that share the robots; the result does not depend on it.
 
     Raises:
@@ -68,6 +69,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         randomization: Mapping[str, tuple[float, float]] | None = None,
         randomization_seed: int = 0,
+        goal_seed: int = 0,
         threads: int = 1,
     ) -> None:
         self.num_envs, self.task = check_whole("num_envs", num_envs, 1), task_named(task)
@@ -80,7 +82,8 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.twins = TwinBatch(
             self.pepper, self.num_envs, vary=self._varied(randomization or {}, randomization_seed)
         )
-        self._goals = goals_of(self.pepper, self.task, speed, STEPS * self.twins.timestep)
+        period, drawn = STEPS * self.twins.timestep, check_seed(goal_seed)
+        self._goals = goals_of(self.pepper, self.task, speed, period, drawn)
         self._low, self._high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
         self._keys = np.zeros(self.num_envs, np.uint64)
         self._episodes, self._elapsed = np.zeros(self.num_envs, np.uint64), np.zeros(self.num_envs, np.int64)
