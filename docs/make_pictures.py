@@ -39,6 +39,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_24": motions.draw_24_imitate_reach,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
+    "live_film": pages.draw_live_film,
     "visual": pages.draw_visual,
     "reach": pages.draw_reach,
     "gestures": pages.draw_gestures,

@@ -27,6 +27,7 @@ from pepper_kin.viewer.video import save_video
 
 from .album import gesture_album
 from .camera import framing
+from .examples import variables_of
 from .reaching import BODY
 from .sheet import FOLDER, Sheet, save_small
 from .stage import aim
@@ -70,6 +71,20 @@ def draw_film() -> None:
         page = viewer.save_html(Path(folder) / "film.html", motion, series={})
         aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
         save_video(page, FOLDER / "demo.gif", fps=16.0, size=size, timeout=600.0)
+
+
+def draw_live_film() -> None:
+    """The arm that gives way to the ball, as example 22 had it."""
+    example = variables_of("22")
+    times = np.array(example["times"])
+    motion = JointMotion(times - times[0], np.array(example["positions"]), {})
+    size = (480, 400)
+    viewer = pk.Viewer(example["pepper"]).add_scene(example["seen"](0.0))
+    around = np.array([[x, y, z] for x in (-0.2, 0.5) for y in (-0.5, 0.6) for z in (0.6, 1.25)])
+    with tempfile.TemporaryDirectory() as folder:
+        page = viewer.save_html(Path(folder) / "film.html", motion, series={})
+        aim(page, framing(around, size, 50, 14, margin=1.0))
+        save_video(page, FOLDER / "live_motion.gif", fps=12.0, size=size, timeout=600.0)
 
 
 def draw_visual() -> None:

@@ -2,6 +2,7 @@
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
     TASKS, ReachTask              what is asked, and how it is scored
+    to_sb3                        the environments as stable-baselines3 takes them
     Oracle                        solves the tasks by inverse kinematics: what can be reached at all
 
 Importing it registers `PepperReach-v0`, `PepperReachBoth-v0` and `PepperGazeReach-v0`, for `gymnasium.make`
@@ -19,9 +20,10 @@ except ImportError as error:
 from pepper_kin.learning.env import PepperEnv
 from pepper_kin.learning.oracle import Oracle
 from pepper_kin.learning.reach_task import TASKS, ReachTask
+from pepper_kin.learning.sb3 import to_sb3
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
-__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "ReachTask"]
+__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "ReachTask", "to_sb3"]
 
 for _name in TASKS:
     if f"Pepper{_name}-v0" not in gymnasium.registry:

@@ -1,0 +1,99 @@
+"""The environments as stable-baselines3 takes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.learning.vector_env import PepperVectorEnv
+
+
+def to_sb3(env: PepperVectorEnv) -> Any:
+    """Return environments as a `VecEnv` of stable-baselines3, for its `PPO("MlpPolicy", ...)` and others.
+
+    Its infos are filled where an episode ends, with `terminal_observation`, `TimeLimit.truncated`, `episode`
+    (sum of rewards and length) and `is_success`; elsewhere they are one empty dictionary.
+
+    Args:
+        env: The environments, with `autoreset_mode=AutoresetMode.SAME_STEP`.
+
+    Raises:
+        InvalidValueError: for another mode.
+        MissingDependencyError: without stable-baselines3.
+    """
+    if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+        raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
+    try:
+        from stable_baselines3.common.vec_env import VecEnv
+    except ImportError as error:
+        command = "pip install stable-baselines3"
+        raise MissingDependencyError("stable_baselines3", command, "to_sb3") from error
+    nothing: dict[str, Any] = {}
+
+    class PepperVecEnv(VecEnv):
+        """See `to_sb3`."""
+
+        def __init__(self) -> None:
+            super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+            self._actions, self._returns = np.zeros(0), np.zeros(env.num_envs)
+            self._lengths = np.zeros(env.num_envs, np.int64)
+
+        def reset(self) -> Any:
+            """Begin new episodes, with the seeds that `seed` has set."""
+            seeds = None if all(seed is None for seed in self._seeds) else self._seeds
+            observations, _ = env.reset(seed=seeds)
+            self._reset_seeds()
+            self._returns[:], self._lengths[:] = 0.0, 0
+            return observations
+
+        def step_async(self, actions: np.ndarray) -> None:
+            """Keep the actions for `step_wait`."""
+            self._actions = actions
+
+        def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+            """Return observations, rewards, which episodes ended, and infos."""
+            observations, rewards, terminated, truncated, found = env.step(self._actions)
+            self._returns += rewards
+            self._lengths += 1
+            ended = terminated | truncated
+            infos = [nothing] * env.num_envs
+            for row in np.flatnonzero(ended):
+                last = found["final_obs"]
+                infos[row] = {
+                    "terminal_observation": {k: v[row] for k, v in last.items()}
+                    if isinstance(last, dict)
+                    else last[row],
+                    "TimeLimit.truncated": bool(truncated[row]),
+                    "is_success": bool(found["final_info"]["is_success"][row]),
+                    "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
+                }
+            self._returns[ended], self._lengths[ended] = 0.0, 0
+            return observations, np.float32(rewards), ended, infos
+
+        def close(self) -> None:
+            """Close the environments."""
+            env.close()
+
+        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+            """Return an attribute of the batch for each environment asked for."""
+            return [getattr(env, attr_name)] * len(list(self._get_indices(indices)))
+
+        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+            """Set an attribute of the whole batch."""
+            setattr(env, attr_name, value)
+
+        def env_method(
+            self, method_name: str, *arguments: Any, indices: Any = None, **options: Any
+        ) -> list[Any]:
+            """Call a method of the batch once, and return its result for each environment asked for."""
+            result = getattr(env, method_name)(*arguments, **options)
+            return [result] * len(list(self._get_indices(indices)))
+
+        def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+            """Return that no environment is wrapped."""
+            return [False] * len(list(self._get_indices(indices)))
+
+    return PepperVecEnv()
