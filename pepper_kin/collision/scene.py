@@ -403,8 +403,8 @@ class Scene:
     def movers(self) -> tuple[SceneObject, ...]:
         """Obstacles with a velocity or an uncertainty.
 
-        Functions of a motion compare them where they are at each of its times; all others, as planners, take
-        them as standing where they are at time 0.
+        Functions of a motion compare them where they are at each of its times, `follow` and `sequence` refuse
+        them; all others, as planners, take them as standing where they are at time 0.
         """
         return tuple(item for item in self.objects.values() if item.moves)
 

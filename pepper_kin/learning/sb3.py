@@ -71,7 +71,7 @@ def to_sb3(env: PepperVectorEnv) -> Any:
                     "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
                 }
             self._returns[ended], self._lengths[ended] = 0.0, 0
-            return observations, np.float32(rewards), ended, infos
+            return observations, rewards.astype(np.float32), ended, infos
 
         def close(self) -> None:
             """Close the environments."""

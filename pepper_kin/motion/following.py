@@ -69,7 +69,8 @@ def follow(
         tasks: "left" or "right": that hand's position along the curves.  Or a function of values of the
             parameter, shape (K,), that returns IK tasks with K targets each, or one for all, such as
             `lambda s: [HandPosition("left", route(s)), LookAt(route(s))]`.  Tasks with an infinite tolerance
-            are wishes.  Where not all others can be met, the last that is not hard is relaxed, and so on.
+            are preferences.  Where not all others can be met, the last that is not hard is relaxed, then the
+            one before it.
         over: Curves of the hand from where it is at the start; or a `Route`, whose parameter is its length
             [m]; or the greatest value of a parameter that begins at 0.
         speed: Speed along the path [m/s], or of the parameter [1/s]; None: as fast as limits allow.
@@ -77,7 +78,7 @@ def follow(
             that are functions of time [s] may ask for, with a speed of 1.0.
         laps: How often to go round a closed route.
         joints: Joints that may move, by names of joints and groups; None for all.
-        scene: The world around the robot; itself is always looked at.
+        scene: The world around the robot, without obstacles that move; itself is always looked at.
         margin: Distance to keep to the scene [m].
         timeout: Time after which no other starts and weights of the joints' accelerations are tried [s].
         limits: `velocity_scale`, `acceleration_scale`, `torque_scale`, `torque`, `balance`, `payload` and
@@ -101,6 +102,10 @@ def follow(
     allowed_time = check_positive("timeout", timeout, "s")
     moving = np.ones(pepper.n, bool) if joints is None else movable_joints(pepper, joints)
     world, q = checked_world(scene) or Scene(), None if start is None else _checked_start(pepper, start)
+    if world.movers:
+        raise InvalidValueError(
+            "scene", f"{world.movers[0].name!r} moving", "obstacles that stand, as of scene.at(time)"
+        )
     allowed = motion_limits(pepper, scene=world, **{k: v for k, v in limits.items() if k in _OF_LIMITS})
     if isinstance(tasks, str):
         hand, route = tasks, over if isinstance(over, Route) else _route_of(pepper, tasks, q, over)

@@ -2,9 +2,11 @@
 
 At nodes s_0 < ... < s_K of a path's parameter, with x = q / (acceleration limits),
 
-    minimize  sum_i w_i |(x'')_i|^2 + sum_k h_k rho_k |x_k - g_k|^2   subject to  r(q_k; s_k) = 0,
+    minimize  sum_i w_i |(x'')_i|^2 + 10 sum_i d_i |(x')_i|^2 + sum_k h_k rho_k |x_k - g_k|^2
+    subject to  r(q_k; s_k) = 0,
 
-x'' by divided differences of three nodes, w and h shares of the path's length, g a posture to stay near.
+s over the path's length, x'' by divided differences of three nodes and x' of two, w, d and h shares of the
+length, g a posture to stay near.  Without x', the free end of a path drifts away at no cost.
 Tasks are linearized in each step (Gauss-Newton).  At every node their rows leave a null space, from a
 singular value decomposition; in it the rest is a banded positive definite system (null-space method: Nocedal
 and Wright, Numerical Optimization, 2006, section 16.2).  Position limits are penalties where exceeded.
@@ -147,7 +149,7 @@ class PathProblem(NamedTuple):
     Attributes:
         nodes: The nodes.
         equations: Residuals that vanish and their Jacobians at joint positions of all nodes.
-        wishes: The same of those that are only as small as they can be; their rows are weighted.
+        preferences: The same of those that are to be small, but need not vanish; their rows are weighted.
         barriers: The same of those that are small where their rows are not zero: penalties.
         scale: Joint positions of x = 1 [rad or m], shape (n,).
         limits: Lower and upper bounds to stay within [rad or m], shape (2, n).
@@ -158,7 +160,7 @@ class PathProblem(NamedTuple):
 
     nodes: PathNodes
     equations: Rows
-    wishes: Rows | None
+    preferences: Rows | None
     barriers: Rows | None
     scale: Array
     limits: Array
@@ -216,17 +218,17 @@ class PathProblem(NamedTuple):
         bent = nodes.bent(x)
         value = (x * bent).sum() + (pull[:, None] * rest**2).sum() + (stiff[:, None] * outside**2).sum()
         more = []
-        for rows_of, is_barrier in ((self.wishes, False), (self.barriers, True)):
+        for rows_of, is_barrier in ((self.preferences, False), (self.barriers, True)):
             if rows_of is None:
                 continue
-            wish, slopes = rows_of(q)
+            lacking, slopes = rows_of(q)
             slopes = slopes[:, :, self.moving] * scale
             factor = np.sqrt(nodes.share)[:, None]
             if is_barrier:
                 steep = np.maximum(np.linalg.norm(slopes, axis=2), _LEAST_SLOPE)
                 factor = np.sqrt(stiff)[:, None] / steep
-            more.append((wish * factor, slopes * factor[:, :, None]))
-            value += float(((wish * factor) ** 2).sum())
+            more.append((lacking * factor, slopes * factor[:, :, None]))
+            value += float(((lacking * factor) ** 2).sum())
         gradient = bent + pull[:, None] * rest + stiff[:, None] * outside
         weight = np.where(outside != 0.0, stiff[:, None], 0.0) + pull[:, None]
         return _Point(
@@ -243,8 +245,8 @@ class PathProblem(NamedTuple):
         across = -np.einsum("knr,kr->kn", inverse, point.residual)
         gradient = point.gradient + self.nodes.bent(across) + point.weight * across
         null, along = np.ascontiguousarray(right[:, rank:]), list[Array]()
-        for wish, slopes in point.more:
-            lack = wish + np.einsum("kmn,kn->km", slopes, across)
+        for lacking, slopes in point.more:
+            lack = lacking + np.einsum("kmn,kn->km", slopes, across)
             gradient += np.einsum("kmn,km->kn", slopes, lack)
             along.append(np.einsum("kmn,kin->kmi", slopes, null))
         multipliers = np.einsum("knr,kn->kr", inverse, gradient)

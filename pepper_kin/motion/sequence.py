@@ -52,6 +52,7 @@ def sequence(
     tasks: Callable[[Array], Iterable[Task]] | None = None,
     scene: Scene | None = None,
     margin: float = 0.0,
+    timeout: float = 2.0,
     **limits: Any,
 ) -> Followed:
     """Execute commands one after the other: `PTP` as fast as limits allow, curves of a hand by `follow`.
@@ -66,8 +67,9 @@ def sequence(
         speed: Of the hand along curves [m/s]; None: as fast as limits allow.
         tasks: Further tasks along curves: a function of the hand's positions [m], shape (K, 3), such as
             `lambda points: [LookAt(points)]`.
-        scene: The world around the robot.
+        scene: The world around the robot, without obstacles that move.
         margin: Distance to keep to the scene along curves [m].
+        timeout: As for `follow`, for each stretch of curves [s].
         limits: As for `follow`.
 
     Returns:
@@ -79,6 +81,10 @@ def sequence(
         LimitError: for a start or goal outside the joint limits.
     """
     begin, world = time.perf_counter(), checked_world(scene) or Scene()
+    if world.movers:
+        raise InvalidValueError(
+            "scene", f"{world.movers[0].name!r} moving", "obstacles that stand, as of scene.at(time)"
+        )
     if not moves or not all(isinstance(move, PTP | HandCurve) for move in moves):
         raise InvalidValueError("moves", repr(moves), "PTP, LIN, CIRC, Arc or SPLINE, one or more")
     q, parts, slowest, done = np.array(as_joint_vector(pepper, start, "start")), list[Trajectory](), 1.0, 0
@@ -89,7 +95,9 @@ def sequence(
         if is_curve:
             route = Route.of(frame_pose(pepper, q, frame)[:3, 3], commands)
             along = functools.partial(_tasks_on, hand, route, tasks)
-            found = follow(pepper, q, along, route, speed=speed, scene=scene, margin=margin, **limits)
+            found = follow(
+                pepper, q, along, route, speed=speed, scene=scene, margin=margin, timeout=timeout, **limits
+            )
             if found.success:
                 slowest = min(slowest, found.slowest)
                 for name, error in zip(found.tasks, found.errors, strict=True):

@@ -45,7 +45,10 @@ _WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # [rad or m] that nodes stay within the posi
 _FAR = 5e-3  # [rad or m] outside of a limit, at nodes
 _NEARNESS = 0.1
 _DRAWN = (30.0, 1e3, 1e5)  # nearness to postures that touch nothing, in turn
-_WISH, _RELAXED = 3.0, 100.0  # factors on wishes, and on tasks that were relaxed, or are inequalities
+_PREFERRED, _RELAXED = (
+    3.0,
+    100.0,
+)  # factors on preferences, and on tasks that were relaxed, or are inequalities
 _STAY, _JUMP = 0.02, 0.35  # weight of the posture before, and how far the next may be [rad or m]
 _FINEST = 1e-3  # of the length: a next posture is sought no nearer
 _SPLIT = 4  # times that nodes are added where something touches
@@ -141,7 +144,7 @@ class WholePath:
         equations = [k for k, task in enumerate(tasks) if _is_equation(task)]
         soft = [k for k in equations if not tasks[k].hard]
         if not equations:
-            raise InvalidValueError("tasks", "wishes only", "one with a finite tolerance at least")
+            raise InvalidValueError("tasks", "with infinite tolerances only", "one with a finite tolerance")
         self._relaxed = set()
         while True:
             try:
@@ -236,14 +239,14 @@ class WholePath:
         equations = self._equations(tasks)
         tolerances = [task.tolerance for task in equations]
         rows = TaskRows(self.pepper, equations, len(s), [1.0 / tolerance for tolerance in tolerances])
-        others, wishes = [task for task in tasks if task not in equations], None
+        others, preferences = [task for task in tasks if task not in equations], None
         if others:
-            factors = [t.weight * (_RELAXED if np.isfinite(t.tolerance) else _WISH) for t in others]
-            wishes = TaskRows(self.pepper, others, len(s), factors)
+            factors = [t.weight * (_RELAXED if np.isfinite(t.tolerance) else _PREFERRED) for t in others]
+            preferences = TaskRows(self.pepper, others, len(s), factors)
         nodes = PathNodes.of(s, path.corners, path.closed, path.length, self._emphasis(s))
         near, nearness = close
         problem = PathProblem(
-            nodes, rows, wishes, self._barriers, self._scale, limits, near, np.full(len(s), nearness),
+            nodes, rows, preferences, self._barriers, self._scale, limits, near, np.full(len(s), nearness),
             path.moving,
         )  # fmt: skip
         q = problem.solved(q, steps, _STILL, _MET)

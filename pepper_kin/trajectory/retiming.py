@@ -143,13 +143,11 @@ def retime(
         torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
         scene=scene, along=path,
     )  # fmt: skip
-    if start_velocity is None:
-        curve, start = as_cubic_path(pepper, path), 0.0
-    else:
-        if rate is not None or requested is not None or solver != "fast":
-            raise InvalidValueError("start_velocity", "with jerk, duration or toppra", "none of these")
-        velocity = as_joint_vector(pepper, start_velocity, "start_velocity")
-        curve, start = as_tangent_path(pepper, path, velocity)
+    if path_speed is not None and (rate is not None or solver != "fast"):
+        raise InvalidValueError("path_speed", path_speed, "None with `jerk`, and with another solver")
+    if start_velocity is not None and (rate is not None or requested is not None or solver != "fast"):
+        raise InvalidValueError("start_velocity", "with jerk, duration or toppra", "none of these")
+    curve, start = _begun(pepper, path, start_velocity)
     drives = _drives(pepper, curve.coefficients)
     if acceleration_limits is None:
         limits = _kept_limits(pepper, allowed, drives)
@@ -160,8 +158,6 @@ def retime(
         _refuse_missing(pepper, curve.coefficients, acceleration_limits)
         _refuse_unbounded(curve.coefficients, limits)
     if path_speed is not None:
-        if rate is not None or solver != "fast":
-            raise InvalidValueError("path_speed", path_speed, "None with `jerk`, and with another solver")
         limits = replace(limits, path_speed=check_positive("path_speed", path_speed, "1/s"))
     count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
     try:
@@ -171,6 +167,13 @@ def retime(
         raise _too_long(error.duration, allowed[:3]) from None
     trajectory = functools.reduce(joined, timed)
     return trajectory if requested is None else _last(pepper, trajectory, requested, limits)
+
+
+def _begun(pepper: PepperModel, path: PathLike, velocity: ArrayLike | None) -> tuple[CubicPath, float]:
+    """Return a path as a curve, and the rate of its parameter [1/s] with which the motion begins."""
+    if velocity is None:
+        return as_cubic_path(pepper, path), 0.0
+    return as_tangent_path(pepper, path, as_joint_vector(pepper, velocity, "start_velocity"))
 
 
 def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:

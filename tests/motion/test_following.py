@@ -221,7 +221,7 @@ def test_refusals_name_place_and_joint(pepper, start, circle):
 def test_misuse_is_refused(pepper, start, circle):
     with pytest.raises(InvalidValueError, match="one for all"):
         follow(pepper, start, lambda s: [pk.ik.HandPosition("left", circle(s[:-1]))], circle)
-    with pytest.raises(InvalidValueError, match="wishes only"):
+    with pytest.raises(InvalidValueError, match="infinite tolerances only"):
         follow(pepper, start, lambda s: [pk.ik.LookAt(circle(s), tolerance=np.inf)], circle)
     with pytest.raises(InvalidValueError, match=r"Route\.of"):
         follow(pepper, start, with_gaze(circle), [LIN((0.1, 0.0, 0.0))])
@@ -235,6 +235,13 @@ def test_misuse_is_refused(pepper, start, circle):
         follow(pepper, start + 9.0, with_gaze(circle), circle)
     with pytest.raises(UnknownNameError):
         follow(pepper, start, "third", LIN((0.1, 0.0, 0.0)))
+    moving = pk.Scene().add_sphere("ball", 0.1, (3.0, 0.0, 0.5), velocity=(-0.1, 0.0, 0.0))
+    for refused in (
+        lambda: follow(pepper, start, with_gaze(circle), circle, scene=moving),
+        lambda: sequence(pepper, start, "left", [PTP(start)], scene=moving),
+    ):
+        with pytest.raises(InvalidValueError, match="'ball' moving"):
+            refused()
 
 
 def test_commands_one_after_the_other(pepper, start):

@@ -338,7 +338,7 @@ def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorksp
             break
         t = ahead
     for e in range(lane, m, lanes):
-        w = rows[BEFORE, e] + high * (step_output[NEXT_V * m + e] - rows[BEFORE, e])
+        w = rows[BEFORE, e] + t * (step_output[NEXT_V * m + e] - rows[BEFORE, e])
         step_output[NEXT_V * m + e] = w
         step_output[NEXT_Q * m + e] = step_input[e] + h * w
 
