@@ -12,7 +12,7 @@ from pepper_kin import dynamics
 from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.actuator_model import ActuatorTable, present_torques
 from pepper_kin.core.simulation.rollout import Inputs
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
@@ -28,25 +28,31 @@ from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
 from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, loads_of_all, mass_factors
 from pepper_kin.twin.batch_run import BatchRun, recorded_steps
+from pepper_kin.twin.batch_world import BatchBodies, BatchWorld
 from pepper_kin.twin.command import Command, Delay
+from pepper_kin.twin.hooks import scene_of
 from pepper_kin.twin.integrator import check_timestep
 from pepper_kin.twin.reference import sampled
-from pepper_kin.twin.simulator import Rollout, Simulator
+from pepper_kin.twin.simulator import Rollout, Sending, Simulator
 from pepper_kin.twin.state import diverged
 from pepper_kin.twin.twin import FEEDFORWARDS
+from pepper_kin.twin.world.world import World
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 
 MOST_ROBOTS = 1_000_000
+COMMANDS = ("held", "linear", "shaped")  # in the order of their numbers in `shaped_steps`
+GREATEST_LATENCY = 1.0  # [s]
 FASTEST = 1e6  # [rad/s or m/s, and the same squared] of commands without a limit
 
 
 class TwinBatch:
     """N independent robots of one kind, stepped together by vector machine code.
 
-    Each agrees with a `Twin` of its parameters to 1e-9; there are no pushes, no world and no sensors.
+    Each agrees with a `Twin` of its parameters to 1e-9.  With a world, each robot has one of its own, which
+    begins as a copy of it, and is stepped by `step` alone, robot by robot.
 
     Args:
         pepper: The robot.
@@ -56,17 +62,20 @@ class TwinBatch:
             described, since a robot's controller uses the nominal masses.
         actuators: What the robots' actuators have in common; `actuator_parameters(pepper)` if omitted.
         vary: Quantity of `ActuatorParameters`, such as "stiffness" -> what each robot has instead: numbers of
-            shape (n,), (N, 1) or (N, n), or joint -> shape (N,).
+            shape (n,), (N, 1) or (N, n), or joint -> shape (N,); or "latency" -> times [s], one number or
+            shape (N,).
         mass_scale: Joint, or group of joints -> factor of the mass and inertia of the links that move with it
             (not of those beyond the next joint), one number or shape (N,).
         payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,), besides
             attached objects.
         scene: The scene whose attached objects count with their mass, for all robots; nothing else of it.
         substeps: Number of integrator steps in a timestep, as for `Twin`.
+        world: What each robot may touch; nothing if omitted.
+        vary_bodies: Body of the world -> "mass" [kg] or "friction" -> one number or shape (N,).
 
     Raises:
         InvalidValueError: naming robot, joint and quantity that is not allowed.
-        UnknownNameError: for a quantity, joint, group or frame that is not known.
+        UnknownNameError: for a quantity, joint, group, frame or body that is not known.
     """
 
     def __init__(
@@ -82,6 +91,8 @@ class TwinBatch:
         payload: Mapping[str, ArrayLike] | None = None,
         scene: Scene | None = None,
         substeps: int = 1,
+        world: World | None = None,
+        vary_bodies: Mapping[str, Mapping[str, ArrayLike]] | None = None,
     ) -> None:
         self.pepper, self.count = pepper, check_whole("count", count, 1, MOST_ROBOTS)
         self.timestep = check_timestep(timestep)
@@ -89,7 +100,14 @@ class TwinBatch:
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
         check_joints(pepper, self.actuators)
         self.substeps = check_whole("substeps", substeps)
-        everyone = actuators_of_all(self.count, self.actuators, vary or {})
+        varied = dict(vary or {})
+        late = varied.pop("latency", None)
+        everyone = actuators_of_all(self.count, self.actuators, varied)
+        self._world = None
+        if world is not None:
+            self._world = BatchWorld(self._checked_world(world), self.count, vary_bodies)
+        if world is None and vary_bodies:
+            raise InvalidValueError("vary_bodies", ", ".join(vary_bodies), "none, where there is no world")
         table = actuator_table(pepper, everyone)
         self._actuators = ActuatorTable(*(x.reshape(self.count, pepper.n) for x in table))
         self._simulator = Simulator(
@@ -98,12 +116,15 @@ class TwinBatch:
             self._actuators,
             gravity=feedforward == "gravity",
             scale=mass_factors(pepper, self.count, mass_scale),
-            loads=loads_of_all(pepper, self.count, payload, scene),
+            loads=loads_of_all(pepper, self.count, payload, scene_of(world) if scene is None else scene),
         )
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._delay = Delay(round(self.actuators.latency / self.timestep))
+        self._late = self._ticks(self.actuators.latency if late is None else late)
+        if self._late.any():
+            self._simulator.delay(self._late * self.substeps)
         self._q = self._v = self._torque = np.zeros((self.count, pepper.n))
-        self._shaped: Array | None = None
+        self._shaped = True  # whether commands go on from where `step` has sent them
         self.reset()
 
     @property
@@ -121,10 +142,63 @@ class TwinBatch:
         """Temperatures of the motors, from 0 (cold) to 1, as of a `Twin`, shape (N, n)."""
         return self._simulator.temperature
 
+    @property
+    def torque(self) -> Array:
+        """Torques of the actuators in the last timestep [N m or N], shape (N, n)."""
+        return self._torque.copy()
+
+    @property
+    def contact_wrench(self) -> Array:
+        """Mean force [N] of contacts on each robot, and moment about the world's origin [N m], in a `step`.
+
+        Of the last one, in world axes, shape (N, 6); zero without a world.
+        """
+        return np.zeros((self.count, 6)) if self._world is None else self._world.bodies.wrench.copy()
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Robot -> why its world could not do its last step; see `step`."""
+        return {} if self._world is None else self._world.failures
+
+    def body(self, name: str) -> BatchBodies:
+        """Return where a free body, or an obstacle that moves, is in the worlds of all robots.
+
+        Raises:
+            UnknownNameError: listing the bodies.
+        """
+        return self._bodies(name).state_of(name)
+
+    def place(
+        self,
+        name: str,
+        position: ArrayLike | None = None,
+        rpy: ArrayLike | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        rows: ArrayLike | None = None,
+    ) -> None:
+        """Put a free body, or an obstacle that moves, somewhere in the worlds of all robots or of some.
+
+        Args:
+            name: Of the body.
+            position: Of its center [m], shape (3,) or (k, 3); it stays if omitted, and so do the others.
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,) or (k, 3).
+            velocity: Of its center [m/s] and turning [rad/s], in the world, shape (6,) or (k, 6).
+            rows: Which robots, as for `reset`.
+
+        Raises:
+            UnknownNameError: listing the bodies.
+            InvalidValueError: for NaN, a wrong shape, or rows that there are not.
+        """
+        places = np.arange(self.count) if rows is None else self._rows(rows)
+        self._bodies(name).place(name, places, position, rpy, velocity)
+
     def reset(
         self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, rows: ArrayLike | None = None
     ) -> None:
         """Put the robots, or some of them, somewhere with cold motors; the others go on undisturbed.
+
+        The bodies of their worlds are put to where they began.
 
         Args:
             q: Positions [rad or m], shape (n,), or one for each of k robots, shape (k, n); the neutral
@@ -145,14 +219,15 @@ class TwinBatch:
         # The present arrays may be those of a run that was handed out.
         self._q, self._v, torque = self._q.copy(), self._v.copy(), self._torque.copy()
         self._q[places], self._v[places] = position, velocity
-        if self._shaped is not None:
-            self._shaped[0, places], self._shaped[1, places] = position, 0.0
         torque[places] = self._torque_at_rest()[places]
         self._torque = torque
         still = np.zeros_like(position)
         command = Command(position, still, self._feedforward(position, still, still, rest))
         self._delay.fill(command, places, self.count)
         self._simulator.reset(places)
+        self._simulator.fill(self._q, places)
+        if self._world is not None:
+            self._world.reset(places)
 
     def execute(
         self,
@@ -232,7 +307,14 @@ class TwinBatch:
         return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
 
     def step(
-        self, targets: ArrayLike, steps: int = 20, *, speed: float = 1.0, threads: int = 1
+        self,
+        targets: ArrayLike,
+        steps: int = 20,
+        *,
+        speed: float = 1.0,
+        commands: str = "shaped",
+        load: ArrayLike | None = None,
+        threads: int = 1,
     ) -> NDArray[np.bool_]:
         """Send the joints to targets, as `setAngles` does, and let some timesteps pass.
 
@@ -245,32 +327,41 @@ class TwinBatch:
                 position limits are brought within.
             steps: Number of timesteps.
             speed: Share of the velocity limits that commands may use, in (0, 1].
+            commands: "shaped", as above; "linear": they go evenly, and arrive in the last step; or "held":
+                they are at the targets at once.
+            load: Torques on the joints from elsewhere, such as J^T f of a push, during all steps [N m or N],
+                shape (n,) or (N, n); none if omitted.
             threads: Number of threads; the result does not depend on it.
 
         Returns:
-            Whether each robot's state is finite and sound; others keep their last good one, shape (N,).
+            Whether each robot's state is finite and sound and its world was solved; others keep their last
+            good state, shape (N,).  `failures` says what was not solved.
 
         Raises:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity; or for robots with
-                latency, torque mode or feed-forward of the inverse dynamics, which `follow` is for.
+                torque mode or feed-forward of the inverse dynamics, which `follow` is for.
         """
         n = self.pepper.n
-        if self._delay.ticks or self._torque_mode.any() or self.feedforward == "inverse_dynamics":
-            allowed = "no latency, no torque mode, feed-forward 'gravity' or 'none'; or `follow`"
+        if self._torque_mode.any() or self.feedforward == "inverse_dynamics":
+            allowed = "no torque mode, feed-forward 'gravity' or 'none'; or `follow`"
             raise InvalidValueError("robots", "of another kind", allowed)
         check_whole("steps", steps, 1)
         check_whole("threads", threads, 1)
+        kind = COMMANDS.index(check_choice("commands", commands, COMMANDS))
         goal = np.broadcast_to(self._states(targets, "targets", self.count), (self.count, n))
         goal = np.clip(goal, self.pepper.lower_limits, self.pepper.upper_limits)
-        if self._shaped is None:
-            self._shaped = np.stack([self._q, np.zeros_like(self._q)])
+        outer = None if load is None else self._states(load, "load", self.count)
         share = checked_share("speed", speed)
-        shaping = np.stack([share * self.pepper.velocity_limits, self.pepper.acceleration_limits])
-        shaping = np.where(np.isfinite(shaping) & (shaping > 0), shaping, FASTEST)
-        state = np.stack([self._q, self._v, self._torque, *self._shaped, goal])
-        state, good = self._simulator.go_to(state, shaping, steps * self.substeps, threads)
-        self._q, self._v, self._torque, self._shaped = state[0], state[1], state[2], state[3:5]
-        return np.asarray(good == steps * self.substeps)
+        if not self._shaped:
+            self._simulator.fill(self._q)
+            self._shaped = True
+        limits = np.stack([share * self.pepper.velocity_limits, self.pepper.acceleration_limits])
+        limits = np.where(np.isfinite(limits) & (limits > 0), limits, FASTEST)
+        state, count = (self._q, self._v, goal, outer), steps * self.substeps
+        self._q, self._v, self._torque, good = self._simulator.go_to(
+            state, Sending(kind, limits), count, threads, self._world
+        )
+        return np.asarray(good == count)
 
     def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
         """Follow commands from the present states of the robots, and return the run.
@@ -281,10 +372,12 @@ class TwinBatch:
             every: Timesteps between recorded states; start and end alone if None.
             threads: Number of threads.
         """
-        self._shaped = None
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
         check_whole("threads", threads)
+        if self._world is not None or (self._late != self._delay.ticks).any():
+            raise InvalidValueError("robots", "with a world, or latencies of their own", "`step` for these")
+        self._shaped = False
         due = self._delay.through(command)
         if not due.feedforward.any():
             due = due._replace(feedforward=np.zeros((1, 1, self.pepper.n)))
@@ -365,6 +458,27 @@ class TwinBatch:
         if self.feedforward == "inverse_dynamics":
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
         return np.where(self._torque_mode, effort, forward)
+
+    def _bodies(self, name: str) -> BatchWorld:
+        if self._world is None:
+            raise UnknownNameError("body", name, ())
+        return self._world
+
+    def _checked_world(self, world: World) -> World:
+        if not isinstance(world, World) or world.pepper is not self.pepper:
+            raise InvalidValueError("world", type(world).__name__, "a World of the same robot")
+        return world
+
+    def _ticks(self, latency: PerRobot) -> NDArray[np.int64]:
+        """Return after how many timesteps the commands of each robot arrive, shape (N,)."""
+        try:
+            times = np.broadcast_to(np.asarray(latency, dtype=float), (self.count,))
+        except (TypeError, ValueError):
+            allowed = f"one number, or shape ({self.count},)"
+            raise InvalidValueError("latency", f"shape {np.shape(latency)}", allowed) from None
+        if not ((times >= 0) & (times <= GREATEST_LATENCY)).all():
+            raise InvalidValueError("latency", times.max(), f"times from 0 to {GREATEST_LATENCY:g} s")
+        return np.round(times / self.timestep).astype(np.int64)
 
     def _rows(self, rows: ArrayLike) -> NDArray[np.int64]:
         """Return the numbers of some robots, shape (k,)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,26 @@ from pepper_kin.core.simulation.contact_step import no_world
 from pepper_kin.core.simulation.drive_state import COLD_LIMIT, HELD, TEMPERATURE, remembers
 from pepper_kin.core.simulation.implicit_step import CONSTANT, CONSTANT_LIMIT, RobotTables, StepWorkspace
 from pepper_kin.core.simulation.rollout import Inputs, Log, Span, rollout
-from pepper_kin.core.simulation.shaped_steps import shaped_steps
+from pepper_kin.core.simulation.shaped_steps import (
+    COMMAND,
+    COMMAND_SPEED,
+    EFFORT,
+    FROM_OUTSIDE,
+    NO_BODIES,
+    POSITION,
+    STATE_ROWS,
+    TARGET,
+    VELOCITY,
+    Sent,
+    Steps,
+    shaped_steps,
+)
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
 from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
+
+if TYPE_CHECKING:
+    from pepper_kin.twin.batch_world import BatchWorld
 
 _ALL = slice(None)
 _WEIGHT = 512  # rows that a robot counts as when work is shared among threads
@@ -45,6 +61,18 @@ class Rollout(NamedTuple):
     last_position: Array
     last_velocity: Array
     last_torque: Array
+
+
+class Sending(NamedTuple):
+    """How commands get to the joints.
+
+    Attributes:
+        kind: HELD_COMMANDS, LINEAR or SHAPED, see `shaped_steps`.
+        limits: Greatest speed and acceleration of shaped commands, shape (2, n).
+    """
+
+    kind: int
+    limits: Array
 
 
 class Simulator:
@@ -102,6 +130,10 @@ class Simulator:
             self._blocks(np.concatenate(constant, axis=1)),
             np.array(mass_places(pepper), dtype=np.int64).T.copy(),
         )
+        self._nothing, self._clock = no_world(self._n), 0
+        blocks, m = self.tables.law.shape[0], self._n * self._lanes
+        self._delay, self._waiting = np.zeros((blocks, m), np.int64), np.zeros((0, 2 * blocks, m))
+        self._sent = np.zeros((STATE_ROWS, blocks, m))
 
     @property
     def temperature(self) -> Array:
@@ -144,7 +176,7 @@ class Simulator:
         log = Log(position, velocity, torque, np.full(self.robots, steps, dtype=np.int64))
         state = np.stack([self._blocks(x) for x in (q, v, np.full_like(q, np.nan))])
         spread = Inputs(*(self._spread(x) for x in inputs))
-        weight, world = self._lanes * _WEIGHT, no_world(self._n)
+        weight, world = self._lanes * _WEIGHT, self._nothing
 
         def work(start: int, stop: int) -> None:
             span = Span(steps, every, start // weight, -(-stop // weight))
@@ -153,30 +185,61 @@ class Simulator:
         run_in_pieces(state.shape[1] * weight, threads, weight, work)
         return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
+    def delay(self, ticks: NDArray[np.int64]) -> None:
+        """Let commands of `go_to` arrive after so many steps, shape (N,)."""
+        self._delay = self._blocks(np.repeat(ticks[:, np.newaxis], self._n, axis=1)).astype(np.int64)
+        self._waiting = np.zeros((int(ticks.max()) + 1, 2 * self._delay.shape[0], self._delay.shape[1]))
+
+    def fill(self, q: Array, rows: NDArray[np.int64] | slice = _ALL) -> None:
+        """Let commands to rest at q [rad or m], shape (N, n), be all that were sent to some robots, (k,)."""
+        chosen = np.zeros(q.shape)
+        chosen[rows] = 1.0
+        where, at = self._blocks(chosen) > 0, self._blocks(q)
+        self._sent[COMMAND][where], self._sent[COMMAND_SPEED][where] = at[where], 0.0
+        self._waiting[:, 0::2][:, where], self._waiting[:, 1::2][:, where] = at[where], 0.0
+
     def go_to(
-        self, state: Array, shaping: Array, steps: int, threads: int
-    ) -> tuple[Array, NDArray[np.int64]]:
+        self,
+        state: tuple[Array, Array, Array, Array | None],
+        sending: Sending,
+        steps: int,
+        threads: int,
+        worlds: BatchWorld | None,
+    ) -> tuple[Array, Array, Array, NDArray[np.int64]]:
         """Send all robots to targets; see `shaped_steps`.
 
         Args:
-            state: Position, velocity, torque, command, its speed, and target, shape (6, N, n).
-            shaping: Greatest speed and acceleration of the commands, shape (2, n).
+            state: Position, velocity, target, and load from outside, shape (N, n) each; None for no load.
+            sending: How commands get to the joints.
             steps: Number of steps.
             threads: Number of threads; the result does not depend on it.
+            worlds: What is around the robots; nothing if None.
 
         Returns:
-            The new state, and the number of good steps of each robot, shape (N,).
+            Position, velocity and torque, shape (N, n) each, and the number of good steps of each robot,
+            shape (N,).
         """
-        blocks = np.stack([self._blocks(x) for x in state])
-        lanes, good = np.repeat(shaping, self._lanes, axis=1), np.empty(self.robots, np.int64)
+        q, v, target, load = state
+        blocks = self._sent
+        blocks[POSITION], blocks[VELOCITY], blocks[TARGET] = (self._blocks(x) for x in (q, v, target))
+        blocks[FROM_OUTSIDE] = 0.0 if load is None else self._blocks(load)
+        limits, good = np.repeat(sending.limits, self._lanes, axis=1), np.empty(self.robots, np.int64)
         weight = self._lanes * _WEIGHT
 
         def work(start: int, stop: int) -> None:
-            span = np.array([start // weight, -(-stop // weight), steps])
-            shaped_steps(span, self.tables, self.workspace(), blocks, lanes, good)
+            span = Steps(start // weight, -(-stop // weight), steps, sending.kind, self._clock)
+            sent = Sent(limits, np.empty((4, limits.shape[1])), self._delay, self._waiting)
+            space = self.workspace()
+            if worlds is None:
+                shaped_steps(span, self.tables, space, blocks, sent, NO_BODIES, self._nothing, good)
+                return
+            with worlds.tables(self.tables.timestep) as world:
+                shaped_steps(span, self.tables, space, blocks, sent, worlds.bodies, world, good)
 
         run_in_pieces(blocks.shape[1] * weight, threads, weight, work)
-        return np.stack([self._robots(x) for x in blocks]), good
+        self._clock += steps
+        q, v, torque = (self._robots(blocks[part]) for part in (POSITION, VELOCITY, EFFORT))
+        return q, v, torque, good
 
     def workspace(self) -> StepWorkspace:
         """Return the arrays of one thread."""
@@ -216,9 +279,10 @@ class Simulator:
         """Return values of robots, (N, k), in blocks of lanes, (blocks, k W); the last robot fills up."""
         lanes, k = self._lanes, values.shape[1]
         blocks = -(-self.robots // lanes)
-        rows = np.minimum(np.arange(blocks * lanes), self.robots - 1)
+        if blocks * lanes != self.robots:
+            values = values[np.minimum(np.arange(blocks * lanes), self.robots - 1)]
         return np.ascontiguousarray(
-            values[rows].reshape(blocks, lanes, k).transpose(0, 2, 1).reshape(blocks, k * lanes), dtype=float
+            values.reshape(blocks, lanes, k).transpose(0, 2, 1).reshape(blocks, k * lanes), dtype=float
         )
 
     def _robots(self, blocks: Array) -> Array:

@@ -85,6 +85,6 @@ def test_what_cannot_be_stepped_is_refused(pepper):
             batch.step(targets)
     with pytest.raises(InvalidValueError, match="speed"):
         batch.step(pepper.neutral(), speed=0.0)
-    late = TwinBatch(pepper, 2, actuators=actuator_parameters(pepper).changed(latency=0.02))
-    with pytest.raises(InvalidValueError, match="no latency"):
-        late.step(pepper.neutral())
+    torques = actuator_parameters(pepper).changed(mode={"HeadYaw": "torque"})
+    with pytest.raises(InvalidValueError, match="torque mode"):
+        TwinBatch(pepper, 2, actuators=torques).step(pepper.neutral())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from pepper_kin.core.simulation.contact_solver import ContactProblem, newton
+from pepper_kin.core.simulation.contact_solver import ContactProblem, newton, room_for
 from pepper_kin.twin.world.proxsuite_solver import ImpulseProblem, ImpulseProgram
 
 
@@ -28,6 +28,7 @@ def random_problem(seed, count, size):
         friction=friction,
         tangents=np.zeros((count, 3)),
         columns=np.zeros(0, np.int64),
+        room=np.empty(room_for(count, size)),
         sound=True,
     )
 

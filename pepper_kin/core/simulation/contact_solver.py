@@ -18,8 +18,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from pepper_kin.core.linear_algebra import cholesky, solve_cholesky, solve_cholesky_columns
 from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
@@ -65,6 +63,7 @@ class ContactProblem(NamedTuple):
         friction: mu, shape (k,).
         tangents: First tangent in the world, shape (k, 3).
         columns: First column of each free body, -1 where it touches nothing, shape (b,).
+        room: Memory for the solution, see `room_for`.
         sound: Whether the robot's mass matrix is positive definite.
     """
 
@@ -78,6 +77,7 @@ class ContactProblem(NamedTuple):
     friction: Floats1
     tangents: Floats2
     columns: Ints1
+    room: Floats1
     sound: bool
 
 
@@ -122,12 +122,17 @@ class SolverState(NamedTuple):
     wrench: Floats2
 
 
+def room_for(points: int, velocities: int) -> int:
+    """Return how many floats a problem of k points and N velocities needs, its solution included."""
+    return 3 * velocities * (velocities + 3 * points) + 10 * velocities + 40 * points + 6
+
+
 @compiled
 def assemble(
     count: int, points: ContactPoints, shapes: ShapeTable, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
     robot: RobotMotion, h: float,
 ) -> ContactProblem:  # fmt: skip
-    """Return the contact problem of a step.
+    """Return the contact problem of a step, in the memory of the points.
 
     Args:
         count: Number of contact points.
@@ -139,31 +144,40 @@ def assemble(
         robot: The robot's step without contacts.
         h: Length of the step [s].
     """
-    columns = np.empty(len(bodies.mass), np.int64)
+    columns = points.columns
     n = _number_columns(count, points, shapes, len(robot.force), columns)
-    size = n
+    size, rows = n, 3 * count
     for b in range(len(columns)):
         if columns[b] >= 0:
             size += 6
-    mass = np.zeros((size, size))
-    free, start = np.zeros(size), np.zeros(size)
-    lower = np.zeros((n, n))
+    square, wide, end = size * size, rows * size, 2 * size + 6
+    room = points.room
+    used = end + square + 2 * wide + 6 * count
+    for k in range(used):
+        room[k] = 0.0
+    free, start, scratch = room[:size], room[size : 2 * size], room[2 * size : end].reshape(2, 3)
+    mass = room[end : end + square].reshape(size, size)
+    jacobian = room[end + square : end + square + wide].reshape(rows, size)
+    response = room[end + square + wide : end + square + 2 * wide].reshape(rows, size)
+    end = used - 6 * count
+    compliance, bias = room[end : end + count], room[end + count : end + 2 * count]
+    friction = room[end + 2 * count : end + 3 * count]
+    tangents = room[end + 3 * count : used].reshape(count, 3)
+    lower = room[used : used + n * n].reshape(n, n)
+    solved = room[used + n * n : used + n * n + n * rows].reshape(n, rows)
     sound = _add_robot(robot, h, lower, mass, free, start)
     _add_bodies(bodies, h, columns, mass, free, start)
-    jacobian, response = np.zeros((3 * count, size)), np.zeros((3 * count, size))
-    compliance, bias, friction = np.zeros(count), np.zeros(count), np.zeros(count)
-    tangents, scratch = np.zeros((count, 3)), np.empty((2, 3))
     for c in range(count):
-        rows = jacobian[3 * c : 3 * c + 3]
+        three = jacobian[3 * c : 3 * c + 3]
         for side in range(2):
             s = points.shapes[c, side]
             sign = 1.0 if side == 0 else -1.0
             if shapes.mover[s] == ON_ROBOT and n == 0:
                 continue
             place = (shapes.mover[s], shapes.owner[s])
-            _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, rows)
-        _turn_to_frame(rows, points.rows[c, 3:6], free, tangents[c], scratch)
-    _add_responses(jacobian, lower, columns, bodies, np.empty((n, 3 * count)), response)
+            _add_point_rows(place, points.rows[c, :3], sign, tree, at, bodies, columns, three)
+        _turn_to_frame(three, points.rows[c, 3:6], free, tangents[c], scratch)
+    _add_responses(jacobian, lower, columns, bodies, solved, response)
     for c in range(count):
         mu = math.sqrt(shapes.friction[points.shapes[c, 0]] * shapes.friction[points.shapes[c, 1]])
         total = 0.0
@@ -178,7 +192,18 @@ def assemble(
         if total < IMMOVABLE:
             compliance[c], bias[c] = 1.0, max(bias[c], 0.0)
     return ContactProblem(
-        mass, free, start, jacobian, response, compliance, bias, friction, tangents, columns, sound
+        mass,
+        free,
+        start,
+        jacobian,
+        response,
+        compliance,
+        bias,
+        friction,
+        tangents,
+        columns,
+        room[used:],
+        sound,
     )
 
 
@@ -404,10 +429,17 @@ def _iterate_friction(
 
     By the call-back at an address, or where that is 0 by Newton's method; shapes as at the top.
     """
-    count = len(problem.bias)
-    share, shifted, rates = np.empty(count), np.empty(count), np.empty(len(impulses))
+    count, size, room = len(problem.bias), len(problem.start), problem.room
+    end = (3 + size) * size + 15 * count  # before it is what `newton` writes
+    share, shifted, rates = (
+        room[end : end + count],
+        room[end + count : end + 2 * count],
+        room[end + 2 * count : end + 5 * count],
+    )
+    guess = room[end + 5 * count : end + 5 * count + size]
     _first_share(problem, rates, share)
-    guess = problem.start.copy()
+    for k in range(size):
+        guess[k] = problem.start[k]
     state.coulomb_error[0] = 0.0
     for iteration in range(1, FRICTION_ITERATIONS + 1):
         state.numbers[2] = iteration
@@ -536,10 +568,16 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
     mass, free, jacobian = problem.mass, problem.free, problem.jacobian
     compliance, friction = problem.compliance, problem.friction
     size, rows, count = len(free), len(impulses), len(compliance)
-    rates, moved = np.empty(rows), np.empty(rows)
-    y, change = np.empty((count, 4)), np.empty((count, 4))
-    direction, gradient, deviation = np.empty(size), np.empty(size), np.empty(size)
-    hessian, none = np.empty((size, size)), np.zeros(count)
+    room = problem.room
+    rates, moved = room[:rows], room[rows : 2 * rows]
+    y = room[2 * rows : 2 * rows + 4 * count].reshape(count, 4)
+    change = room[2 * rows + 4 * count : 2 * rows + 8 * count].reshape(count, 4)
+    none, end = room[2 * rows + 8 * count : 2 * rows + 9 * count], 2 * rows + 9 * count
+    direction, gradient = room[end : end + size], room[end + size : end + 2 * size]
+    deviation = room[end + 2 * size : end + 3 * size]
+    hessian = room[end + 3 * size : end + 3 * size + size * size].reshape(size, size)
+    for c in range(count):
+        none[c] = 0.0
     for iteration in range(ITERATIONS):
         multiply(jacobian, u, rates)
         _edge_velocities(rates, bias, friction, y)

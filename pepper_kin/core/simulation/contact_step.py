@@ -13,6 +13,7 @@ from pepper_kin.core.simulation.contact_solver import (
     RobotMotion,
     SolverState,
     assemble,
+    room_for,
     solve_contacts,
 )
 from pepper_kin.core.simulation.free_bodies import apply_gravity, integrate_bodies
@@ -21,8 +22,8 @@ from pepper_kin.core.simulation.narrow_phase import (
     BodyTable,
     ContactPoints,
     ShapeTable,
+    bound_shapes,
     find_contacts,
-    place_shapes,
 )
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable, move_joints, tree_motion
 from pepper_kin.kernels.compiled_function import compiled
@@ -78,6 +79,8 @@ def world_tables(
         rows=np.zeros((MOST_POINTS, 7)),
         shapes=np.zeros((MOST_POINTS, 2), np.int64),
         undecided=np.zeros((MOST_POINTS, 2), np.int64),
+        room=np.empty(room_for(MOST_POINTS, joints + 6 * len(bodies.mass))),
+        columns=np.zeros(len(bodies.mass), np.int64),
     )
     state = SolverState(
         velocity=np.zeros(joints + 6 * len(bodies.mass)),
@@ -131,13 +134,30 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
     Returns:
         SOLVED, or another outcome.
     """
-    state, bodies, points = world.state, world.bodies, world.points
-    state.numbers[0] = 0
     if world.kind == CALLBACK:
-        return _step_by_callback(world, q, robot, h)
-    move_joints(world.tree, q, robot.velocity, world.at)
-    place_shapes(world.shapes, world.at, bodies)
-    count, undecided = find_contacts(world.shapes, h, points)
+        return step_by_callback(world, q, robot, h)
+    outcome = find_points(world, q, robot.velocity, h)
+    return outcome if outcome != SOLVED else push_apart(world, robot, h)
+
+
+@compiled(lean=True)
+def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float) -> int:
+    """Write the points in contact, and their number to `world.state`, and clear the load on the robot.
+
+    Args:
+        world: The world.
+        q: Position of the robot at the start of the step [rad or m], shape (n,).
+        v: Its velocity then [rad/s or m/s], shape (n,).
+        h: Length of the step [s].
+
+    Returns:
+        SOLVED, or another outcome.
+    """
+    state, points = world.state, world.points
+    state.numbers[0] = 0
+    move_joints(world.tree, q, v, world.at)
+    bound_shapes(world.shapes, world.at, world.bodies)
+    count, undecided = find_contacts(world.shapes, world.at, world.bodies, h, points)
     if count < 0 or count + undecided > len(points.rows):
         return TOO_MANY_POINTS
     if undecided > 0:
@@ -150,7 +170,27 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
     for c in range(count):
         for i in range(3):
             state.forces[c, i] = 0.0
-    before = bodies.velocity.copy()
+    return SOLVED
+
+
+@compiled
+def push_apart(world: WorldTables, robot: RobotMotion, h: float) -> int:
+    """Do what `contact_step` does once the points are found; without points the robot's motion is not read.
+
+    Args:
+        world: The world.
+        robot: The robot's step without contacts.
+        h: Length of the step [s].
+
+    Returns:
+        SOLVED, or another outcome.
+    """
+    state, bodies, points = world.state, world.bodies, world.points
+    count, free = state.numbers[0], len(bodies.velocity)
+    before = points.room[len(points.room) - 6 * free :].reshape(free, 6)
+    for b in range(free):
+        for i in range(6):
+            before[b, i] = bodies.velocity[b, i]
     if count == 0:
         finite = apply_gravity(bodies, h)
     else:
@@ -161,7 +201,7 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
             return NOT_SOLVED if _is_finite(problem.free) else FORCE_NOT_FINITE
         finite = _apply_solution(problem, points.rows, bodies, h, state)
     if not finite:
-        for b in range(len(before)):
+        for b in range(free):
             for i in range(6):
                 bodies.velocity[b, i] = before[b, i]
         return NOT_FINITE
@@ -241,7 +281,7 @@ def _apply_solution(
 
 
 @compiled
-def _step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+def step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
     """Call back for a whole step of the robot at q, shape (n,) [rad or m]."""
     addresses = world.state.addresses
     addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data

@@ -28,6 +28,7 @@ def integrate_bodies(bodies: BodyTable, h: float) -> None:
     keeps kinetic energy and angular momentum to the accuracy of its solution (1e-14), because both are
     quadratic (Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, IV.2.1 and VII.5).
     """
+    work = np.empty((6, 3))
     for b in range(len(bodies.mass)):
         turning = 0.0
         for i in range(3):
@@ -35,7 +36,7 @@ def integrate_bodies(bodies: BodyTable, h: float) -> None:
             turning += bodies.velocity[b, 3 + i] ** 2
         parts = math.ceil(h * math.sqrt(turning) / LARGEST_TURN)
         for _ in range(parts):
-            _turn(bodies.rotation[b], bodies.velocity[b, 3:], bodies.inertia[b], h / parts)
+            _turn(bodies.rotation[b], bodies.velocity[b, 3:], bodies.inertia[b], h / parts, work)
 
 
 @compiled(lean=True)
@@ -50,7 +51,7 @@ def apply_gravity(bodies: BodyTable, h: float) -> bool:
 
 
 @compiled
-def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float) -> None:
+def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work: Floats2) -> None:
     """Turn a body freely; see `integrate_bodies`.
 
     Args:
@@ -58,9 +59,11 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float) -> No
         angular: Angular velocity in the world, overwritten, shape (3,) [rad/s].
         inertia: Principal moments, shape (3,) [kg m^2].
         h: Time [s].
+        work: Memory, shape (6, 3).
     """
-    start, now, middle = np.zeros(3), np.zeros(3), np.zeros(3)
+    start, now, middle, turned = work[0], work[1], work[2], work[3:]
     for i in range(3):
+        start[i] = 0.0
         for k in range(3):
             start[i] += rotation[k, i] * angular[k]
         now[i] = start[i]
@@ -78,7 +81,6 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float) -> No
             break
     for i in range(3):
         middle[i] = 0.25 * h * (start[i] + now[i])  # half the turn
-    turned = np.empty((3, 3))
     x, y, z = middle[0], middle[1], middle[2]
     scale = 2.0 / (1.0 + x * x + y * y + z * z)
     for i in range(3):  # R (1 + scale (S + S^2)), S the cross product with the middle

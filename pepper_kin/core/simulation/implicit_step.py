@@ -143,39 +143,42 @@ def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
 
 @compiled(lean=True)
 def write_equation(
-    calm: bool, robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1
+    b: int, lane: int, robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1
 ) -> None:
-    """Write the step of a single robot as one linear equation, mass_hat a = force.
+    """Write the step of a robot as one linear equation, mass_hat a = force.
 
-    mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments that the step was solved on.
+    mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments that the step was solved on,
+    which `write_segments` has written.
 
     Args:
-        calm: Whether the first guess was right.
-        robots: The robot.
+        b: Its block.
+        lane: Its lane.
+        robots: The robots.
         space: Of the step.
         mass_hat: Written, shape (n, n) [kg m^2 or kg].
         force: Written, shape (n,) [N m or N].
     """
-    n, h, law, step_input, step_output = (
-        space.solve_output.size,
-        robots.timestep,
-        robots.law[0],
-        space.step_input,
-        space.step_output,
-    )
-    if calm:
-        _first_segments(h, law, space)
+    n, m, lanes, h, law = len(force), space.solve_output.size, robots.lanes, robots.timestep, robots.law[b]
+    step_input, step_output = space.step_input, space.step_output
     for i in range(n):
         for j in range(n):
             mass_hat[i, j] = 0.0
     for p in range(robots.places.shape[1]):
         i, j = robots.places[0, p], robots.places[1, p]
-        mass_hat[i, j] = mass_hat[j, i] = step_output[MASS * n + p]
-    for e in range(n):
+        mass_hat[i, j] = mass_hat[j, i] = step_output[MASS * m + p * lanes + lane]
+    for j in range(n):
+        e = j * lanes + lane
         slope = space.rows[SLOPE, e]
-        mass_hat[e, e] += law[ROTOR, e] + h * slope
-        pull = space.rows[INTERCEPT, e] - slope * step_input[V * n + e] - step_output[BIAS * n + e]
-        force[e] = pull + step_input[LOAD * n + e]
+        mass_hat[j, j] += law[ROTOR, e] + h * slope
+        pull = space.rows[INTERCEPT, e] - slope * step_input[V * m + e] - step_output[BIAS * m + e]
+        force[j] = pull + step_input[LOAD * m + e]
+
+
+@compiled(lean=True)
+def write_segments(b: int, calm: bool, robots: RobotTables, space: StepWorkspace) -> None:
+    """Write the segments on which a step of block b was solved, where it was taken on the first guess."""
+    if calm:
+        _first_segments(robots.timestep, robots.law[b], space)
 
 
 @compiled(lean=True)

@@ -44,8 +44,10 @@ class ShapeTable(NamedTuple):
         of_robot: 1 where it is a part of the robot or hangs on it, else 0, shape (k,).
         own_rotation: In the frame of that joint or body, shape (k, 3, 3).
         own_position: In that frame [m], shape (k, 3).
+        own_middle: Center of its bounding ball in the frame of that joint or body [m], shape (k, 3).
         ball: Center, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
-        rotation: In the world, overwritten by `place_shapes`, shape (k, 3, 3).
+        placed: Whether its pose in the world is written, shape (k,); overwritten.
+        rotation: In the world, overwritten where it may touch, shape (k, 3, 3).
         position: In the world [m], overwritten, shape (k, 3).
         middle: Center of the bounding ball in the world [m], overwritten, shape (k, 3).
         speed: Bound on the speed of any point of it [m/s], overwritten, shape (k,).
@@ -60,7 +62,9 @@ class ShapeTable(NamedTuple):
     of_robot: Ints1
     own_rotation: Floats3
     own_position: Floats2
+    own_middle: Floats2
     ball: Floats2
+    placed: Ints1
     rotation: Floats3
     position: Floats2
     middle: Floats2
@@ -97,11 +101,15 @@ class ContactPoints(NamedTuple):
             halfway between the surfaces, or on the first where there is a gap and the second is not free.
         shapes: The two shapes of each point, shape (MOST_POINTS, 2).
         undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
+        room: Memory for their problem, see `contact_solver.room_for`.
+        columns: Memory, one for each free body, shape (b,).
     """
 
     rows: Floats2
     shapes: Ints2
     undecided: Ints2
+    room: Floats1
+    columns: Ints1
 
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -116,56 +124,62 @@ class Solid(NamedTuple):
     position: Floats1
 
 
-@compiled
-def place_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
-    """Write pose, bounding ball and a bound on the speed of every shape; see `ShapeTable`."""
-    frame = np.empty((3, 3))
-    origin, linear, angular = np.zeros(3), np.zeros(3), np.zeros(3)
+@compiled(lean=True)
+def bound_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
+    """Write the bounding ball of every shape that moves, and a bound on its speed; see `ShapeTable`."""
     for s in range(len(shapes.mover)):
+        if shapes.mover[s] == STANDS:
+            continue
+        o, own = shapes.owner[s], shapes.own_middle[s]
+        away, turning, moving = 0.0, 0.0, 0.0
         if shapes.mover[s] == ON_ROBOT:
             for i in range(3):
-                origin[i] = at.pose[shapes.owner[s], i]
-                linear[i], angular[i] = at.linear[shapes.owner[s], i], at.angular[shapes.owner[s], i]
-                for k in range(3):
-                    frame[i, k] = at.pose[shapes.owner[s], 3 + 3 * k + i]
-        elif shapes.mover[s] == FREE:
+                arm = at.pose[o, 3 + i] * own[0] + at.pose[o, 6 + i] * own[1] + at.pose[o, 9 + i] * own[2]
+                shapes.middle[s, i] = at.pose[o, i] + arm
+                away += arm * arm
+                turning += at.angular[o, i] ** 2
+                moving += at.linear[o, i] ** 2
+        else:
+            frame = bodies.rotation[o]
             for i in range(3):
-                origin[i] = bodies.position[shapes.owner[s], i]
-                linear[i], angular[i] = (
-                    bodies.velocity[shapes.owner[s], i],
-                    bodies.velocity[shapes.owner[s], 3 + i],
-                )
-                for k in range(3):
-                    frame[i, k] = bodies.rotation[shapes.owner[s], i, k]
-        if shapes.mover[s] != STANDS:
-            for i in range(3):
-                shapes.position[s, i] = origin[i]
-                for k in range(3):
-                    shapes.position[s, i] += frame[i, k] * shapes.own_position[s, k]
-                    shapes.rotation[s, i, k] = (
-                        frame[i, 0] * shapes.own_rotation[s, 0, k]
-                        + frame[i, 1] * shapes.own_rotation[s, 1, k]
-                        + frame[i, 2] * shapes.own_rotation[s, 2, k]
-                    )
-        away, turning, moving = 0.0, 0.0, 0.0
-        for i in range(3):
-            shapes.middle[s, i] = shapes.position[s, i]
-            for k in range(3):
-                shapes.middle[s, i] += shapes.rotation[s, i, k] * shapes.ball[s, k]
-            away += (shapes.middle[s, i] - origin[i]) ** 2
-            turning += angular[i] ** 2
-            moving += linear[i] ** 2
-        shapes.speed[s] = 0.0
-        if shapes.mover[s] != STANDS:
-            shapes.speed[s] = np.sqrt(moving) + np.sqrt(turning) * (np.sqrt(away) + shapes.ball[s, 3])
+                arm = frame[i, 0] * own[0] + frame[i, 1] * own[1] + frame[i, 2] * own[2]
+                shapes.middle[s, i] = bodies.position[o, i] + arm
+                away += arm * arm
+                turning += bodies.velocity[o, 3 + i] ** 2
+                moving += bodies.velocity[o, i] ** 2
+        shapes.placed[s] = 0
+        shapes.speed[s] = math.sqrt(moving) + math.sqrt(turning) * (math.sqrt(away) + shapes.ball[s, 3])
 
 
 @compiled(lean=True)
-def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[int, int]:
+def _place(s: int, shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
+    """Write the pose of a shape, if it was not written since `bound_shapes`."""
+    if shapes.placed[s] != 0:
+        return
+    shapes.placed[s] = 1
+    o, on_robot = shapes.owner[s], shapes.mover[s] == ON_ROBOT
+    for i in range(3):
+        if on_robot:
+            origin, x, y, z = at.pose[o, i], at.pose[o, 3 + i], at.pose[o, 6 + i], at.pose[o, 9 + i]
+        else:
+            origin = bodies.position[o, i]
+            x, y, z = bodies.rotation[o, i, 0], bodies.rotation[o, i, 1], bodies.rotation[o, i, 2]
+        own, turn = shapes.own_position[s], shapes.own_rotation[s]
+        shapes.position[s, i] = origin + x * own[0] + y * own[1] + z * own[2]
+        for k in range(3):
+            shapes.rotation[s, i, k] = x * turn[0, k] + y * turn[1, k] + z * turn[2, k]
+
+
+@compiled(lean=True)
+def find_contacts(
+    shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, h: float, points: ContactPoints
+) -> tuple[int, int]:
     """Write all contacts that faces and round ends decide, and the pairs that they do not.
 
     Args:
-        shapes: The shapes where they are.
+        shapes: The shapes, bounded by `bound_shapes`; those that may touch are placed.
+        at: Where the robot's joints are.
+        bodies: The free bodies.
         h: Length of the step [s].
         points: Written.
 
@@ -183,9 +197,11 @@ def find_contacts(shapes: ShapeTable, h: float, points: ContactPoints) -> tuple[
                 square += (shapes.middle[i, k] - shapes.middle[j, k]) ** 2
             if square > (shapes.ball[i, 3] + shapes.ball[j, 3] + margin) ** 2:
                 continue
+        _place(j, shapes, at, bodies)
         first, second = _solid(shapes, i), _solid(shapes, j)
         if b in (BOX, HALF_SPACE) and _height_above(second, shapes.middle[i], shapes.ball[i, 3]) > margin:
             continue
+        _place(i, shapes, at, bodies)
         if (
             a == BOX
             and b != HALF_SPACE

@@ -8,7 +8,15 @@ import numpy as np
 
 from pepper_kin.core.simulation.actuator_model import STRENGTH
 from pepper_kin.core.simulation.contact_solver import RobotMotion
-from pepper_kin.core.simulation.contact_step import NO_WORLD, SOLVED, WorldTables, contact_step
+from pepper_kin.core.simulation.contact_step import (
+    CALLBACK,
+    NO_WORLD,
+    SOLVED,
+    WorldTables,
+    find_points,
+    push_apart,
+    step_by_callback,
+)
 from pepper_kin.core.simulation.drive_state import hold_in_play, remember, remembers
 from pepper_kin.core.simulation.implicit_step import (
     ALIVE,
@@ -25,6 +33,7 @@ from pepper_kin.core.simulation.implicit_step import (
     implicit_step,
     is_sound,
     write_equation,
+    write_segments,
 )
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
@@ -139,10 +148,13 @@ def _advance_blocks(
                 hold_in_play(b, robots.law, step_input)
             calm = implicit_step(b, robots, space)
             if coupled:
-                outcome, calm = _couple(calm, robots, space, world, equation)
+                write_segments(b, calm, robots, space)
+                outcome, pushed = couple(b, 0, robots, space, world, equation, step_input[:m])
                 if outcome != SOLVED:
                     status, log.good[0] = outcome, k
                     break
+                if pushed:
+                    calm = implicit_step(b, robots, space)
             if not calm or left < lanes:
                 left = _stop_unsound(b, k, 1 + k // span.every, robots, space, log)
                 if left == 0:
@@ -178,34 +190,53 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
     if remembers(robots.law):
         hold_in_play(0, robots.law, space.step_input)
     calm = implicit_step(0, robots, space)
-    write_equation(calm, robots, space, mass_hat, force)
+    write_segments(0, calm, robots, space)
+    write_equation(0, 0, robots, space, mass_hat, force)
     return is_sound(0, 1, space)
 
 
 @compiled(lean=True)
-def _couple(
-    calm: bool, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion
-) -> tuple[int, bool]:
-    """Take the world's step, and the robot's again with its load.
+def couple(
+    b: int, lane: int, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion,
+    q: Floats1,
+) -> tuple[int, bool]:  # fmt: skip
+    """Take the step of a robot's world, and add its load to that of the robot's step.
+
+    Args:
+        b: The robot's block.
+        lane: Its lane.
+        robots: The robots.
+        space: Of the step, with its segments; changed.
+        world: What the robot may touch; changed.
+        equation: Its velocity, and room for its linear equation.
+        q: Its position [rad or m], shape (n,).
 
     Returns:
-        The outcome of the world's step, and whether the robot's was taken on the first guess.
+        The outcome of the world's step, and whether the robot's is to be taken again.
     """
-    n, step_input, load = space.solve_output.size, space.step_input, world.state.load
-    write_equation(calm, robots, space, equation.mass_hat, equation.force)
-    if not calm and not is_sound(0, 1, space) and not _is_finite(equation.force):
-        return SOLVED, calm  # the robot's own motion diverged, not its contacts
-    outcome = contact_step(world, step_input[:n], equation, robots.timestep)
+    n, m, lanes, h = q.size, space.solve_output.size, robots.lanes, robots.timestep
+    unsound = not is_sound(lane, lanes, space)
+    if unsound or world.kind == CALLBACK:
+        write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
+        if unsound and not _is_finite(equation.force):
+            return SOLVED, False  # the robot's own motion diverged, not its contacts
+    if world.kind == CALLBACK:
+        outcome = step_by_callback(world, q, equation, h)
+    else:
+        outcome = find_points(world, q, equation.velocity, h)
+        if outcome == SOLVED:
+            if world.state.numbers[0] > 0:
+                write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
+            outcome = push_apart(world, equation, h)
     if outcome != SOLVED:
-        return outcome, calm
+        return outcome, False
     pushed = False
     for j in range(n):
-        pushed = pushed or load[j] != 0.0
-    if pushed:
-        for j in range(n):
-            step_input[LOAD * n + j] += load[j]
-        calm = implicit_step(0, robots, space)
-    return SOLVED, calm
+        load = world.state.load[j]
+        if load != 0.0:
+            pushed = True
+            space.step_input[LOAD * m + j * lanes + lane] += load
+    return SOLVED, pushed
 
 
 @compiled(lean=True)

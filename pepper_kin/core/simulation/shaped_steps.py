@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from pepper_kin.core.simulation.contact_solver import RobotMotion
+from pepper_kin.core.simulation.contact_step import SOLVED, WorldTables
 from pepper_kin.core.simulation.drive_state import hold_in_play, remember, remembers
 from pepper_kin.core.simulation.implicit_step import (
     ALIVE,
@@ -19,55 +23,137 @@ from pepper_kin.core.simulation.implicit_step import (
     V,
     implicit_step,
     is_sound,
+    write_segments,
 )
+from pepper_kin.core.simulation.rollout import couple
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 # Rows of the state.
-POSITION, VELOCITY, EFFORT, COMMAND, COMMAND_SPEED, TARGET = range(6)
+POSITION, VELOCITY, EFFORT, COMMAND, COMMAND_SPEED, TARGET, FROM_OUTSIDE, STATE_ROWS = range(8)
+HELD_COMMANDS, LINEAR, SHAPED = range(3)
+"""How commands go to their targets: at once, evenly during all steps, or along the cubic of
+`target_following`."""
+# Columns of `Bodies.rows`.
+_ROTATION, _VELOCITY, _MASS, _INERTIA, _FRICTION, BODY = 3, 12, 18, 19, 22, 23
 
 
-@compiled("void(int64[::1], RobotTables, StepWorkspace, float64[:, :, ::1], float64[:, ::1], int64[::1])")
+class Steps(NamedTuple):
+    """What is to be done.
+
+    Attributes:
+        first: First block.
+        last: The block after the last.
+        count: Number of steps.
+        kind: HELD_COMMANDS, LINEAR or SHAPED.
+        clock: Steps taken before, since `Sent` was made.
+    """
+
+    first: int
+    last: int
+    count: int
+    kind: int
+    clock: int
+
+
+class Sent(NamedTuple):
+    """How commands are shaped, and those on their way, for B blocks of m elements.
+
+    Attributes:
+        limits: Greatest speed and acceleration of shaped commands, shape (2, m).
+        curve: Of the commands of one block: time, speed at the start, and coefficients of t^2 and t^3, shape
+            (4, m); written.
+        delay: Steps after which a command arrives, below R where R is above 0, shape (B, m).
+        waiting: Position and velocity of the last R commands, (R, 2 B, m); R is 0 where none is late.
+    """
+
+    limits: Floats2
+    curve: Floats2
+    delay: Ints2
+    waiting: Floats3
+
+
+class Bodies(NamedTuple):
+    """What N robots find around themselves, each in a world of its own.
+
+    Attributes:
+        rows: Of each of b bodies position, rotation, velocity, mass, inertia and friction, as in `BodyTable`
+            and `ShapeTable`, shape (N, b, BODY); moved.
+        wrench: Mean force [N] of contacts on each robot and moment about the world's origin [N m], (N, 6);
+            written.
+        outcome: Of the world's last step, shape (N,); written.
+    """
+
+    rows: Floats3
+    wrench: Floats2
+    outcome: Ints1
+
+
+NO_BODIES = Bodies(np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64))
+"""Of robots without a world."""
+
+
+class _Around(NamedTuple):
+    """What is around robots: bodies, a world's tables, and room for one robot's position and its equation."""
+
+    bodies: Bodies
+    world: WorldTables
+    equation: RobotMotion
+    position: Floats1
+
+
+@compiled(
+    "void(Steps, RobotTables, StepWorkspace, float64[:, :, ::1], Sent, Bodies, WorldTables, int64[::1])"
+)
 def shaped_steps(
-    span: Ints1,
-    robots: RobotTables,
-    space: StepWorkspace,
-    state: Floats3,
-    shaping: Floats2,
-    good: Ints1,
-) -> None:
+    span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: Bodies,
+    world: WorldTables, good: Ints1,
+) -> None:  # fmt: skip
     """Send robots to their targets for some steps.
 
-    The command of each joint goes to its target along the cubic of `target_following`, from where it is and
-    as fast as it is, and the joints follow it.
+    The command of each joint goes to its target from where it is, shaped ones from as fast as it is, and the
+    joints follow it.
 
     Args:
-        span: First block, the block after the last, and number of steps.
+        span: What is to be done.
         robots: The robots, in B blocks.
         space: Arrays to write to.
-        state: Position, velocity, torque, command [rad or m], its speed, target, shape (6, B, m); changed.
-        shaping: Greatest speed and acceleration of commands of the joints in their lanes, shape (2, m).
+        state: Position, velocity, torque, command [rad or m], its speed, target, and load from outside
+            [N m or N], shape (7, B, m); changed.
+        sent: Commands on their way; changed.
+        bodies: What is around the robots; changed.
+        world: Tables of a world, of one robot's at a time.
         good: Number of good steps of each robot, shape (N,); written.
     """
-    m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span[2]
-    step_input, curve = space.step_input, np.empty((4, m))
-    for b in range(span[0], span[1]):
+    m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span.count
+    step_input, curve = space.step_input, sent.curve
+    n = m // lanes
+    around = _Around(bodies, world, RobotMotion(np.empty(n), np.empty((n, n)), np.empty(n)), np.empty(n))
+    for b in range(span.first, span.last):
         for e in range(m):
             step_input[Q * m + e], step_input[V * m + e] = state[POSITION, b, e], state[VELOCITY, b, e]
-            step_input[FEEDFORWARD_TORQUE * m + e] = step_input[LOAD * m + e] = 0.0
+            step_input[FEEDFORWARD_TORQUE * m + e] = 0.0
+            step_input[LOAD * m + e] = state[FROM_OUTSIDE, b, e]
+            if span.kind == HELD_COMMANDS:
+                state[COMMAND, b, e], state[COMMAND_SPEED, b, e] = state[TARGET, b, e], 0.0
             way, speed = state[TARGET, b, e] - state[COMMAND, b, e], state[COMMAND_SPEED, b, e]
-            time = max(time_to_target(way, speed, shaping[0, e], shaping[1, e]), h)
+            time = max(time_to_target(way, speed, sent.limits[0, e], sent.limits[1, e]), h)
+            bend, turn = 3.0 * way - 2.0 * speed * time, speed * time - 2.0 * way
+            if span.kind == LINEAR:
+                time, speed, bend, turn = steps * h, way / (steps * h), 0.0, 0.0
             curve[0, e], curve[1, e] = time, speed
-            curve[2, e] = (3.0 * way - 2.0 * speed * time) / (time * time)
-            curve[3, e] = (speed * time - 2.0 * way) / (time * time * time)
+            curve[2, e], curve[3, e] = bend / (time * time), turn / (time * time * time)
         for e in range(robots.constant.shape[1]):
             step_input[CONSTANT * m + e] = robots.constant[b, e]
         for lane in range(lanes):
             space.flags[ALIVE, lane] = True
             if b * lanes + lane < good.size:
                 good[b * lanes + lane] = steps
-        _advance(b, steps, robots, space, curve, state[COMMAND, b], good)
+            if b * lanes + lane < len(bodies.wrench):
+                for i in range(bodies.wrench.shape[1]):
+                    bodies.wrench[b * lanes + lane, i] = 0.0
+        _advance(b, span, robots, space, state, sent, around, good)
         t = steps * h
         for e in range(m):
             state[POSITION, b, e], state[VELOCITY, b, e] = step_input[Q * m + e], step_input[V * m + e]
@@ -91,25 +177,34 @@ def _speed(curve: Floats2, e: int, time: float) -> float:
 
 @compiled(lean=True)
 def _advance(
-    b: int,
-    steps: int,
-    robots: RobotTables,
-    space: StepWorkspace,
-    curve: Floats2,
-    begin: Floats1,
-    good: Ints1,
-) -> None:
-    """Step one block along commands that begin at `begin`, shape (m,), and go on by `curve`, shape (4, m)."""
+    b: int, span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent,
+    around: _Around, good: Ints1,
+) -> None:  # fmt: skip
+    """Step one block along its commands."""
+    begin, outer, curve, coupled = (
+        state[COMMAND, b],
+        state[FROM_OUTSIDE, b],
+        sent.curve,
+        len(around.bodies.wrench),
+    )
     m, h, step_input, step_output = begin.size, robots.timestep, space.step_input, space.step_output
     stateful, any_stopped = remembers(robots.law), False
-    for k in range(steps):
+    for k in range(span.count):
         for e in range(m):
             step_input[Q_REF * m + e] = begin[e] + _way(curve, e, (k + 1) * h)
             step_input[V_REF * m + e] = _speed(curve, e, (k + 1) * h)
+        if len(sent.waiting) > 0:
+            _exchange(b, (span.clock + k) % len(sent.waiting), sent, step_input)
         if stateful:
             hold_in_play(b, robots.law, step_input)
         calm = implicit_step(b, robots, space)
-        if not calm or any_stopped:
+        if coupled > 0:
+            write_segments(b, calm, robots, space)
+            if _meet_worlds(b, k, robots, space, around, good):
+                calm = implicit_step(b, robots, space)
+            for e in range(m):
+                step_input[LOAD * m + e] = outer[e]
+        if not calm or any_stopped or coupled > 0:
             any_stopped = _stop_unsound(b, k, robots, space, good)
         if stateful:
             remember(b, robots, space)
@@ -118,8 +213,80 @@ def _advance(
 
 
 @compiled(lean=True)
+def _meet_worlds(
+    b: int, k: int, robots: RobotTables, space: StepWorkspace, around: _Around, good: Ints1
+) -> bool:
+    """Take step k of the worlds of a block; return whether the step of its robots is to be taken again."""
+    m, lanes, again, bodies, world = space.solve_output.size, robots.lanes, False, around.bodies, around.world
+    for lane in range(lanes):
+        robot = b * lanes + lane
+        if robot >= good.size or not space.flags[ALIVE, lane]:
+            continue
+        for j in range(around.position.size):
+            around.position[j] = space.step_input[j * lanes + lane]
+            around.equation.velocity[j] = space.step_input[V * m + j * lanes + lane]
+        _enter(robot, bodies, world)
+        outcome, pushed = couple(b, lane, robots, space, world, around.equation, around.position)
+        bodies.outcome[robot] = outcome
+        if outcome != SOLVED:
+            space.flags[ALIVE, lane], good[robot], again = False, k, True
+            continue
+        again = again or pushed
+        _leave(robot, bodies, world)
+        for i in range(6):
+            bodies.wrench[robot, i] += (world.state.wrench[0, i] - bodies.wrench[robot, i]) / (k + 1)
+    return again
+
+
+@compiled(lean=True)
+def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
+    """Keep the commands of a step in row `now`, and put those that arrive in it into `step_input`."""
+    m, ring = sent.delay.shape[1], len(sent.waiting)
+    for e in range(m):
+        sent.waiting[now, 2 * b, e] = step_input[Q_REF * m + e]
+        sent.waiting[now, 2 * b + 1, e] = step_input[V_REF * m + e]
+    for e in range(m):
+        due = (now - sent.delay[b, e] + ring) % ring
+        step_input[Q_REF * m + e] = sent.waiting[due, 2 * b, e]
+        step_input[V_REF * m + e] = sent.waiting[due, 2 * b + 1, e]
+
+
+@compiled(lean=True)
+def _enter(robot: int, bodies: Bodies, world: WorldTables) -> None:
+    """Put a robot's bodies into the tables of the world, and clear the forces."""
+    rows, table, shapes = bodies.rows, world.bodies, world.shapes
+    for body in range(rows.shape[1]):
+        row = rows[robot, body]
+        for i in range(3):
+            table.position[body, i], table.inertia[body, i] = row[i], row[_INERTIA + i]
+            for k in range(3):
+                table.rotation[body, i, k] = row[_ROTATION + 3 * i + k]
+        for i in range(6):
+            table.velocity[body, i] = row[_VELOCITY + i]
+        table.mass[body] = row[_MASS]
+        shapes.friction[len(shapes.friction) - rows.shape[1] + body] = row[_FRICTION]
+    for i in range(6):
+        world.state.wrench[0, i] = 0.0
+    world.state.numbers[4] = 0
+
+
+@compiled(lean=True)
+def _leave(robot: int, bodies: Bodies, world: WorldTables) -> None:
+    """Take a robot's bodies from the tables of the world."""
+    rows, table = bodies.rows, world.bodies
+    for body in range(rows.shape[1]):
+        row = rows[robot, body]
+        for i in range(3):
+            row[i] = table.position[body, i]
+            for k in range(3):
+                row[_ROTATION + 3 * i + k] = table.rotation[body, i, k]
+        for i in range(6):
+            row[_VELOCITY + i] = table.velocity[body, i]
+
+
+@compiled(lean=True)
 def _stop_unsound(b: int, k: int, robots: RobotTables, space: StepWorkspace, good: Ints1) -> bool:
-    """Keep robots whose new state is not sound where they were; return whether there are any."""
+    """Keep robots whose new state is not sound, and those that have stopped; return whether there are any."""
     m, lanes, stopped = space.solve_output.size, robots.lanes, False
     for lane in range(lanes):
         if space.flags[ALIVE, lane] and not is_sound(lane, lanes, space):

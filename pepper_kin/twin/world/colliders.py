@@ -98,6 +98,8 @@ def colliders(
     pads = np.array([row.pad for row in rows])
     coefficients = np.full(count, friction)
     coefficients[count - len(bodies) :] = [body.friction for body in bodies]
+    balls = np.array([ball for _, _, ball in measured]).reshape(-1, 4)
+    middles = np.einsum("kij,kj->ki", poses[:, :3, :3], balls[:, :3]) + poses[:, :3, 3]
     table = ShapeTable(
         kind=np.array([kind for kind, _, _ in measured], dtype=np.int64),
         size=np.array([size for _, size, _ in measured]).reshape(-1, 3),
@@ -106,10 +108,12 @@ def colliders(
         of_robot=np.array([row.of_robot for row in rows], dtype=np.int64),
         own_rotation=np.ascontiguousarray(poses[:, :3, :3]),
         own_position=np.ascontiguousarray(poses[:, :3, 3]),
-        ball=np.array([ball for _, _, ball in measured]).reshape(-1, 4) + pads[:, None] * [0, 0, 0, 1],
+        own_middle=middles,
+        ball=balls + pads[:, None] * [0, 0, 0, 1],
+        placed=np.ones(count, dtype=np.int64),
         rotation=np.array(poses[:, :3, :3], order="C"),
         position=np.array(poses[:, :3, 3], order="C"),
-        middle=np.zeros((count, 3)),
+        middle=middles.copy(),
         speed=np.zeros(count),
         pairs=np.array(list(_pairs(rows, scene)), dtype=np.int64).reshape(-1, 2),
         friction=coefficients,

@@ -41,7 +41,7 @@ from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
 from pepper_kin.twin.world.proxsuite_solver import SOLVERS, ImpulseProblem, ImpulseProgram, check_solver
 from pepper_kin.twin.world.tree import tree_table
 
-_CAUSES = {
+CAUSES = {
     NOT_SOLVED: "the contact problem was not solved",
     TOO_MANY_POINTS: f"more than {MOST_POINTS} points in contact",
     NOT_POSITIVE_DEFINITE: "the robot's mass matrix is not positive definite",
@@ -138,6 +138,10 @@ class World:
         heavy = np.full(3, HEAVY)
         pose = item.transform_object_to_world
         return FreeBody(item.name, item.geometry, HEAVY, heavy, self.friction, pose, velocity)
+
+    def present(self) -> tuple[FreeBody, ...]:
+        """Return all bodies, then the obstacles that move, in their present state."""
+        return tuple(self._states().values())
 
     def _states(self) -> dict[str, FreeBody]:
         """Return all bodies, obstacles that move among them, in their present state."""
@@ -370,7 +374,7 @@ class World:
             return None
         self._step += 1
         error = self._callback.raised()
-        return ContactError(self._step, self._touching(), _CAUSES[outcome]) if error is None else error
+        return ContactError(self._step, self._touching(), CAUSES[outcome]) if error is None else error
 
     def _advance(self, q: Array, motion: RobotMotion, h: float) -> Array:
         """Take one step around a robot at q [rad or m], shape (n,), and return the load on it, shape (n,)."""

@@ -1,0 +1,161 @@
+"""The worlds of a batch of twins: alike but for what lies where, how heavy and how rough."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pepper_kin.arrays import Array
+from pepper_kin.core.simulation.contact_step import SOLVED, WorldTables
+from pepper_kin.core.simulation.shaped_steps import BODY, Bodies
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.poses import rotation_from_rpy
+from pepper_kin.twin.world.body_limits import ROUGHEST
+from pepper_kin.twin.world.world import CAUSES, World
+
+
+class BatchBodies(NamedTuple):
+    """One free body, or obstacle that moves, of N worlds.
+
+    Attributes:
+        position: Of its center [m], shape (N, 3).
+        rotation: Of its frame in the world, shape (N, 3, 3).
+        velocity: Of its center [m/s] and of its turning [rad/s], in the world, shape (N, 6).
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+
+
+class BatchWorld:
+    """N worlds that begin as copies of one.
+
+    Args:
+        world: How each begins; it is not changed.
+        count: N.
+        vary: Body -> "mass" [kg] or "friction" -> one number or shape (N,), in place of the body's own.
+
+    Attributes:
+        bodies: For compiled code.
+
+    Raises:
+        UnknownNameError: for a body or quantity that is not known.
+        InvalidValueError: for a wrong shape, or a number out of range.
+    """
+
+    def __init__(
+        self, world: World, count: int, vary: Mapping[str, Mapping[str, ArrayLike]] | None = None
+    ) -> None:
+        self._world, self._count = world.copy(), count
+        self._names = (*world.bodies, *(item.name for item in world.scene.movers))
+        self._free: deque[World] = deque()
+        held = world.present()
+        row = [
+            np.concatenate(
+                [
+                    body.position, body.pose[:3, :3].ravel(), body.velocity,
+                    [body.mass], body.inertia, [body.friction],
+                ]
+            )
+            for body in held
+        ]  # fmt: skip
+        self._begin = np.tile(np.reshape(row, (1, len(row), BODY)), (count, 1, 1))
+        for name, quantities in (vary or {}).items():
+            self._vary(name, quantities)
+        self.bodies = Bodies(self._begin.copy(), np.zeros((count, 6)), np.zeros(count, np.int64))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bodies and of the obstacles that move."""
+        return self._names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Robot -> why its world could not do its last step."""
+        rows = np.flatnonzero(self.bodies.outcome != SOLVED)
+        return {int(row): CAUSES[int(self.bodies.outcome[row])] for row in rows}
+
+    def state_of(self, name: str) -> BatchBodies:
+        """Return where a body is in all worlds."""
+        rows = self.bodies.rows[:, self._place_of(name)]
+        return BatchBodies(rows[:, :3].copy(), rows[:, 3:12].reshape(-1, 3, 3).copy(), rows[:, 12:18].copy())
+
+    def reset(self, rows: NDArray[np.int64]) -> None:
+        """Put all bodies of some worlds, shape (k,), to where they began."""
+        self.bodies.rows[rows], self.bodies.wrench[rows] = self._begin[rows], 0.0
+        self.bodies.outcome[rows] = SOLVED
+
+    def place(
+        self,
+        name: str,
+        rows: NDArray[np.int64],
+        position: ArrayLike | None,
+        rpy: ArrayLike | None,
+        velocity: ArrayLike | None,
+    ) -> None:
+        """Put a body of some worlds, shape (k,), somewhere; what is None stays.
+
+        Args:
+            name: Of the body.
+            rows: Which worlds.
+            position: Of its center [m], shape (3,) or (k, 3).
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,) or (k, 3).
+            velocity: Of its center [m/s] and turning [rad/s], shape (6,) or (k, 6).
+        """
+        table, body = self.bodies.rows, self._place_of(name)
+        if position is not None:
+            table[rows, body, :3] = self._numbers(f"position of {name!r}", position, (rows.size, 3))
+        if rpy is not None:
+            angles = self._numbers(f"rpy of {name!r}", rpy, (rows.size, 3))
+            table[rows, body, 3:12] = rotation_from_rpy(angles).reshape(-1, 9)
+        if velocity is not None:
+            table[rows, body, 12:18] = self._numbers(f"velocity of {name!r}", velocity, (rows.size, 6))
+
+    @contextmanager
+    def tables(self, h: float) -> Iterator[WorldTables]:
+        """Lend a world's tables for steps of length h [s] to one thread."""
+        try:
+            world = self._free.popleft()
+        except IndexError:
+            world = self._world.copy()
+        try:
+            yield world.begin(h)
+        finally:
+            self._free.append(world)
+
+    def _vary(self, name: str, quantities: Mapping[str, ArrayLike]) -> None:
+        body = self._begin[:, self._place_of(name)]
+        for quantity, value in quantities.items():
+            if quantity not in ("mass", "friction"):
+                raise UnknownNameError("quantity of a body", quantity, ("mass", "friction"))
+            numbers = self._numbers(f"{quantity} of {name!r}", value, (self._count,))
+            if quantity == "friction":
+                wrong, allowed = (numbers < 0) | (numbers > ROUGHEST), f"numbers from 0 to {ROUGHEST:g}"
+            else:
+                wrong, allowed = ~((numbers > 0) & (numbers < 1e6)), "numbers above 0 and below 1e6 kg"
+            if wrong.any():
+                raise InvalidValueError(f"{quantity} of {name!r}", numbers[wrong][0], allowed)
+            if quantity == "mass":
+                body[:, 19:22] *= (numbers / body[:, 18])[:, np.newaxis]
+            body[:, 18 if quantity == "mass" else 22] = numbers
+
+    def _place_of(self, name: str) -> int:
+        if name not in self._names:
+            raise UnknownNameError("body", name, self._names)
+        return self._names.index(name)
+
+    @staticmethod
+    def _numbers(quantity: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+        try:
+            array = np.broadcast_to(np.asarray(value, dtype=float), shape)
+        except (TypeError, ValueError):
+            allowed = f"numbers that broadcast to shape {shape}"
+            raise InvalidValueError(quantity, f"shape {np.shape(value)}", allowed) from None
+        return as_finite(array, quantity, shape)
