@@ -1,124 +1,278 @@
-"""Hands to points, and the gaze on them: goals that can be reached in the time, and how states are scored."""
+"""Hands to points, and the gaze on them; points that move; things that are carried level."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
-from pepper_kin.core.simulation.target_following import time_to_target
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.collision import Scene
+from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.task import Task as IKTask
+from pepper_kin.learning.task import BANK, Score, Task, duration_of, places_of, towards
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.twin import TwinBatch
+
+if TYPE_CHECKING:
+    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 CAMERA = "CameraTop_optical_frame"
-BANK = 2048
 _DRAWN = 8 * BANK
 _SPARE = 0.05  # of the joints' ranges, that goals stay away from their ends
 _IN_TIME = 0.6  # of an episode, in which a straight way of the joints leads to a goal
 _HELD = 0.9  # of the efforts
-
-
-class Score(NamedTuple):
-    """How N states meet their goals.
-
-    Attributes:
-        distance: Greatest distance of a hand from its goal [m], shape (N,).
-        angle: Between the gaze and the first goal [rad], shape (N,); 0 for tasks without gaze.
-        success: Whether both are within the thresholds, shape (N,).
-    """
-
-    distance: Array
-    angle: Array
-    success: np.ndarray
+_GAZE = 0.2  # [m/rad] of the reward, of the angle of the gaze
+_TILT = 0.2  # [m/rad], of the tilt of what is carried
 
 
 @dataclass(frozen=True)
-class ReachTask:
-    """What is asked of the robot.
+class ReachTask(Task):
+    """Hands to points that can be reached in the time of an episode.
 
     Attributes:
-        name: Its name.
         hands: "left", "right" or both: the hands that have a goal each.
         gaze: Whether the camera should look at the first hand's goal.
-        threshold: Greatest distance of a hand that has reached its goal [m].
         gaze_threshold: Greatest angle of the gaze [rad].
-        horizon: Steps of an episode.
     """
 
-    name: str
-    hands: tuple[str, ...]
+    hands: tuple[str, ...] = ("left",)
     gaze: bool = False
-    threshold: float = 0.05
     gaze_threshold: float = np.radians(5.0)
-    horizon: int = 50
 
     def joints(self, pepper: PepperModel) -> np.ndarray:
         """Return the places of the joints that actions move, shape (k,)."""
-        groups = [f"{hand}_arm" for hand in self.hands] + (["head"] if self.gaze else [])
-        return np.array([pepper.joint_index(name) for name in pepper.resolve_joints(groups)])
+        return places_of(pepper, [f"{hand}_arm" for hand in self.hands] + (["head"] if self.gaze else []))
 
-    def places(self, pepper: PepperModel, q: Array) -> Array:
+    def hands_at(self, pepper: PepperModel, q: Array) -> Array:
         """Return where the hands are [m], shape (N, hands, 3), at joint positions q, shape (N, n)."""
-        frames = [ik.HandPosition(hand, np.zeros(3)).frame or "" for hand in self.hands]
-        return np.stack([kinematics.frame_pose(pepper, q, frame)[:, :3, 3] for frame in frames], axis=1)
+        return np.stack(
+            [kinematics.frame_pose(pepper, q, frame_of(hand))[:, :3, 3] for hand in self.hands], 1
+        )
 
-    def score(self, pepper: PepperModel, q: Array, places: Array, goals: Array) -> Score:
-        """Return how states meet goals.
+    def places(self, env: PepperVectorEnv) -> Array:
+        """Return where the hands are [m], shape (N, hands, 3)."""
+        return self.hands_at(env.pepper, env.twins.position)
 
-        Args:
-            pepper: The robot.
-            q: Joint positions [rad or m], shape (N, n).
-            places: Where the hands are there [m], shape (N, hands, 3).
-            goals: Where they should be [m], shape (N, hands, 3).
+    def goals(self, env: PepperVectorEnv) -> Array:
+        """Return where they should be [m], shape (N, hands, 3)."""
+        return env.episode[:, : 3 * len(self.hands)].reshape(env.num_envs, -1, 3)
+
+    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+        """Return how states meet goals; see `Task.score`."""
+        found = super().score(env, places, goals)
+        if not self.gaze:
+            return found
+        camera = kinematics.frame_pose(env.pepper, env.twins.position, CAMERA)
+        line = np.einsum("nji,nj->ni", camera[:, :3, :3], goals[:, 0] - camera[:, :3, 3])
+        angle = np.arctan2(np.hypot(line[:, 0], line[:, 1]), line[:, 2])
+        return found._replace(cost=_GAZE * angle, success=found.success & (angle <= self.gaze_threshold))
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return goals [m], shape (m, 3 hands); see `Task.episodes`.
+
+        They are where the hands are in postures that touch nothing, that the joints can hold, and to which
+        commands lead from the neutral posture in six tenths of the time; with gaze the head can look at them.
         """
-        distance = np.linalg.norm(goals - places, axis=2).max(axis=1)
-        angle = np.zeros(len(q))
-        if self.gaze:
-            camera = kinematics.frame_pose(pepper, q, CAMERA)
-            line = np.einsum("nji,nj->ni", camera[:, :3, :3], goals[:, 0] - camera[:, :3, 3])
-            angle = np.arctan2(np.hypot(line[:, 0], line[:, 1]), line[:, 2])
-        return Score(distance, angle, (distance < self.threshold) & (angle <= self.gaze_threshold))
+        q = postures_of(pepper, self, speed, period, seed)
+        return self.hands_at(pepper, q).reshape(len(q), -1)
+
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+        """Return the inverse kinematics of some robots' goals, shape (k,)."""
+        goals = self.goals(env)[rows]
+        found: list[IKTask] = [ik.HandPosition(hand, goals[:, k]) for k, hand in enumerate(self.hands)]
+        return found + ([ik.LookAt(goals[:, 0])] if self.gaze else [])
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Solve each goal once, and go straight to the solution; see `Task.wanted`."""
+        rows = env.news()
+        if rows.size:
+            env.plans[rows] = self.solved(env, rows, np.tile(env.pepper.neutral(), (len(rows), 1)))
+        return towards(env, env.plans)
+
+    def solved(self, env: PepperVectorEnv, rows: np.ndarray, start: Array, restarts: int = 32) -> Array:
+        """Return joint positions that meet some robots' goals, shape (k, n), searched from others."""
+        names = [env.pepper.joint_names[j] for j in env.joints]
+        tasks = self.tasks(env, rows)
+        return ik.solve_batch(env.pepper, tasks, start, joints=names, restarts=restarts).q
+
+    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+        """Return the goals as small balls."""
+        scene = Scene()
+        for k, goal in enumerate(self.goals(env)[row]):
+            scene = scene.add_sphere(f"goal {k + 1}", 0.02, goal)
+        return scene
 
 
-TASKS = {
-    "Reach": ReachTask("Reach", ("left",)),
-    "ReachBoth": ReachTask("ReachBoth", ("left", "right")),
-    "GazeReach": ReachTask("GazeReach", ("left",), gaze=True),
-}
+@dataclass(frozen=True)
+class FollowTask(ReachTask):
+    """A hand that stays with a point on a circle: met where it was within the threshold for a while.
 
-
-def task_named(task: str | ReachTask) -> ReachTask:
-    """Return a task, by its name or as it is.
-
-    Raises:
-        UnknownNameError: listing the tasks.
-        InvalidValueError: for something else.
+    Attributes:
+        held: Steps at the end of which all are within the threshold.
     """
-    if isinstance(task, ReachTask):
-        return task
-    if not isinstance(task, str):
-        raise InvalidValueError("task", repr(task), f"a ReachTask, or one of {', '.join(TASKS)}")
-    if task not in TASKS:
-        raise UnknownNameError("task", task, TASKS)
-    return TASKS[task]
+
+    horizon: int = 100
+    threshold: float = 0.04
+    held: int = 25
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return circles, shape (m, 11): center, two radii as vectors [m], rate [rad/s] and phase [rad].
+
+        A hand can go around them within the joints' limits; see `ReachTask.episodes`.
+        """
+        first = postures_of(pepper, self, speed, period, seed)
+        drawn = np.random.default_rng([seed, 1])
+        turns = np.linalg.qr(drawn.normal(size=(len(first), 3, 3)))[0]
+        radius, rate = drawn.uniform(0.03, 0.08, (len(first), 1)), drawn.uniform(1.0, 2.5, (len(first), 1))
+        across = radius * turns[:, 0], radius * turns[:, 1]
+        phase = drawn.uniform(-np.pi, np.pi, (len(first), 1))
+        center = self.hands_at(pepper, first)[:, 0]
+        found = np.concatenate([center, *across, rate, phase], axis=1)
+        names = [pepper.joint_names[j] for j in self.joints(pepper)]
+        fastest = 0.5 * speed * pepper.velocity_limits
+        good, before = np.ones(len(found), bool), first
+        for k in range(25):
+            points = _on_circle(found, np.full(len(found), 2 * np.pi * k / 24) / found[:, 9])
+            task = ik.HandPosition(self.hands[0], points)
+            solved = ik.solve_batch(pepper, task, before, joints=names, restarts=0, collisions=False)
+            time = 2 * np.pi / 24 / found[:, 9:10]
+            slow = (np.abs(solved.q - before) <= fastest * time).all(axis=1) | (k == 0)
+            good &= solved.success & slow
+            good[good] &= ~collision.in_collision(pepper, solved.q[good])
+            before = solved.q
+        return found[good]
+
+    def goals(self, env: PepperVectorEnv) -> Array:
+        """Return where the points are now [m], shape (N, 1, 3)."""
+        return self._ahead(env, 0.0)
+
+    def _ahead(self, env: PepperVectorEnv, time: float) -> Array:
+        """Return where the points will be in a time [s], shape (N, 1, 3)."""
+        return _on_circle(env.episode, env.elapsed * env.period + time)[:, np.newaxis]
+
+    def extra(self, env: PepperVectorEnv) -> Array:
+        """Return the points' velocities [m/s], shape (N, 3)."""
+        return (self._ahead(env, 1e-3) - self._ahead(env, -1e-3))[:, 0] / 2e-3
+
+    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+        """Return how states meet goals; see `Task.score`."""
+        found = super().score(env, places, goals)
+        return found._replace(success=env.lasting(found.success, self.held))
+
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+        """Return the inverse kinematics of where the points are when commands have got there."""
+        return [ik.HandPosition(self.hands[0], self._ahead(env, _LEAD)[rows, 0])]
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Solve where the point will be in each step, from the solution before; see `Task.wanted`."""
+        news, rows = env.news(), np.arange(env.num_envs)
+        if news.size:
+            env.plans[news] = self.solved(env, news, np.tile(env.pepper.neutral(), (len(news), 1)))
+        env.plans[:] = self.solved(env, rows, env.plans, restarts=0)
+        return towards(env, env.plans)
+
+
+_LEAD = 0.12
+"""Of the oracle, for the time that shaped commands take [s]."""
+
+
+@dataclass(frozen=True)
+class CarryTask(ReachTask):
+    """A hand that carries a mass to a point and keeps it level.
+
+    Attributes:
+        tilt_threshold: Greatest angle of the hand against how it began [rad].
+        spilled: Angle at which the episode is lost [rad].
+        payload: Least and greatest mass in the hand [kg]; each robot has one.
+    """
+
+    tilt_threshold: float = np.radians(10.0)
+    spilled: float = np.radians(60.0)
+    payload: tuple[float, float] = (0.05, 0.3)
+
+    def home(self, pepper: PepperModel) -> Array:
+        """Return where episodes begin [rad or m], shape (n,): the forearm level, the palm up."""
+        q, side = pepper.neutral(), self.hands[0][0].upper()
+        sign = 1.0 if side == "L" else -1.0
+        for name, value in zip(_CARRYING, _CARRY_ANGLES, strict=True):
+            mirrored = name != "ShoulderPitch"
+            q[pepper.joint_index(side + name)] = value * (sign if mirrored else 1.0)
+        return q
+
+    def axis(self, pepper: PepperModel) -> Array:
+        """Return which axis of the hand's frame points up where episodes begin, shape (3,)."""
+        return kinematics.frame_pose(pepper, self.home(pepper), frame_of(self.hands[0]))[2, :3]
+
+    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+        """Return robots with a mass in the hand, evenly spread; see `Task.twins`."""
+        return TwinBatch(pepper, count, vary=vary, payload={self.hands[0]: self._masses(count)})
+
+    def _masses(self, count: int) -> Array:
+        golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]
+        return self.payload[0] + (self.payload[1] - self.payload[0]) * golden
+
+    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
+        """Put robots to where they carry; see `Task.begin`."""
+        env.twins.reset(self.home(env.pepper), rows=rows)
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return goals [m], shape (m, 3), that are reached with the hand level; see `ReachTask.episodes`."""
+        q, home = postures_of(pepper, self, speed, period, seed), self.home(pepper)
+        points, joints = self.hands_at(pepper, q)[:, 0], self.joints(pepper)
+        names = [pepper.joint_names[j] for j in joints]
+        start = np.tile(home, (len(q), 1))
+        solved = ik.solve_batch(pepper, self._level(pepper, points), start, joints=names, restarts=2)
+        time = duration_of(pepper, (solved.q - home)[:, joints], joints, speed)
+        loads, rest = loads_of(pepper, None, {self.hands[0]: self.payload[1]}), np.zeros_like(solved.q)
+        heavy = inverse_dynamics_with(pepper, loads, solved.q, rest, rest)
+        held = (np.abs(heavy) <= _HELD * _efforts(pepper)).all(axis=1)
+        return points[solved.success & held & (time <= _IN_TIME * self.horizon * period)]
+
+    def _level(self, pepper: PepperModel, points: Array) -> list[IKTask]:
+        hand = self.hands[0]
+        up = ik.AxisAlignment(frame_of(hand), (0.0, 0.0, 1.0), self.axis(pepper), tolerance=np.radians(4.0))
+        return [ik.HandPosition(hand, points), up]
+
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+        """Return the inverse kinematics of some robots' goals, with the hand level."""
+        return self._level(env.pepper, self.goals(env)[rows, 0])
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Solve each goal once from where episodes begin, and go straight there; see `Task.wanted`."""
+        rows = env.news()
+        if rows.size:
+            env.plans[rows] = self.solved(env, rows, np.tile(self.home(env.pepper), (len(rows), 1)))
+        return towards(env, env.plans)
+
+    def _up(self, env: PepperVectorEnv) -> Array:
+        """Return the world's direction that is up for what is carried, shape (N, 3)."""
+        hand = kinematics.frame_pose(env.pepper, env.twins.position, frame_of(self.hands[0]))
+        return hand[:, :3, :3] @ self.axis(env.pepper)
+
+    def extra(self, env: PepperVectorEnv) -> Array:
+        """Return what of up is not up, shape (N, 2), and the mass [kg], shape (N, 1)."""
+        return np.concatenate([self._up(env)[:, :2], self._masses(env.num_envs)[:, np.newaxis]], axis=1)
+
+    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+        """Return how states meet goals; see `Task.score`."""
+        found, up = super().score(env, places, goals), self._up(env)
+        tilt = np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])
+        level = tilt <= self.tilt_threshold
+        return Score(found.distance, _TILT * tilt, found.success & level, tilt > self.spilled)
+
+
+_CARRYING = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
+_CARRY_ANGLES = (0.9, 0.15, -1.2, -1.2, -1.2)
 
 
 @kept_for_robot(most=16)
-def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float, seed: int) -> Array:
-    """Return goals that can be reached from the neutral posture in the time of an episode [m], (m, hands, 3).
-
-    They are where the hands are in postures that touch nothing, that the joints can hold, and to which
-    commands lead in six tenths of the time; with gaze the head can look at them too.
-
-    Args:
-        pepper: The robot.
-        task: The task.
-        speed: Share of the velocity limits that commands use.
-        period: Time of a step [s].
-        seed: Draws the postures.
+def postures_of(pepper: PepperModel, task: ReachTask, speed: float, period: float, seed: int) -> Array:
+    """Return postures in which the hands are at goals [rad or m], shape (m, n); see `ReachTask.episodes`.
 
     Raises:
         InvalidValueError: where the episodes are too short for any.
@@ -127,26 +281,31 @@ def goals_of(pepper: PepperModel, task: ReachTask, speed: float, period: float, 
     low, high = pepper.lower_limits[joints], pepper.upper_limits[joints]
     spare = _SPARE * (high - low)
     drawn = np.random.default_rng(seed).uniform(low + spare, high - spare, (_DRAWN, joints.size))
-    fastest, strongest = speed * pepper.velocity_limits[joints], pepper.acceleration_limits[joints]
     q = np.tile(home, (_DRAWN, 1))
     q[:, joints] = drawn
     if task.gaze:
-        points = task.places(pepper, q)[:, 0]
+        points = task.hands_at(pepper, q)[:, 0]
         found = ik.solve_batch(pepper, ik.LookAt(points), q, joints="head", restarts=0, collisions=False)
         q = found.q[found.success]
-    way = np.abs(q[:, joints] - home[joints])
-    longest = np.array(
-        [
-            max(time_to_target(d, 0.0, v, a) for d, v, a in zip(row, fastest, strongest, strict=True))
-            for row in way.tolist()
-        ]
-    )
+    longest = duration_of(pepper, q[:, joints] - home[joints], joints, speed)
     q = q[longest <= _IN_TIME * task.horizon * period]
     q = q[~collision.in_collision(pepper, q)]
-    share = np.abs(dynamics.gravity_torque(pepper, q)) / np.where(
-        pepper.effort_limits > 0, pepper.effort_limits, np.inf
-    )
-    q = q[(share <= _HELD).all(axis=1)][:BANK]
+    q = q[(np.abs(dynamics.gravity_torque(pepper, q)) <= _HELD * _efforts(pepper)).all(axis=1)][:BANK]
     if not len(q):
         raise InvalidValueError("speed", speed, f"more: no goal of {task.name} is reached within an episode")
-    return task.places(pepper, q)
+    return q
+
+
+def _efforts(pepper: PepperModel) -> Array:
+    return np.where(pepper.effort_limits > 0, pepper.effort_limits, np.inf)
+
+
+def frame_of(hand: str) -> str:
+    """Return the frame of a hand."""
+    return ik.HandPosition(hand, np.zeros(3)).frame or ""
+
+
+def _on_circle(circles: Array, time: Array) -> Array:
+    """Return points of circles, shape (N, 11), at times [s], shape (N,): shape (N, 3)."""
+    angle = (circles[:, 9] * time + circles[:, 10])[:, np.newaxis]
+    return circles[:, :3] + np.cos(angle) * circles[:, 3:6] + np.sin(angle) * circles[:, 6:9]

@@ -12,14 +12,13 @@ from gymnasium.vector.utils import batch_space
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.reach_task import ReachTask, Score, goals_of, task_named
-from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.learning.task import STEPS, Score, Task
+from pepper_kin.learning.tasks import task_named
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
-from pepper_kin.twin import TwinBatch, actuator_parameters
+from pepper_kin.twin import actuator_parameters
 
-STEPS = 20  # of the twin, of a millisecond each: 50 Hz
-REACH = 0.3  # [rad or m] from where a joint is to where an action of 1 sends it
-_GAZE = 0.2  # [m/rad] of the reward, of the angle of the gaze
+_LOST = 1.0  # [m] counted for each step that a lost episode would have had
 
 
 class PepperVectorEnv(gymnasium.vector.VectorEnv):
@@ -27,15 +26,16 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
 
     The targets are shaped as the robot shapes those of `setAngles`, see `TwinBatch.step`, at 50 Hz.  Nothing
     is hidden: the next state follows from what is observed, but for the commands' lag of some hundredths of
-    a radian.  There are no contacts.
+    a radian.  What a task does otherwise is said by it.
 
-    Observation, shape (2 k + 6 hands,), float32: positions of the k acting joints, -1 to 1 for their limits;
-    velocities over their limits; the hands in the world [m]; from there to the goals [m].  With `goal_form`
-    a dictionary of `observation` (the first two and the hands), `achieved_goal` and `desired_goal`.
+    Observation, shape (2 k + 6 g + e,), float32: positions of the k acting joints, -1 to 1 for their limits;
+    velocities over their limits; the g places that are led in the world [m]; from there to the goals [m];
+    and what the task adds.  With `goal_form` a dictionary of `observation` (all but the way to the goals),
+    `achieved_goal` and `desired_goal`.
 
-    Reward: minus the greatest distance of a hand from its goal [m], and 0.2 times the angle of the gaze
-    [rad]; or with `sparse` 0 where both are within the task's thresholds, else -1.  Episodes are truncated
-    after the task's horizon; `is_success` and `distance` are in the infos.
+    Reward: minus the greatest distance from a goal [m], and the task's further cost; or with `sparse` 0 where
+    the goals are met, else -1.  Episodes are truncated after the task's horizon; one that is lost terminates,
+    and 1 is taken off for each step that it would have had.  `is_success` and `distance` are in the infos.
 
     Args:
         num_envs: N.
@@ -60,7 +60,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        task: str | ReachTask = "Reach",
+        task: str | Task = "Reach",
         *,
         pepper: PepperModel | None = None,
         speed: float = 0.5,
@@ -73,24 +73,30 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         threads: int = 1,
     ) -> None:
         self.num_envs, self.task = check_whole("num_envs", num_envs, 1), task_named(task)
-        self.pepper = load_pepper() if pepper is None else pepper
+        self.pepper = self.task.robot() if pepper is None else pepper
         self.joints = self.task.joints(self.pepper)
         self.speed, self.sparse, self.goal_form = speed, sparse, goal_form
         self.threads = check_whole("threads", threads, 1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
-        self.twins = TwinBatch(
-            self.pepper, self.num_envs, vary=self._varied(randomization or {}, randomization_seed)
-        )
-        period, drawn = STEPS * self.twins.timestep, check_seed(goal_seed)
-        self._goals = goals_of(self.pepper, self.task, speed, period, drawn)
-        self._low, self._high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
+        varied = self._varied(randomization or {}, randomization_seed)
+        self.twins = self.task.twins(self.pepper, self.num_envs, varied)
+        self.period, self.goal_seed = STEPS * self.twins.timestep, check_seed(goal_seed)
+        self._bank = _episodes(self.pepper, self.task, speed, self.period, self.goal_seed)
+        low, high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
+        endless = ~np.isfinite(high - low)
+        low, high = np.where(endless, -np.pi, low), np.where(endless, np.pi, high)
+        self._center, self._half = (low + high) / 2, (high - low) / 2
         self._keys = np.zeros(self.num_envs, np.uint64)
-        self._episodes, self._elapsed = np.zeros(self.num_envs, np.uint64), np.zeros(self.num_envs, np.int64)
-        self.goals = np.zeros((self.num_envs, len(self.task.hands), 3))
+        self._episodes, self.elapsed = np.zeros(self.num_envs, np.uint64), np.zeros(self.num_envs, np.int64)
+        self.episode = self._bank[np.zeros(self.num_envs, np.int64)]
+        self.plans, self._kept = self.twins.position, dict[str, Array]()
+        self._new, self._lasted = np.ones(self.num_envs, bool), np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._ready = False
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.joints.size,), np.float32)
+        self.single_action_space = gymnasium.spaces.Box(
+            -1.0, 1.0, (self.task.action_size(self.pepper),), np.float32
+        )
         self.single_observation_space = self._observation_space()
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -131,7 +137,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             )
         self._begin(np.broadcast_to(mask, (self.num_envs,)) | (not self._ready))
         self._ready = True
-        return self._observations(self._places()), {}
+        return self._observations(self.task.places(self)), {}
 
     def step(self, actions: Any) -> tuple[Any, Array, np.ndarray, np.ndarray, dict[str, Any]]:
         """Send the joints to new targets for 20 ms; see `gymnasium.vector.VectorEnv.step`.
@@ -148,28 +154,43 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             row = int(np.argmax(~np.isfinite(moves).all(axis=1)))
             raise InvalidValueError(f"action of environment {row}", moves[row], "finite numbers from -1 to 1")
         anew = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
-        targets = self.twins.position
-        targets[:, self.joints] += REACH * np.clip(moves, -1.0, 1.0)
-        sound = self.twins.step(targets, STEPS, speed=self.speed, threads=self.threads)
+        sound = self.task.advance(self, np.clip(moves, -1.0, 1.0))
         if anew.any():
             self._begin(anew)
-        self._elapsed[~anew] += 1
-        places = self._places()
-        score = self.task.score(self.pepper, self.twins.position, places, self.goals)
-        rewards = np.where(anew, 0.0, self._rewards(score))
-        terminated = np.zeros(self.num_envs, bool)
-        truncated = ((self._elapsed >= self.task.horizon) | ~sound) & ~anew
-        infos: dict[str, Any] = {"is_success": score.success, "distance": score.distance, "diverged": ~sound}
-        self._ended = truncated.copy()
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and truncated.any():
+        self.elapsed[~anew] += 1
+        places = self.task.places(self)
+        score = self.task.score(self, places, self.task.goals(self))
+        terminated = score.failed & sound & ~anew
+        truncated = ((self.elapsed >= self.task.horizon) | ~sound) & ~anew & ~terminated
+        rewards = np.where(anew, 0.0, self._rewards(score) - _LOST * terminated * self._left())
+        infos: dict[str, Any] = {
+            "is_success": score.success & ~score.failed, "distance": score.distance, "diverged": ~sound
+        }  # fmt: skip
+        self._ended = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            ended = self._ended.copy()
             infos |= {
-                "final_obs": self._observations(places), "_final_obs": truncated,
-                "final_info": dict(infos), "_final_info": truncated,
+                "final_obs": self._observations(places), "_final_obs": ended,
+                "final_info": dict(infos), "_final_info": ended,
             }  # fmt: skip
-            self._begin(truncated)
-            places = self._places()
-            self._ended[:] = False
+            self._begin(ended)
+            places = self.task.places(self)
         return self._observations(places), rewards, terminated, truncated, infos
+
+    def news(self) -> np.ndarray:
+        """Return the robots whose episodes have begun since the last call, shape (k,)."""
+        rows = np.flatnonzero(self._new)
+        self._new[:] = False
+        return rows
+
+    def kept(self, name: str, size: int) -> Array:
+        """Return what a task keeps by a name, zeros at first, shape (N, size); to be changed in place."""
+        return self._kept.setdefault(name, np.zeros((self.num_envs, size)))
+
+    def lasting(self, met: np.ndarray, steps: int) -> np.ndarray:
+        """Return whether goals are met now and were for so many steps, shape (N,); called once a step."""
+        self._lasted = np.where(met, self._lasted + 1, 0)
+        return self._lasted >= steps
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).
@@ -184,38 +205,40 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     def _rewards(self, score: Score) -> Array:
         if self.sparse:
             return np.where(score.success, 0.0, -1.0)
-        return -score.distance - _GAZE * score.angle
+        return -score.distance - score.cost
+
+    def _left(self) -> Array:
+        """Return how many steps the episodes have left, shape (N,)."""
+        return np.maximum(self.task.horizon - self.elapsed, 0)
 
     def _begin(self, mask: np.ndarray) -> None:
         """Begin new episodes of some robots, shape (N,)."""
         rows = np.flatnonzero(mask)
         if not rows.size:
             return
-        self.twins.reset(rows=rows)
-        chosen = _mixed(self._keys[rows] + self._episodes[rows]) % np.uint64(len(self._goals))
-        self.goals[rows] = self._goals[chosen.astype(np.int64)]
+        chosen = _mixed(self._keys[rows] + self._episodes[rows]) % np.uint64(len(self._bank))
+        self.episode[rows] = self._bank[chosen.astype(np.int64)]
         self._episodes[rows] += np.uint64(1)
-        self._elapsed[rows], self._ended[rows] = 0, False
-
-    def _places(self) -> Array:
-        return self.task.places(self.pepper, self.twins.position)
+        self.elapsed[rows], self._ended[rows], self._new[rows], self._lasted[rows] = 0, False, True, 0
+        self.task.begin(self, rows)
 
     def _observations(self, places: Array) -> Any:
-        """Return new arrays of what is observed, with the hands at places [m], shape (N, hands, 3)."""
+        """Return new arrays of what is observed, with what is led at places [m], shape (N, g, 3)."""
         q, v = self.twins.position[:, self.joints], self.twins.velocity[:, self.joints]
-        center, half = (self._low + self._high) / 2, (self._high - self._low) / 2
-        own = [(q - center) / half, v / self.pepper.velocity_limits[self.joints], _flat(places)]
+        own = [(q - self._center) / self._half, v / self.pepper.velocity_limits[self.joints], _flat(places)]
+        goals, extra = self.task.goals(self), self.task.extra(self)
         if self.goal_form:
             parts = {
-                "observation": np.concatenate(own, axis=1),
+                "observation": np.concatenate([*own, extra], axis=1),
                 "achieved_goal": own[2],
-                "desired_goal": _flat(self.goals),
+                "desired_goal": _flat(goals),
             }
             return {name: part.astype(np.float32) for name, part in parts.items()}
-        return np.concatenate([*own, _flat(self.goals - places)], axis=1).astype(np.float32)
+        return np.concatenate([*own, _flat(goals - places), extra], axis=1).astype(np.float32)
 
     def _observation_space(self) -> gymnasium.Space[Any]:
-        size, goal = 2 * self.joints.size + 3 * len(self.task.hands), 3 * len(self.task.hands)
+        goal = 3 * self.task.places(self).shape[1]
+        size = 2 * self.joints.size + goal + self.task.extra(self).shape[1]
 
         def box(length: int) -> gymnasium.spaces.Box:
             return gymnasium.spaces.Box(-np.inf, np.inf, (length,), np.float32)
@@ -239,6 +262,11 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             factors = drawn.uniform(low, high, (self.num_envs, self.pepper.n))
             found[quantity] = np.asarray(getattr(usual, quantity)) * factors
         return found
+
+
+@kept_for_robot(most=32)
+def _episodes(pepper: PepperModel, task: Task, speed: float, period: float, seed: int) -> Array:
+    return task.episodes(pepper, speed, period, seed)
 
 
 def _flat(places: Array) -> Array:

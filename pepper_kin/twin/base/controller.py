@@ -96,14 +96,8 @@ class BaseController:
         duration = check_positive("timestep", timestep, "s")
         target = self._target if self._age < self.command_timeout - 1e-9 else np.zeros(3)
         self._age += duration
-        change = target - self._twist
-        limits = self.base.geometry
-        need = max(
-            float(np.hypot(change[0], change[1])) / limits.linear_acceleration,
-            abs(float(change[2])) / limits.angular_acceleration,
-        )
         before = self._twist
-        self._twist = target.copy() if need <= duration else before + change * (duration / need)
+        self._twist = ramped(self.base, before, target, duration)
         self._pose = read_only(arc_moved(self._pose, duration * (before + self._twist) / 2.0))
         return self.twist
 
@@ -118,6 +112,23 @@ class BaseController:
             speed / limits.linear_acceleration, abs(float(self._twist[2])) / limits.angular_acceleration
         )
         return speed * duration / 2.0
+
+
+def ramped(base: OmniBase, twist: Array, target: Array, duration: float) -> Array:
+    """Return twists after some time on the straight way to others, as fast as both accelerations allow.
+
+    Args:
+        base: The wheels and their limits.
+        twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+        target: The same, within the limits of velocity, shape (..., 3).
+        duration: [s].
+    """
+    change, limits = target - twist, base.geometry
+    need = np.maximum(
+        np.hypot(change[..., 0], change[..., 1]) / limits.linear_acceleration,
+        np.abs(change[..., 2]) / limits.angular_acceleration,
+    )[..., np.newaxis]
+    return np.where(need <= duration, target, twist + change * (duration / np.maximum(need, duration)))
 
 
 def world_velocity(twist: ArrayLike, yaw: float) -> Array:

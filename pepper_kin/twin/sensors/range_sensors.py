@@ -99,12 +99,22 @@ class Laser(_RangeSensor):
         half = specification.field_of_view / 2
         self.angles = np.linspace(-half, half, specification.beams)
         self.shape = self.angles.shape
-        directions = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
-        self._part = beams.add(specification.frame, directions, specification.height)
+        self._part = beams.add(specification.frame, fan(half, specification.beams), specification.height)
 
     def truth(self, state: SensedState) -> Array:
         """Return the distances [m], inf where nothing is there, shape (beams,)."""
         return self._beams.distances(state)[self._part]
+
+
+def fan(half_angle: float, beams: int) -> Array:
+    """Return unit vectors about x in its plane with y, from right to left, shape (beams, 3).
+
+    Args:
+        half_angle: From the axis to the first and the last [rad].
+        beams: Number of vectors.
+    """
+    angles = np.linspace(-half_angle, half_angle, beams)
+    return np.column_stack([np.cos(angles), np.sin(angles), np.zeros(beams)])
 
 
 def cone(half_angle: float, rings: int = _RINGS) -> Array:

@@ -1,0 +1,123 @@
+"""A hand to a point among things that must not be touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin import collision, motion, trajectory
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.reach_task import ReachTask, postures_of
+from pepper_kin.learning.task import Score, towards
+from pepper_kin.model import PepperModel, kept_for_robot
+
+if TYPE_CHECKING:
+    from pepper_kin.learning.vector_env import PepperVectorEnv
+
+SCENES = 8
+_GOALS = 96  # in each scene
+_TRIED = 800
+_SPARE = 0.02  # [m] by which things are larger to the planner on every side
+_LEAD = 0.1  # [s], for the time that shaped commands take
+_BOXES = ((0.3, 0.5, 0.04), (0.08, 0.08, 0.25), (0.1, 0.2, 0.1))
+
+
+@dataclass(frozen=True)
+class ClearTask(ReachTask):
+    """A hand to a point past a shelf, a post and a box, in one of eight arrangements; to touch is to fail."""
+
+    horizon: int = 100
+
+    def scene(self, kind: int, grown: float = 0.0) -> Scene:
+        """Return an arrangement of things, by its number from 0 to `SCENES` - 1, so much larger [m]."""
+        return _arranged(self.hands[0] == "left", kind, grown)
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return goals [m] and numbers of arrangement and path, shape (m, 5).
+
+        For each there is a path that keeps clear; see `ReachTask.episodes`.
+        """
+        return paths_of(pepper, self, speed, period, seed)[0]
+
+    def extra(self, env: PepperVectorEnv) -> Array:
+        """Return from the hand to the middles of the three things [m], shape (N, 9)."""
+        kinds, hand = env.episode[:, 3].astype(np.int64), self.places(env)
+        middles = np.array([_middles(self.scene(kind)) for kind in range(SCENES)])
+        return (middles[kinds] - hand).reshape(env.num_envs, -1)
+
+    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+        """Return how states meet goals, and which robots touch anything; see `Task.score`."""
+        found, q = super().score(env, places, goals), env.twins.position
+        touching, kinds = np.zeros(env.num_envs, bool), env.episode[:, 3].astype(np.int64)
+        for kind in np.unique(kinds):
+            rows = np.flatnonzero(kinds == kind)
+            touching[rows] = collision.in_collision(env.pepper, q[rows], self.scene(int(kind)))
+        return found._replace(failed=touching)
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Follow the planned paths; see `Task.wanted`."""
+        paths = paths_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
+        time = env.elapsed * env.period + _LEAD
+        chosen = env.episode[:, 4].astype(np.int64)
+        step = np.minimum(np.rint(time / env.period).astype(np.int64), paths.shape[1] - 1)
+        return towards(env, paths[chosen, step])
+
+    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+        """Return the goal and the things."""
+        scene = super().shown(env, row)
+        for item in self.scene(int(env.episode[row, 3])).objects.values():
+            scene = scene.add(item)
+        return scene
+
+
+@kept_for_robot(most=8)
+def paths_of(
+    pepper: PepperModel, task: ClearTask, speed: float, period: float, seed: int
+) -> tuple[Array, Array]:
+    """Return episodes, shape (m, 5), and joint positions in each step along their paths, shape (m, T, n)."""
+    postures = postures_of(pepper, ReachTask(task.name, hands=task.hands), speed, period, seed)
+    points = task.hands_at(pepper, postures)[:, 0]
+    rows, paths = [], []
+    for kind in range(SCENES):
+        scene, found = task.scene(kind, 2 * _SPARE), 0
+        order = np.random.default_rng([seed, kind]).permutation(len(postures))[:_TRIED]
+        free = ~collision.in_collision(pepper, postures[order], scene)
+        near = np.linalg.norm(points[order] - _middles(scene).mean(axis=0), axis=1) < 0.35
+        for k in order[free & near]:
+            plan = motion.plan(pepper, pepper.neutral(), postures[k], scene, timeout=0.3)
+            if not plan.success:
+                continue
+            timed = trajectory.retime(pepper, plan.path, velocity_scale=0.6 * speed, acceleration_scale=0.3)
+            if timed.duration > 0.8 * task.horizon * period:
+                continue
+            time = np.minimum(np.arange(task.horizon + 1) * period, timed.duration)
+            positions = timed(time).position
+            rows.append([*points[k], kind, len(paths)])
+            paths.append(positions)
+            found += 1
+            if found == _GOALS:
+                break
+    if not rows:
+        raise InvalidValueError("speed", speed, f"more: no goal of {task.name} is reached within an episode")
+    return np.array(rows), np.array(paths)
+
+
+@cache
+def _arranged(left: bool, kind: int, grown: float) -> Scene:
+    drawn, scene = np.random.default_rng([7, kind]), Scene()
+    x, y = drawn.uniform(0.3, 0.45, 3), drawn.uniform(0.05, 0.4, 3)
+    z = drawn.uniform((0.75, 0.75, 0.7), (1.05, 0.95, 1.1))
+    for k, size in enumerate(_BOXES):
+        place = (x[k], y[k] if left else -y[k], z[k])
+        scene = scene.add_box(f"box {k + 1}", np.add(size, grown), place)
+    return scene
+
+
+def _middles(scene: Scene) -> Array:
+    """Return where the middles of things are [m], shape (k, 3)."""
+    return np.array([item.transform_object_to_world[:3, 3] for item in scene.objects.values()])

@@ -1,0 +1,115 @@
+"""A box on a table that a hand pushes to a place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_kin import ik, kinematics
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.learning.reach_task import ReachTask, frame_of
+from pepper_kin.learning.task import BANK, towards
+from pepper_kin.model import PepperModel
+from pepper_kin.twin import TwinBatch
+from pepper_kin.twin.world import World
+
+if TYPE_CHECKING:
+    from pepper_kin.learning.vector_env import PepperVectorEnv
+
+_TABLE, _TOP = (0.5, 0.7, 0.04), 0.6  # size and height [m]
+_BOX, _MASS = (0.12, 0.16, 0.16), 0.3  # [m], [kg]
+_BEHIND = 0.125  # [m] from the middle of the box to the hand that pushes it
+_STEEPEST = 0.25  # [rad] of the oracle's pushes against straight ahead
+
+
+@dataclass(frozen=True)
+class PushTask(ReachTask):
+    """A box that is to be pushed over a table, away from the robot, to within 3 cm of a place.
+
+    It has contacts: of the robot with box and table, and of the box with the table.
+    """
+
+    horizon: int = 150
+    threshold: float = 0.03
+
+    def _side(self) -> float:
+        return 1.0 if self.hands[0] == "left" else -1.0
+
+    def world(self, pepper: PepperModel) -> World:
+        """Return table and box."""
+        scene = Scene().add_box("table", _TABLE, (0.18 + _TABLE[0] / 2, 0.0, _TOP - _TABLE[2] / 2))
+        world = World(pepper, scene, friction=0.3)
+        world.add_box("box", _BOX, _MASS, (0.36, 0.15 * self._side(), _TOP + _BOX[2] / 2))
+        return world
+
+    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+        """Return robots at tables of their own; see `Task.twins`."""
+        return TwinBatch(pepper, count, vary=vary, world=self.world(pepper))
+
+    def home(self, pepper: PepperModel) -> Array:
+        """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""
+        point = (0.11, 0.15 * self._side(), _TOP + 0.2)
+        names = f"{self.hands[0]}_arm"
+        return ik.solve(pepper, ik.HandPosition(self.hands[0], point), joints=names).q
+
+    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
+        """Put robots and boxes to their places; see `Task.begin`."""
+        env.twins.reset(self.home(env.pepper), rows=rows)
+        place = np.column_stack([env.episode[rows, 3:5], np.full(len(rows), _TOP + _BOX[2] / 2)])
+        env.twins.place("box", place, rows=rows)
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return where the boxes should be [m], and where they begin [m], shape (m, 5)."""
+        drawn = np.random.default_rng(seed)
+        start = np.array([0.36, 0.15 * self._side()]) + drawn.uniform(-0.015, 0.015, (BANK, 2))
+        angle, way = drawn.uniform(-0.15, 0.15, BANK), drawn.uniform(0.055, 0.08, BANK)
+        end = start + way[:, np.newaxis] * np.column_stack([np.cos(angle), np.sin(angle)])
+        return np.column_stack([end, np.full(BANK, _TOP + _BOX[2] / 2), start])
+
+    def places(self, env: PepperVectorEnv) -> Array:
+        """Return where the boxes are [m], shape (N, 1, 3)."""
+        return env.twins.body("box").position[:, np.newaxis]
+
+    def extra(self, env: PepperVectorEnv) -> Array:
+        """Return from the hands to the boxes [m] and the boxes' x axes, shape (N, 5)."""
+        box = env.twins.body("box")
+        return np.concatenate([box.position - self._hand(env), box.rotation[:, :2, 0]], axis=1)
+
+    def _hand(self, env: PepperVectorEnv) -> Array:
+        return kinematics.frame_pose(env.pepper, env.twins.position, frame_of(self.hands[0]))[:, :3, 3]
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Go behind the box, and push it towards its goal through its middle; see `Task.wanted`."""
+        news = env.news()
+        env.plans[news] = self.home(env.pepper)
+        box, goal, hand = env.twins.body("box").position, self.goals(env)[:, 0], self._hand(env)
+        way = (goal - box)[:, :2]
+        left = np.linalg.norm(way, axis=1, keepdims=True)
+        angle = np.clip(np.arctan2(way[:, 1], np.maximum(way[:, 0], 1e-3)), -_STEEPEST, _STEEPEST)
+        along = np.column_stack([np.cos(angle), np.sin(angle)])
+        behind = box[:, :2] - _BEHIND * along
+        gap = hand[:, :2] - behind
+        ahead = (gap * along).sum(axis=1, keepdims=True)
+        aside = np.linalg.norm(gap - ahead * along, axis=1, keepdims=True)
+        low = (hand[:, 2:] < _TOP + 0.16) & ((aside < 0.02) | (ahead > -0.025))
+        far = (left > 0.5 * self.threshold) & (way[:, :1] > 0.002)
+        target = np.where(low, behind + np.minimum(0.5 * left + 0.006, 0.02) * along, behind - 0.035 * along)
+        target = np.where(far, target, hand[:, :2])
+        height = np.full((len(box), 1), _TOP + 0.13)
+        tasks = ik.HandPosition(self.hands[0], np.concatenate([target, height], axis=1))
+        names = f"{self.hands[0]}_arm"
+        env.plans[:] = ik.solve_batch(
+            env.pepper, tasks, env.plans, joints=names, restarts=0, collisions=False
+        ).q
+        return towards(env, env.plans)
+
+    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+        """Return table, box and goal."""
+        box = env.twins.body("box")
+        scene = self.world(env.pepper)
+        scene.place("box", box.position[row])
+        return scene.snapshot().add_sphere("goal 1", 0.02, self.goals(env)[row, 0])

@@ -1,0 +1,145 @@
+"""What an environment asks of the robot: the base class of all tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.core.simulation.target_following import time_to_target
+from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.twin import TwinBatch
+
+if TYPE_CHECKING:
+    from pepper_kin.learning.vector_env import PepperVectorEnv
+
+BANK = 2048
+"""Episodes that are drawn for a task, of which those of the environments are chosen."""
+REACH = 0.3
+"""From where a joint is to where an action of 1 sends it [rad or m]."""
+STEPS = 20
+"""Of the twin in a step of an environment, of a millisecond each: 50 Hz."""
+
+
+class Score(NamedTuple):
+    """How N states meet their goals.
+
+    Attributes:
+        distance: Greatest distance of what is led from its goal [m], shape (N,).
+        cost: What else counts, in metres of distance, shape (N,).
+        success: Whether the goals are met, shape (N,).
+        failed: Whether the episode is lost and ends, shape (N,).
+    """
+
+    distance: Array
+    cost: Array
+    success: np.ndarray
+    failed: np.ndarray
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task: which episodes there are, what is seen of them, and how states are scored.
+
+    Attributes:
+        name: Its name.
+        threshold: Greatest distance of what has met its goal [m].
+        horizon: Steps of an episode.
+    """
+
+    name: str
+    threshold: float = 0.05
+    horizon: int = 50
+
+    def robot(self) -> PepperModel:
+        """Return the robot that does it where none is given."""
+        return load_pepper()
+
+    def joints(self, pepper: PepperModel) -> np.ndarray:
+        """Return the places of the joints that actions move, shape (k,)."""
+        raise NotImplementedError
+
+    def action_size(self, pepper: PepperModel) -> int:
+        """Return the number of actions."""
+        return self.joints(pepper).size
+
+    def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
+        """Return what tells episodes apart that can be solved, shape (m, w).
+
+        Args:
+            pepper: The robot.
+            speed: Share of the velocity limits that commands use.
+            period: Time of a step [s].
+            seed: Draws them.
+
+        Raises:
+            InvalidValueError: where the episodes are too short for any.
+        """
+        raise NotImplementedError
+
+    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+        """Return N robots, each with its quantities of actuators."""
+        return TwinBatch(pepper, count, vary=vary)
+
+    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
+        """Put robots, shape (k,), to the beginning of their episodes."""
+        env.twins.reset(rows=rows)
+
+    def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
+        """Let the robots do actions, shape (N, k), for a step; return which are sound, shape (N,)."""
+        targets = env.twins.position
+        targets[:, env.joints] += REACH * moves
+        return env.twins.step(targets, STEPS, speed=env.speed, threads=env.threads)
+
+    def places(self, env: PepperVectorEnv) -> Array:
+        """Return where what is led is [m], shape (N, g, 3)."""
+        raise NotImplementedError
+
+    def goals(self, env: PepperVectorEnv) -> Array:
+        """Return where it should be now [m], shape (N, g, 3)."""
+        raise NotImplementedError
+
+    def extra(self, env: PepperVectorEnv) -> Array:
+        """Return what is observed besides, shape (N, e)."""
+        return np.zeros((env.num_envs, 0))
+
+    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+        """Return how the present states meet their goals, shape (N, g, 3) each [m]."""
+        distance = np.linalg.norm(goals - places, axis=2).max(axis=1)
+        none = np.zeros(len(distance))
+        return Score(distance, none, distance < self.threshold, none > 0)
+
+    def wanted(self, env: PepperVectorEnv) -> Array:
+        """Return the actions of a policy that knows the robot, the oracle, shape (N, k)."""
+        raise NotImplementedError
+
+    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+        """Return what is to be seen around one robot."""
+        del env, row
+        return Scene()
+
+
+def towards(env: PepperVectorEnv, target: Array) -> Array:
+    """Return the actions that lead to joint positions [rad or m], shape (N, n)."""
+    return np.clip((target - env.twins.position)[:, env.joints] / REACH, -1.0, 1.0)
+
+
+def places_of(pepper: PepperModel, groups: list[str]) -> np.ndarray:
+    """Return the places of joints by their names and groups, shape (k,)."""
+    return np.array([pepper.joint_index(name) for name in pepper.resolve_joints(groups)])
+
+
+def duration_of(pepper: PepperModel, way: Array, joints: np.ndarray, speed: float) -> Array:
+    """Return how long shaped commands take for a way of the joints [s], shape (m,) for (m, k) [rad or m]."""
+    fastest, strongest = speed * pepper.velocity_limits[joints], pepper.acceleration_limits[joints]
+    rows = np.abs(way).tolist()
+    return np.array(
+        [
+            max(time_to_target(d, 0.0, v, a) for d, v, a in zip(row, fastest, strongest, strict=True))
+            for row in rows
+        ]
+    )

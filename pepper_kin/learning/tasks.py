@@ -1,0 +1,42 @@
+"""The tasks by their names."""
+
+from __future__ import annotations
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.learning.balance_task import BalanceTask
+from pepper_kin.learning.clear_task import ClearTask
+from pepper_kin.learning.drive_task import DriveTask
+from pepper_kin.learning.push_task import PushTask
+from pepper_kin.learning.reach_task import CarryTask, FollowTask, ReachTask
+from pepper_kin.learning.task import Task
+
+TASKS: dict[str, Task] = {
+    task.name: task
+    for task in (
+        ReachTask("Reach"),
+        ReachTask("ReachBoth", hands=("left", "right")),
+        ReachTask("GazeReach", gaze=True),
+        ClearTask("ReachClear"),
+        FollowTask("Follow"),
+        CarryTask("Carry"),
+        PushTask("Push"),
+        BalanceTask("Balance"),
+        DriveTask("Drive"),
+    )
+}
+
+
+def task_named(task: str | Task) -> Task:
+    """Return a task, by its name or as it is.
+
+    Raises:
+        UnknownNameError: listing the tasks.
+        InvalidValueError: for something else.
+    """
+    if isinstance(task, Task):
+        return task
+    if not isinstance(task, str):
+        raise InvalidValueError("task", repr(task), f"a Task, or one of {', '.join(TASKS)}")
+    if task not in TASKS:
+        raise UnknownNameError("task", task, TASKS)
+    return TASKS[task]

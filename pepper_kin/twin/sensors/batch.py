@@ -1,0 +1,79 @@
+"""What sensors of many robots would read in one scene, without noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.twin.sensors.range_sensors import cone, fan
+from pepper_kin.twin.sensors.raycast import RayCaster
+from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
+
+
+class BatchRanges:
+    """Lasers and sonars of N robots in one scene; the robots themselves are not seen.
+
+    Args:
+        pepper: The robot.
+        scene: What stands around it.
+        names: Of the sensors, such as "laser_front" or "sonar_front".
+
+    Raises:
+        UnknownNameError: for a sensor or a frame that there is not.
+    """
+
+    def __init__(self, pepper: PepperModel, scene: Scene, names: tuple[str, ...] = ()) -> None:
+        known = sensor_specifications()
+        ranging = {name: each for name, each in known.items() if each.kind in ("laser", "sonar")}
+        self._pepper, self._fans = pepper, []
+        for name in names or tuple(name for name in ranging if ranging[name].kind == "laser"):
+            if name not in ranging:
+                raise UnknownNameError("range sensor", name, ranging)
+            pepper.frame_id(ranging[name].frame)
+            self._fans.append((ranging[name], _directions(ranging[name])))
+        items = list(scene.objects.values())
+        poses = np.array([item.transform_object_to_world for item in items]).reshape(-1, 4, 4)
+        self._caster = RayCaster([item.geometry for item in items], poses)
+
+    def read(self, q: ArrayLike) -> Array:
+        """Return the distances along all beams, a sonar's the least of its cone [m].
+
+        -inf stands for too near and inf for too far or nothing, as in readings of a `SensorSuite`.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+
+        Returns:
+            Shape (N, beams), the sensors side by side.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        states = np.atleast_2d(as_joint_vectors(self._pepper, q, "q"))
+        origins, rays = [], []
+        for specification, directions in self._fans:
+            pose = frame_pose(self._pepper, states, specification.frame)
+            origin = pose[:, :3, 3] + specification.height * pose[:, :3, 2]
+            origins.append(np.repeat(origin[:, np.newaxis], len(directions), axis=1))
+            rays.append(directions @ pose[:, :3, :3].transpose(0, 2, 1))
+        far = self._caster.distances(np.concatenate(origins, axis=1), np.concatenate(rays, axis=1))
+        found, end = [], 0
+        for specification, directions in self._fans:
+            start, end = end, end + len(directions)
+            own = far[:, start:end]
+            own = own.min(axis=1, keepdims=True) if specification.kind == "sonar" else own
+            own = np.where(own > specification.maximum, np.inf, own)
+            found.append(np.where(own < specification.minimum, -np.inf, own))
+        return np.concatenate(found, axis=1)
+
+
+def _directions(specification: SensorSpecification) -> Array:
+    """Return the beams of a sensor in its frame, shape (k, 3)."""
+    half = specification.field_of_view / 2
+    return cone(half) if specification.kind == "sonar" else fan(half, specification.beams)
