@@ -47,7 +47,7 @@ class BalanceTask(Task):
 
     def force(self, env: PepperVectorEnv) -> Array:
         """Return the present pushes [N], shape (N, 3), along the floor."""
-        push = _risen(env.elapsed * env.period) * env.episode[:, :2]
+        push = _risen(env.time) * env.episode[:, :2]
         return np.concatenate([push, np.zeros((env.num_envs, 1))], axis=1)
 
     def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
@@ -81,7 +81,7 @@ class BalanceTask(Task):
     def wanted(self, env: PepperVectorEnv) -> Array:
         """Lean as the push rises; see `Task.wanted`."""
         leaning, home = pushes_of(env.pepper, self, env.goal_seed)[1], env.pepper.neutral()
-        share = _risen((env.elapsed + _AHEAD) * env.period)
+        share = _risen(env.time + _AHEAD * env.period)
         return towards(env, home + share * (leaning[env.episode[:, 2].astype(np.int64)] - home))
 
     def _support(self, env: PepperVectorEnv) -> tuple[Array, Array]:

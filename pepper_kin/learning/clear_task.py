@@ -13,7 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.reach_task import ReachTask, postures_of
-from pepper_kin.learning.task import Score, towards
+from pepper_kin.learning.task import Score, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 
 if TYPE_CHECKING:
@@ -69,10 +69,7 @@ class ClearTask(ReachTask):
 
     def shown(self, env: PepperVectorEnv, row: int) -> Scene:
         """Return the goal and the things."""
-        scene = super().shown(env, row)
-        for item in self.scene(int(env.episode[row, 3])).objects.values():
-            scene = scene.add(item)
-        return scene
+        return with_goals(self.scene(int(env.episode[row, 3])), self.goals(env)[row])
 
 
 @kept_for_robot(most=8)
@@ -82,7 +79,8 @@ def paths_of(
     """Return episodes, shape (m, 5), and joint positions in each step along their paths, shape (m, T, n)."""
     postures = postures_of(pepper, ReachTask(task.name, hands=task.hands), speed, period, seed)
     points = task.hands_at(pepper, postures)[:, 0]
-    rows, paths = [], []
+    rows: list[list[float]] = []
+    paths: list[Array] = []
     for kind in range(SCENES):
         scene, found = task.scene(kind, 2 * _SPARE), 0
         order = np.random.default_rng([seed, kind]).permutation(len(postures))[:_TRIED]
@@ -92,7 +90,7 @@ def paths_of(
             plan = motion.plan(pepper, pepper.neutral(), postures[k], scene, timeout=0.3)
             if not plan.success:
                 continue
-            timed = trajectory.retime(pepper, plan.path, velocity_scale=0.6 * speed, acceleration_scale=0.3)
+            timed = trajectory.retime(pepper, plan, velocity_scale=0.6 * speed, acceleration_scale=0.3)
             if timed.duration > 0.8 * task.horizon * period:
                 continue
             time = np.minimum(np.arange(task.horizon + 1) * period, timed.duration)

@@ -154,7 +154,9 @@ def drives_of(
     Raises:
         InvalidValueError: where the episodes are too short for any.
     """
-    joints, rows, paths = task.joints(pepper), [], []
+    joints = task.joints(pepper)
+    rows: list[list[float]] = []
+    paths: list[Array] = []
     for kind in range(ROOMS):
         room, found = task.room(kind, 2 * _SPARE), 0
         drawn = np.random.default_rng([seed, kind])
@@ -170,7 +172,7 @@ def drives_of(
             if not plan.success:
                 continue
             timed = trajectory.retime(
-                pepper, plan.path, velocity_scale=_CRUISE * speed, acceleration_scale=_CRUISE
+                pepper, plan, velocity_scale=_CRUISE * speed, acceleration_scale=_CRUISE
             )
             if timed.duration > 0.9 * task.horizon * period:
                 continue

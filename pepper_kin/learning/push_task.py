@@ -12,8 +12,9 @@ from pepper_kin import ik, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.learning.reach_task import ReachTask, frame_of
-from pepper_kin.learning.task import BANK, towards
+from pepper_kin.learning.task import BANK, towards, with_goals
 from pepper_kin.model import PepperModel
+from pepper_kin.model.poses import rpy_from_rotation
 from pepper_kin.twin import TwinBatch
 from pepper_kin.twin.world import World
 
@@ -110,6 +111,6 @@ class PushTask(ReachTask):
     def shown(self, env: PepperVectorEnv, row: int) -> Scene:
         """Return table, box and goal."""
         box = env.twins.body("box")
-        scene = self.world(env.pepper)
-        scene.place("box", box.position[row])
-        return scene.snapshot().add_sphere("goal 1", 0.02, self.goals(env)[row, 0])
+        world = self.world(env.pepper)
+        world.place("box", box.position[row], rpy_from_rotation(box.rotation[row]))
+        return with_goals(world.snapshot(), self.goals(env)[row])

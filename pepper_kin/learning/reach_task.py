@@ -14,7 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import Task as IKTask
-from pepper_kin.learning.task import BANK, Score, Task, duration_of, places_of, towards
+from pepper_kin.learning.task import BANK, Score, Task, duration_of, places_of, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin import TwinBatch
 
@@ -102,10 +102,7 @@ class ReachTask(Task):
 
     def shown(self, env: PepperVectorEnv, row: int) -> Scene:
         """Return the goals as small balls."""
-        scene = Scene()
-        for k, goal in enumerate(self.goals(env)[row]):
-            scene = scene.add_sphere(f"goal {k + 1}", 0.02, goal)
-        return scene
+        return with_goals(Scene(), self.goals(env)[row])
 
 
 @dataclass(frozen=True)
@@ -153,7 +150,7 @@ class FollowTask(ReachTask):
 
     def _ahead(self, env: PepperVectorEnv, time: float) -> Array:
         """Return where the points will be in a time [s], shape (N, 1, 3)."""
-        return _on_circle(env.episode, env.elapsed * env.period + time)[:, np.newaxis]
+        return _on_circle(env.episode, env.time + time)[:, np.newaxis]
 
     def extra(self, env: PepperVectorEnv) -> Array:
         """Return the points' velocities [m/s], shape (N, 3)."""

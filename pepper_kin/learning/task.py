@@ -123,6 +123,13 @@ class Task:
         return Scene()
 
 
+def with_goals(scene: Scene, goals: Array) -> Scene:
+    """Return a scene with small balls at goals [m], shape (g, 3)."""
+    for k, goal in enumerate(goals):
+        scene = scene.add_sphere(f"goal {k + 1}", 0.02, goal)
+    return scene
+
+
 def towards(env: PepperVectorEnv, target: Array) -> Array:
     """Return the actions that lead to joint positions [rad or m], shape (N, n)."""
     return np.clip((target - env.twins.position)[:, env.joints] / REACH, -1.0, 1.0)

@@ -177,6 +177,11 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             places = self.task.places(self)
         return self._observations(places), rewards, terminated, truncated, infos
 
+    @property
+    def time(self) -> Array:
+        """Time since the episodes have begun [s], shape (N,)."""
+        return np.asarray(self.elapsed * self.period, dtype=np.float64)
+
     def news(self) -> np.ndarray:
         """Return the robots whose episodes have begun since the last call, shape (k,)."""
         rows = np.flatnonzero(self._new)

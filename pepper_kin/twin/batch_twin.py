@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -469,7 +469,7 @@ class TwinBatch:
             raise InvalidValueError("world", type(world).__name__, "a World of the same robot")
         return world
 
-    def _ticks(self, latency: PerRobot) -> NDArray[np.int64]:
+    def _ticks(self, latency: Any) -> NDArray[np.int64]:
         """Return after how many timesteps the commands of each robot arrive, shape (N,)."""
         try:
             times = np.broadcast_to(np.asarray(latency, dtype=float), (self.count,))

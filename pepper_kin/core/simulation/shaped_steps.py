@@ -45,14 +45,14 @@ class Steps(NamedTuple):
     Attributes:
         first: First block.
         last: The block after the last.
-        count: Number of steps.
+        steps: Number of steps.
         kind: HELD_COMMANDS, LINEAR or SHAPED.
         clock: Steps taken before, since `Sent` was made.
     """
 
     first: int
     last: int
-    count: int
+    steps: int
     kind: int
     clock: int
 
@@ -126,7 +126,7 @@ def shaped_steps(
         world: Tables of a world, of one robot's at a time.
         good: Number of good steps of each robot, shape (N,); written.
     """
-    m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span.count
+    m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span.steps
     step_input, curve = space.step_input, sent.curve
     n = m // lanes
     around = _Around(bodies, world, RobotMotion(np.empty(n), np.empty((n, n)), np.empty(n)), np.empty(n))
@@ -189,7 +189,7 @@ def _advance(
     )
     m, h, step_input, step_output = begin.size, robots.timestep, space.step_input, space.step_output
     stateful, any_stopped = remembers(robots.law), False
-    for k in range(span.count):
+    for k in range(span.steps):
         for e in range(m):
             step_input[Q_REF * m + e] = begin[e] + _way(curve, e, (k + 1) * h)
             step_input[V_REF * m + e] = _speed(curve, e, (k + 1) * h)
