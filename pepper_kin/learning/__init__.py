@@ -19,13 +19,14 @@ except ImportError as error:
 
 from pepper_kin.learning.env import PepperEnv
 from pepper_kin.learning.oracle import Oracle
+from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.reach_task import ReachTask
 from pepper_kin.learning.sb3 import to_sb3
 from pepper_kin.learning.task import Task
 from pepper_kin.learning.tasks import TASKS
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
-__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "ReachTask", "Task", "to_sb3"]
+__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "Randomization", "ReachTask", "Task", "to_sb3"]
 
 for _name in TASKS:
     if f"Pepper{_name}-v0" not in gymnasium.registry:

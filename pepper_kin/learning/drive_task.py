@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -62,9 +61,9 @@ class DriveTask(Task):
         """Return goals [m], poses at the start [m, rad], rooms and paths, shape (m, 8)."""
         return drives_of(pepper, self, speed, period, seed)[0]
 
-    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+    def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots on bases; see `Task.twins`."""
-        return TwinBatch(pepper, count, vary=vary)
+        return TwinBatch(pepper, count, **options)
 
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
         """Put robots to rest where their episodes begin; see `Task.begin`."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,9 +46,9 @@ class PushTask(ReachTask):
         world.add_box("box", _BOX, _MASS, (0.36, 0.15 * self._side(), _TOP + _BOX[2] / 2))
         return world
 
-    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+    def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots at tables of their own; see `Task.twins`."""
-        return TwinBatch(pepper, count, vary=vary, world=self.world(pepper))
+        return TwinBatch(pepper, count, **options, world=self.world(pepper))
 
     def home(self, pepper: PepperModel) -> Array:
         """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""

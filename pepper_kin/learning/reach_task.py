@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -205,9 +204,9 @@ class CarryTask(ReachTask):
         """Return which axis of the hand's frame points up where episodes begin, shape (3,)."""
         return kinematics.frame_pose(pepper, self.home(pepper), frame_of(self.hands[0]))[2, :3]
 
-    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
+    def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots with a mass in the hand, evenly spread; see `Task.twins`."""
-        return TwinBatch(pepper, count, vary=vary, payload={self.hands[0]: self._masses(count)})
+        return TwinBatch(pepper, count, **options, payload={self.hands[0]: self._masses(count)})
 
     def _masses(self, count: int) -> Array:
         golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -81,9 +80,9 @@ class Task:
         """
         raise NotImplementedError
 
-    def twins(self, pepper: PepperModel, count: int, vary: Mapping[str, Array]) -> TwinBatch:
-        """Return N robots, each with its quantities of actuators."""
-        return TwinBatch(pepper, count, vary=vary)
+    def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
+        """Return N robots, with what they differ in; see `Randomization.drawn`."""
+        return TwinBatch(pepper, count, **options)
 
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
         """Put robots, shape (k,), to the beginning of their episodes."""

@@ -12,11 +12,11 @@ from gymnasium.vector.utils import batch_space
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.task import STEPS, Score, Task
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
-from pepper_kin.twin import actuator_parameters
+from pepper_kin.model.joint_vectors import check_seed, check_whole
 
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had
 
@@ -45,8 +45,8 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         sparse: See above.
         goal_form: See above.
         autoreset_mode: What happens at the end of an episode, as Gymnasium defines it.
-        randomization: Quantity of `ActuatorParameters` -> range of the factor on it, drawn for each robot and
-            joint once, with `randomization_seed`.
+        randomization: How the robots differ, a `Randomization` or its ranges; alike if omitted.  Drawn once,
+            with `randomization_seed`.
         goal_seed: Draws the two thousand goals at most that episodes choose from.
         threads: Threads that share the robots; the result does not depend on it.
 
@@ -67,7 +67,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         sparse: bool = False,
         goal_form: bool = False,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        randomization: Mapping[str, tuple[float, float]] | None = None,
+        randomization: Randomization | Mapping[str, Any] | None = None,
         randomization_seed: int = 0,
         goal_seed: int = 0,
         threads: int = 1,
@@ -79,8 +79,10 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.threads = check_whole("threads", threads, 1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
-        varied = self._varied(randomization or {}, randomization_seed)
-        self.twins = self.task.twins(self.pepper, self.num_envs, varied)
+        given = {} if randomization is None else randomization
+        differing = given if isinstance(given, Randomization) else Randomization(given)
+        options = differing.drawn(self.pepper, self.num_envs, check_seed(randomization_seed))
+        self.twins = self.task.twins(self.pepper, self.num_envs, options)
         self.period, self.goal_seed = STEPS * self.twins.timestep, check_seed(goal_seed)
         self._bank = _episodes(self.pepper, self.task, speed, self.period, self.goal_seed)
         low, high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
@@ -253,20 +255,6 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         parts: dict[str, gymnasium.Space[Any]] = {"observation": box(size)}
         parts |= {"achieved_goal": box(goal), "desired_goal": box(goal)}
         return gymnasium.spaces.Dict(parts)
-
-    def _varied(self, ranges: Mapping[str, tuple[float, float]], seed: int) -> dict[str, Array]:
-        """Return the actuators' quantities of each robot, shape (N, n), drawn from ranges of factors."""
-        usual, drawn = actuator_parameters(self.pepper), np.random.default_rng(seed)
-        found = {}
-        for quantity, (low, high) in ranges.items():
-            check_positive(f"{quantity}, low", low)
-            if not low <= high:
-                raise InvalidValueError(
-                    f"randomization of {quantity}", (low, high), "low, and a number above"
-                )
-            factors = drawn.uniform(low, high, (self.num_envs, self.pepper.n))
-            found[quantity] = np.asarray(getattr(usual, quantity)) * factors
-        return found
 
 
 @kept_for_robot(most=32)

@@ -101,6 +101,24 @@ def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
     return replace(motors.changed(stiffness=stiffness, damping=damping), sources=tuple(sources))
 
 
+def measured_ranges(pepper: PepperModel) -> dict[str, dict[str, tuple[float, float]]]:
+    """Return what is known of a real Pepper's actuators beside `actuator_parameters(pepper)`.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        "stiffness" -> joint -> least and greatest factor, for the joints that were measured; "latency" -> ""
+        -> least and greatest time [s], from that of the twin to that of commands that a robot was sent.
+    """
+    usual, found = actuator_parameters(pepper), {}
+    for name, (_, low, high, _) in _read()["measured"]["joints"].items():
+        if name in pepper.joint_names:
+            assumed = float(usual.stiffness[pepper.joint_index(name)])
+            found[name] = (low / assumed, high / assumed)
+    return {"stiffness": found, "latency": {"": (0.0, _read()["latency"])}}
+
+
 @cache
 def _read() -> dict[str, Any]:
     text = (files("pepper_kin.twin") / "data" / "actuators.json").read_text(encoding="utf-8")

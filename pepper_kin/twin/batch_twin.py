@@ -229,6 +229,36 @@ class TwinBatch:
         if self._world is not None:
             self._world.reset(places)
 
+    def checkpoint(self) -> dict[str, Array]:
+        """Return all that changes in time, as arrays by name: `restore` goes on from there, to the bit."""
+        found = {"position": self._q, "velocity": self._v, "torque": self._torque}
+        found |= self._simulator.checkpoint() | {"shaped": np.array(self._shaped)}
+        found |= {f"waiting {k}": part for k, part in enumerate(self._delay.waiting or ())}
+        if self._world is not None:
+            found |= {f"world {name}": part for name, part in self._world.bodies._asdict().items()}
+        return {name: part.copy() for name, part in found.items()}
+
+    def restore(self, checkpoint: Mapping[str, ArrayLike]) -> None:
+        """Put all robots to what `checkpoint` has returned, of a batch that was made alike.
+
+        Raises:
+            InvalidValueError: naming the array that is missing, or of another shape; nothing is changed then.
+        """
+        present, found = self.checkpoint(), {}
+        for name, part in present.items():
+            array = np.array(checkpoint.get(name, np.nan), dtype=part.dtype)
+            if array.shape != part.shape:
+                raise InvalidValueError(f"checkpoint's {name}", f"shape {array.shape}", f"shape {part.shape}")
+            found[name] = array
+        self._q, self._v, self._torque = found["position"], found["velocity"], found["torque"]
+        self._shaped = bool(found["shaped"])
+        self._simulator.restore(found)
+        if self._delay.waiting is not None:
+            self._delay.waiting = Command(*(found[f"waiting {k}"] for k in range(3)))
+        if self._world is not None:
+            for name, part in self._world.bodies._asdict().items():
+                part[:] = found[f"world {name}"]
+
     def execute(
         self,
         trajectory: Trajectory,

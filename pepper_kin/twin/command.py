@@ -59,11 +59,14 @@ class Delay:
 
     Args:
         ticks: How many steps later they come out.
+
+    Attributes:
+        waiting: Commands that are on their way; None for none.
     """
 
     def __init__(self, ticks: int) -> None:
         self.ticks = ticks
-        self._waiting: Command | None = None
+        self.waiting: Command | None = None
 
     def fill(self, command: Command, rows: NDArray[np.int64] | None = None, count: int = 0) -> None:
         """Let one command stand for all that came before, of all robots or of some of them.
@@ -78,22 +81,22 @@ class Delay:
         filled = Command(*(np.repeat(x[..., np.newaxis, :], self.ticks, axis=-2) for x in command))
         if rows is None or rows.size == count:
             order = slice(None) if rows is None else np.argsort(rows)
-            self._waiting = Command(*(x[order] for x in filled))
+            self.waiting = Command(*(x[order] for x in filled))
             return
-        assert self._waiting is not None
+        assert self.waiting is not None
         waiting = []
-        for before, new in zip(self._waiting, filled, strict=True):
+        for before, new in zip(self.waiting, filled, strict=True):
             line = np.broadcast_to(before, (count, *before.shape[1:])).copy()
             line[rows] = new
             waiting.append(line)
-        self._waiting = Command(*waiting)
+        self.waiting = Command(*waiting)
 
     def through(self, command: Command) -> Command:
         """Put T commands in and take the T out that are due."""
-        if not self.ticks or self._waiting is None:
+        if not self.ticks or self.waiting is None:
             return command
-        line, steps = self._waiting.then(command), command.position.shape[-2]
-        self._waiting = line.part(slice(steps, None))
+        line, steps = self.waiting.then(command), command.position.shape[-2]
+        self.waiting = line.part(slice(steps, None))
         return line.part(slice(steps))
 
 

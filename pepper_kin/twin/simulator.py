@@ -241,6 +241,19 @@ class Simulator:
         q, v, torque = (self._robots(blocks[part]) for part in (POSITION, VELOCITY, EFFORT))
         return q, v, torque, good
 
+    def checkpoint(self) -> dict[str, Array]:
+        """Return what changes in time, by name."""
+        return {
+            "sent": self._sent, "late": self._waiting, "clock": np.array(self._clock),
+            "law": self.tables.law, "constant": self.tables.constant,
+        }  # fmt: skip
+
+    def restore(self, found: Mapping[str, Array]) -> None:
+        """Put all to what `checkpoint` has returned."""
+        for name, part in self.checkpoint().items():
+            part[...] = found[name]
+        self._clock = int(found["clock"])
+
     def workspace(self) -> StepWorkspace:
         """Return the arrays of one thread."""
         m, entries = self._n * self._lanes, self.tables.places.shape[1] * self._lanes

@@ -154,6 +154,27 @@ def test_loads_from_outside_act_as_on_a_single_twin(pepper):
     assert hand[2] > hand[1] > hand[0]
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_checkpoints_repeat_to_the_bit(pepper, late):
+    actuators = actuator_parameters(pepper).changed(backlash=0.01)
+    options = {"vary": {"latency": np.linspace(0.0, 0.03, 5)}} if late else {}
+    batches = [TwinBatch(pepper, 5, world=world_of(pepper), actuators=actuators, **options) for _ in range(2)]
+    targets = targets_of(pepper, 5)[:, :5]
+    for target in targets[:3]:
+        batches[0].step(target, STEPS)
+    kept = batches[0].checkpoint()
+    batches[1].restore(kept)
+    for twins in batches:
+        for target in targets[3:]:
+            twins.step(target, STEPS)
+    for name, part in batches[0].checkpoint().items():
+        np.testing.assert_array_equal(part, batches[1].checkpoint()[name], err_msg=name)
+    batches[0].restore(kept)
+    np.testing.assert_array_equal(batches[0].checkpoint()["position"], kept["position"])
+    with pytest.raises(InvalidValueError, match="checkpoint's velocity"):
+        batches[0].restore({**kept, "velocity": np.zeros(3)})
+
+
 def test_misuse_is_refused(pepper):
     with pytest.raises(InvalidValueError, match="world"):
         TwinBatch(pepper, 2, world=World(None))

@@ -156,6 +156,30 @@ def test_robots_differ_by_their_randomization():
     assert np.ptp(usual.twins.position[:, usual.joints], axis=0).max() == 0.0
 
 
+def test_ranges_of_robots_are_those_that_were_measured_or_given():
+    usual, drawn = learning.Randomization(), PepperVectorEnv(400, randomization=learning.Randomization())
+    pepper = drawn.pepper
+    options = usual.drawn(pepper, 400, 0)
+    stiffness, j = options["vary"]["stiffness"], pepper.joint_index("LElbowRoll")
+    assert 118.0 <= stiffness[:, j].min() < 121.0  # the sag of settled joints, see docs/validation.md
+    assert 217.0 < stiffness[:, j].max() <= 220.0
+    assert np.ptp(stiffness[:, pepper.joint_index("HeadYaw")]) == 0.0
+    assert 0.0 <= options["vary"]["latency"].min() < options["vary"]["latency"].max() <= 0.02
+    given = {"mass": (0.9, 1.1), "stiffness": {"HeadYaw": (1.0, 2.0)}, "latency": (0.01, 0.04)}
+    options = learning.Randomization(given).drawn(pepper, 400, 0)
+    assert np.ptp(options["vary"]["stiffness"][:, j]) == 0.0
+    assert np.ptp(options["mass_scale"]["HeadYaw"]) > 0.15
+    assert options["vary"]["latency"].min() >= 0.01
+    again = learning.Randomization(given).drawn(pepper, 400, 0)
+    np.testing.assert_array_equal(options["vary"]["latency"], again["vary"]["latency"])
+    with pytest.raises(UnknownNameError, match="stiffness"):
+        learning.Randomization({"stifness": (0.5, 2.0)})
+    with pytest.raises(InvalidValueError, match="range of mass"):
+        learning.Randomization({"mass": (-0.5, 2.0)})
+    with pytest.raises(InvalidValueError, match="range of latency"):
+        learning.Randomization({"latency": (0.3, 0.2)})
+
+
 def test_misuse_is_refused():
     env = PepperVectorEnv(4)
     with pytest.raises(InvalidValueError, match="before reset"):
