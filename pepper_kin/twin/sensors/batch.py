@@ -1,4 +1,4 @@
-"""What sensors of many robots would read in one scene, without noise."""
+"""What sensors of many robots would read, without noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.kinematics import frame_pose
+from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.twin.sensors.range_sensors import cone, fan
@@ -22,13 +22,16 @@ class BatchRanges:
     Args:
         pepper: The robot.
         scene: What stands around it.
-        names: Of the sensors, such as "laser_front" or "sonar_front".
+        names: Of the sensors, such as "laser_front" or "sonar_front"; the lasers if omitted.
+        floor: Whether there is a floor at z = 0 besides what the scene holds.
 
     Raises:
         UnknownNameError: for a sensor or a frame that there is not.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene, names: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, pepper: PepperModel, scene: Scene, names: tuple[str, ...] = (), *, floor: bool = True
+    ) -> None:
         known = sensor_specifications()
         ranging = {name: each for name, each in known.items() if each.kind in ("laser", "sonar")}
         self._pepper, self._fans = pepper, []
@@ -37,6 +40,7 @@ class BatchRanges:
                 raise UnknownNameError("range sensor", name, ranging)
             pepper.frame_id(ranging[name].frame)
             self._fans.append((ranging[name], _directions(ranging[name])))
+        scene = scene.add_half_space("floor of rays", (0.0, 0.0, 1.0)) if floor else scene
         items = list(scene.objects.values())
         poses = np.array([item.transform_object_to_world for item in items]).reshape(-1, 4, 4)
         self._caster = RayCaster([item.geometry for item in items], poses)
@@ -71,6 +75,52 @@ class BatchRanges:
             own = np.where(own > specification.maximum, np.inf, own)
             found.append(np.where(own < specification.minimum, -np.inf, own))
         return np.concatenate(found, axis=1)
+
+
+class BatchInertial:
+    """Accelerometers and gyroscopes of N robots.
+
+    Args:
+        pepper: The robot.
+        names: Of the sensors; all that its base and torso have if omitted.
+
+    Raises:
+        UnknownNameError: for a sensor or a frame that there is not.
+    """
+
+    def __init__(self, pepper: PepperModel, names: tuple[str, ...] = ()) -> None:
+        known = sensor_specifications()
+        inertial = {n: each for n, each in known.items() if each.kind in ("accelerometer", "gyroscope")}
+        for name in names:
+            if name not in inertial:
+                raise UnknownNameError("inertial sensor", name, inertial)
+        self._pepper, self._sensors = pepper, [inertial[name] for name in names or inertial]
+        for sensor in self._sensors:
+            pepper.frame_id(sensor.frame)
+
+    def read(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Return specific forces R^T (a - g) [m/s^2] and angular velocities [rad/s] in the frames' axes.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+            v: Joint velocities, shape (N, n).
+            a: Joint accelerations, shape (N, n).
+
+        Returns:
+            Shape (N, 3 k), the sensors side by side.
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        gravity, found = np.array(self._pepper.inner_model.gravity.linear), []
+        for sensor in self._sensors:
+            turn = frame_pose(self._pepper, q, sensor.frame)[..., :3, :3]
+            if sensor.kind == "gyroscope":
+                seen = frame_velocity(self._pepper, q, v, sensor.frame)[..., 3:]
+            else:
+                seen = frame_acceleration(self._pepper, q, v, a, sensor.frame)[..., :3] - gravity
+            found.append(np.einsum("...ji,...j->...i", turn, seen))
+        return np.concatenate([np.atleast_2d(part) for part in found], axis=1)
 
 
 def _directions(specification: SensorSpecification) -> Array:
