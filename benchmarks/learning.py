@@ -3,8 +3,13 @@
 One environment step is 20 ms of the twin, with commands shaped, observations, rewards and new episodes.  The
 peers do the same task, with the same commands, by `mujoco.rollout` in batches, and as an environment of
 Gymnasium's `SyncVectorEnv` that calls `mj_step`.  Rates are measured in turn; ratios are medians.
+
+With `--rows` 1,000 rows of each task are compared with single twins; with `--memory` an environment steps ten
+million times.
 """
 
+import argparse
+import resource
 import time
 
 import gymnasium
@@ -15,11 +20,19 @@ from mujoco import rollout
 from twin import MujocoRobot
 
 import pepper_kin as pk
+from pepper_kin.collision import Scene
 from pepper_kin.learning import TASKS, Oracle, PepperVectorEnv
-from pepper_kin.learning.vector_env import REACH, STEPS
+from pepper_kin.learning.task import REACH, STEPS
+from pepper_kin.model.export_mjcf import mjcf_text
+from pepper_kin.twin import Twin, TwinBatch
+from pepper_kin.twin.sensors import BatchInertial, BatchRanges
+from pepper_kin.twin.world import World
 
 H, ROUNDS = 0.001, 5
 SAME = AutoresetMode.SAME_STEP
+TABLE, TOP = ((0.5, 0.8, 0.05), (0.55, 0.0, 0.675)), 0.7
+PARCEL, MASS, PLACE = (0.2, 0.2, 0.15), 0.4, (0.5, 0.0, 0.775)
+SENSORS = ("sonar_front", "sonar_back", "laser_right", "laser_front", "laser_left")
 
 
 class Commands:
@@ -42,32 +55,136 @@ class Commands:
         return position, velocity
 
 
+class MujocoTwins:
+    """Robots in MuJoCo, stepped as a `TwinBatch` is."""
+
+    def __init__(self, pepper, count, robot):
+        self.pepper, self.count, self.robot, self.timestep = pepper, count, robot, H
+        self.commands = None
+        self.q, self.v = np.zeros((count, robot.model.nq)), np.zeros((count, robot.model.nv))
+        self.home = robot.model.qpos0.copy()
+        self.home[: pepper.n] = pepper.neutral()
+        self.reset()
+
+    @property
+    def position(self):
+        return self.q[:, : self.pepper.n].copy()
+
+    @property
+    def velocity(self):
+        return self.v[:, : self.pepper.n].copy()
+
+    def reset(self, q=None, rows=None):
+        rows = np.arange(self.count) if rows is None else rows
+        self.q[rows], self.v[rows] = self.home, 0.0
+        if q is not None:
+            self.q[rows, : self.pepper.n] = q
+        if self.commands is not None:
+            self.commands.command[rows], self.commands.speed[rows] = self.q[rows, : self.pepper.n], 0.0
+
+    def step(self, targets, steps=STEPS, *, speed=1.0, threads=1):
+        if self.commands is None:
+            self.commands = Commands(self.pepper, self.count, speed)
+        target = np.clip(targets, self.pepper.lower_limits, self.pepper.upper_limits)
+        controls = self.robot.controls(*self.commands.to(target))
+        state = np.concatenate([np.zeros((self.count, 1)), self.q, self.v], axis=1)
+        states, _ = rollout.rollout(self.robot.model, [self.robot.data], state, controls)
+        nq = self.q.shape[1]
+        self.q, self.v = states[:, -1, 1 : 1 + nq].copy(), states[:, -1, 1 + nq :].copy()
+        return np.isfinite(self.q).all(axis=1)
+
+
 class RolloutEnv(PepperVectorEnv):
     """The same environment on MuJoCo's rollout."""
 
     def __init__(self, count):
         super().__init__(count, autoreset_mode=SAME)
-        self.mujoco, self.q = MujocoRobot(self.pepper), self.twins.position
-        self.v, self.commands = np.zeros_like(self.q), Commands(self.pepper, count, self.speed)
+        self.twins = MujocoTwins(self.pepper, count, MujocoRobot(self.pepper))
+
+
+class MujocoParcel(MujocoRobot):
+    """The robot before a table with a parcel, which it may touch; it does not touch itself."""
+
+    def __init__(self, pepper):
+        super().__init__(pepper)
+        size, place = TABLE
+        half = [" ".join(f"{length / 2:g}" for length in lengths) for lengths in (size, PARCEL)]
+        squares = np.square(PARCEL)
+        moments = " ".join(f"{MASS / 12 * (squares.sum() - square):g}" for square in squares)
+        more = (
+            f'<geom name="table" type="box" size="{half[0]}" pos="{" ".join(map(str, place))}"/>'
+            f'<body name="parcel" pos="{" ".join(map(str, PLACE))}"><freejoint/>'
+            f'<inertial pos="0 0 0" mass="{MASS}" diaginertia="{moments}"/>'
+            f'<geom name="parcel" type="box" size="{half[1]}"/></body>'
+        )
+        text = mjcf_text(pepper, floor=False).replace("</worldbody>", more + "</worldbody>")
+        model, alone = mujoco.MjModel.from_xml_string(text), self.model
+        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_ctrllimited", "actuator_forcelimited"):
+            getattr(model, name)[:] = getattr(alone, name)
+        model.actuator_forcerange[:] = alone.actuator_forcerange
+        model.dof_damping[:] = model.dof_armature[:] = 0.0
+        model.body_gravcomp[: alone.nbody] = 1.0
+        model.opt.timestep, model.opt.integrator = H, alone.opt.integrator
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
+        things = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("table", "parcel")]
+        solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
+        model.geom_contype[solid], model.geom_conaffinity[solid] = 1, 0
+        model.geom_contype[things], model.geom_conaffinity[things] = 2, 3
+        model.body_gravcomp[model.geom_bodyid[things]] = 0.0
+        self.model, self.data = model, mujoco.MjData(model)
+
+
+def parcel_world(pepper):
+    world = World(pepper, Scene().add_box("table", *TABLE))
+    world.add_box("parcel", PARCEL, MASS, PLACE)
+    return world
+
+
+def parcel(pepper, rng, count=256):
+    """Return environment steps a second with a parcel on a table, ours and MuJoCo's, and the ratio."""
+    joints = [pepper.joint_index(name) for name in pepper.resolve_joints("head")]
+    ours, theirs = TwinBatch(pepper, count, world=parcel_world(pepper)), None
+    theirs = MujocoTwins(pepper, count, MujocoParcel(pepper))
+    found = []
+    for _ in range(2 * ROUNDS):
+        rates = []
+        for twins, steps in ((ours, 12), (theirs, 3)):
+            begin = time.process_time()
+            for _ in range(steps):
+                target = twins.position
+                target[:, joints] += rng.uniform(-REACH, REACH, (count, len(joints)))
+                twins.step(target, STEPS, speed=0.5)
+            rates.append(steps * count / (time.process_time() - begin))
+        found.append(rates)
+    low = ours.body("parcel").position[:, 2]
+    assert np.abs(low - PLACE[2]).max() < 2e-3, "the parcel stays on the table"
+    assert np.abs(theirs.q[:, pepper.n + 2] - PLACE[2]).max() < 2e-3
+    ours_rate, theirs_rate = np.median(found, axis=0)
+    return ours_rate, theirs_rate, np.median([a / b for a, b in found])
+
+
+class SensingEnv(PepperVectorEnv):
+    """Reach with encoders, torques, inertial sensors, sonars and the three lasers among what is observed.
+
+    Sonars and lasers are read ten times a second, as the robot's are.
+    """
+
+    def __init__(self, count):
+        super().__init__(count, autoreset_mode=SAME)
+        scene = Scene().add_box("shelf", (0.3, 2.0, 1.5), (1.2, 0.2, 0.75))
+        self.ranges, self.inertial = BatchRanges(self.pepper, scene, SENSORS), BatchInertial(self.pepper)
+        self._count, self._far = 0, None
 
     def step(self, actions):
-        target = self.q.copy()
-        target[:, self.joints] += REACH * np.clip(actions, -1.0, 1.0)
-        target = np.clip(target, self.pepper.lower_limits, self.pepper.upper_limits)
-        controls = self.mujoco.controls(*self.commands.to(target))
-        state = np.concatenate([np.zeros((self.num_envs, 1)), self.q, self.v], axis=1)
-        states, _ = rollout.rollout(self.mujoco.model, [self.mujoco.data], state, controls)
-        n = self.pepper.n
-        self.q, self.v = states[:, -1, 1 : 1 + n].copy(), states[:, -1, 1 + n : 1 + 2 * n].copy()
-        places = self.task.places(self.pepper, self.q)
-        score = self.task.score(self.pepper, self.q, places, self.goals)
-        self._elapsed += 1
-        ended = self._elapsed >= self.task.horizon
-        if ended.any():
-            self._begin(ended)
-            self.q[ended], self.v[ended] = self.pepper.neutral(), 0.0
-            self.commands.command[ended], self.commands.speed[ended] = self.pepper.neutral(), 0.0
-        return self._observations(places), self._rewards(score), ended & False, ended, {}
+        before = self.twins.velocity
+        observations, *rest = super().step(actions)
+        q, v = self.twins.position, self.twins.velocity
+        felt = self.inertial.read(q, v, (v - before) / self.period)
+        if self._count % 5 == 0:
+            self._far = self.ranges.read(q)
+        self._count += 1
+        seen = [observations, q, self.twins.torque, felt, self._far]
+        return (np.concatenate(seen, axis=1).astype(np.float32), *rest)
 
 
 class SingleEnv(gymnasium.Env):
@@ -80,19 +197,22 @@ class SingleEnv(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        return self.batch.reset(seed=seed)[0][0], {}
+        found = self.batch.reset(seed=seed)[0][0]
+        self.batch.twins.commands = Commands(self.batch.pepper, 1, self.batch.speed)
+        return found, {}
 
     def step(self, action):
-        env, robot = self.batch, self.batch.mujoco
-        target = env.q.copy()
-        target[:, env.joints] += REACH * np.clip(action, -1.0, 1.0)
-        controls = robot.controls(*env.commands.to(target))[0]
+        env, robot = self.batch, self.batch.twins.robot
+        twins = env.twins
+        target = twins.position[0]
+        target[env.joints] += REACH * np.clip(action, -1.0, 1.0)
+        controls = robot.controls(*twins.commands.to(target[np.newaxis]))[0]
         for row in controls:
             robot.data.ctrl[:] = row
             mujoco.mj_step(robot.model, robot.data)
-        env.q[0], env.v[0] = robot.data.qpos, robot.data.qvel
-        places = env.task.places(env.pepper, env.q)
-        score = env.task.score(env.pepper, env.q, places, env.goals)
+        twins.q[0], twins.v[0] = robot.data.qpos, robot.data.qvel
+        places = env.task.places(env)
+        score = env.task.score(env, places, env.task.goals(env))
         return env._observations(places)[0], float(env._rewards(score)[0]), False, False, {}
 
 
@@ -131,29 +251,37 @@ def held_targets(pepper, count=1024):
     return 1e6 * np.median(spent)
 
 
-def main():
+def scores():
+    """Print how the oracle and a random policy do in each task."""
     rng = np.random.default_rng(0)
     for name in TASKS:
-        env = PepperVectorEnv(1024, name, autoreset_mode=SAME)
-        scores = {}
+        env = PepperVectorEnv(256, name, autoreset_mode=SAME)
         shape = env.action_space.shape
         policies = {"oracle": Oracle(env), "random": lambda shape=shape: rng.uniform(-1.0, 1.0, shape)}
+        found = {}
         for policy, act in policies.items():
             env.reset(seed=1)
             ends = []
-            while len(ends) < 2:
-                *_, truncated, infos = env.step(act())
-                if truncated.any():
-                    ends.append(infos["final_info"]["is_success"].mean())
-            scores[policy] = np.mean(ends)
-        print(f"{name:10} oracle {scores['oracle']:.3f}, random {scores['random']:.3f}")
+            while len(ends) < 512:
+                *_, terminated, truncated, infos = env.step(act())
+                ended = terminated | truncated
+                if ended.any():
+                    ends += infos["final_info"]["is_success"][ended].tolist()
+            found[policy] = np.mean(ends)
+        print(f"{name:10} oracle {found['oracle']:.3f}, random {found['random']:.3f}", flush=True)
+
+
+def rates():
+    """Print environment steps a second of each task and of the peers."""
+    rng = np.random.default_rng(0)
     ours = {name: PepperVectorEnv(1024, name, autoreset_mode=SAME) for name in TASKS}
+    ours["with sensors"] = SensingEnv(1024)
     single = gymnasium.vector.SyncVectorEnv([SingleEnv] * 8)
     peers = {"mujoco.rollout": RolloutEnv(256), "SyncVectorEnv": single}
     found = {name: [] for name in (*ours, *peers)}
     for _ in range(ROUNDS):
         for name, env in ours.items():
-            found[name].append(rate(env, 60, rng))
+            found[name].append(rate(env, 10 if name == "Push" else 60, rng))
         for name, env in peers.items():
             found[name].append(rate(env, 12, rng))
     for name, rates in found.items():
@@ -161,11 +289,68 @@ def main():
         print(
             f"{name:15} {np.median(rates):9.0f} environment steps/s and core; Reach is {times:.2f} times that"
         )
+    pepper = ours["Reach"].pepper
+    print("parcel on a table: {:.0f} beside MuJoCo's {:.0f}: {:.2f} times".format(*parcel(pepper, rng)))
     threads = [PepperVectorEnv(4096, autoreset_mode=SAME, threads=count) for count in (1, 2)]
     ratios = [wall_rate(threads[1], 20, rng) / wall_rate(threads[0], 20, rng) for _ in range(ROUNDS)]
     print(f"two threads over one: {np.median(ratios):.2f}")
-    spent = held_targets(ours["Reach"].pepper)
+    spent = held_targets(pepper)
     print(f"held random targets of 0.1 rad: {spent:.0f} us, {1e6 / spent:.0f} environment steps/s and core")
+
+
+def rows(count=1000, steps=10):
+    """Print by how much rows of batches differ from single twins that are sent the same targets."""
+    rng = np.random.default_rng(0)
+    pepper = pk.load_pepper()
+    worlds = {"nothing": None, "parcel": parcel_world(pepper)}
+    for name, world in worlds.items():
+        stiffness = rng.uniform(0.5, 2.0, (count, 1)) * pk.twin.actuator_parameters(pepper).stiffness
+        batch = TwinBatch(pepper, count, world=world, vary={"stiffness": stiffness})
+        low, high = pepper.lower_limits, pepper.upper_limits
+        targets = np.clip(pepper.neutral() + rng.uniform(-0.3, 0.3, (steps, count, pepper.n)), low, high)
+        for target in targets:
+            batch.step(target, STEPS, commands="linear")
+        worst = 0.0
+        for row in range(count):
+            own = None if world is None else parcel_world(pepper)
+            actuators = pk.twin.actuator_parameters(pepper).changed(
+                stiffness=dict(zip(pepper.joint_names, stiffness[row], strict=True))
+            )
+            twin, before = Twin(pepper, world=own, actuators=actuators), pepper.neutral()
+            for target in targets[:, row]:
+                way = target - before
+                for k in range(STEPS):
+                    twin.step(before + (k + 1) / STEPS * way, way / (STEPS * H))
+                before = target
+            worst = max(worst, np.abs(twin.state.position - batch.position[row]).max())
+        print(f"{count} rows with {name}: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
+
+
+def memory(steps=10_000_000, count=1000):
+    """Print how much more memory the process holds after so many environment steps."""
+    rng, env = np.random.default_rng(0), PepperVectorEnv(count, autoreset_mode=SAME)
+    env.reset(seed=0)
+    actions = rng.uniform(-1.0, 1.0, (8, *env.action_space.shape)).astype(np.float32)
+    held = []
+    for k in range(steps // count):
+        env.step(actions[k % 8])
+        if k in (200, steps // count - 1):
+            held.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(f"{steps} environment steps: {held[1] - held[0]:.1f} MiB more than after {200 * count}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rows", action="store_true")
+    parser.add_argument("--memory", action="store_true")
+    chosen = parser.parse_args()
+    if chosen.rows:
+        rows()
+    elif chosen.memory:
+        memory()
+    else:
+        scores()
+        rates()
 
 
 if __name__ == "__main__":

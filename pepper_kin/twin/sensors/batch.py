@@ -12,7 +12,7 @@ from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.twin.sensors.range_sensors import cone, fan
-from pepper_kin.twin.sensors.raycast import RayCaster
+from pepper_kin.twin.sensors.raycast import RayCaster, Rays
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
 
 
@@ -60,17 +60,24 @@ class BatchRanges:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
         states = np.atleast_2d(as_joint_vectors(self._pepper, q, "q"))
-        origins, rays = [], []
+        count, width = len(states), sum(len(directions) for _, directions in self._fans)
+        origins, aims, most = (
+            np.empty((count, width, 3)),
+            np.empty((count, width, 3)),
+            np.empty((count, width)),
+        )
+        parts, end = [], 0
         for specification, directions in self._fans:
+            part = slice(end, end + len(directions))
             pose = frame_pose(self._pepper, states, specification.frame)
-            origin = pose[:, :3, 3] + specification.height * pose[:, :3, 2]
-            origins.append(np.repeat(origin[:, np.newaxis], len(directions), axis=1))
-            rays.append(directions @ pose[:, :3, :3].transpose(0, 2, 1))
-        far = self._caster.distances(np.concatenate(origins, axis=1), np.concatenate(rays, axis=1))
-        found, end = [], 0
-        for specification, directions in self._fans:
-            start, end = end, end + len(directions)
-            own = far[:, start:end]
+            origins[:, part] = (pose[:, :3, 3] + specification.height * pose[:, :3, 2])[:, np.newaxis]
+            aims[:, part] = directions @ pose[:, :3, :3].transpose(0, 2, 1)
+            most[:, part], end = specification.maximum, part.stop
+            parts.append((specification, part))
+        rays = Rays(origins.reshape(-1, 3), aims.reshape(-1, 3), most.ravel(), (count, width))
+        far, found = self._caster.distances_checked(rays).reshape(count, width), []
+        for specification, part in parts:
+            own = far[:, part]
             own = own.min(axis=1, keepdims=True) if specification.kind == "sonar" else own
             own = np.where(own > specification.maximum, np.inf, own)
             found.append(np.where(own < specification.minimum, -np.inf, own))
