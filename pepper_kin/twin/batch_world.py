@@ -69,7 +69,13 @@ class BatchWorld:
         self._begin = np.tile(np.reshape(row, (1, len(row), BODY)), (count, 1, 1))
         for name, quantities in (vary or {}).items():
             self._vary(name, quantities)
-        self.bodies = Bodies(self._begin.copy(), np.zeros((count, 6)), np.zeros(count, np.int64))
+        self.bodies = Bodies(
+            self._begin.copy(),
+            np.zeros((count, 6)),
+            np.zeros(count, np.int64),
+            np.zeros(count),
+            self._world.levers(),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -90,7 +96,7 @@ class BatchWorld:
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Put all bodies of some worlds, shape (k,), to where they began."""
         self.bodies.rows[rows], self.bodies.wrench[rows] = self._begin[rows], 0.0
-        self.bodies.outcome[rows] = SOLVED
+        self.bodies.outcome[rows], self.bodies.apart[rows] = SOLVED, 0.0
 
     def place(
         self,
@@ -110,6 +116,7 @@ class BatchWorld:
             velocity: Of its center [m/s] and turning [rad/s], shape (6,) or (k, 6).
         """
         table, body = self.bodies.rows, self._place_of(name)
+        self.bodies.apart[rows] = 0.0
         if position is not None:
             table[rows, body, :3] = self._numbers(f"position of {name!r}", position, (rows.size, 3))
         if rpy is not None:

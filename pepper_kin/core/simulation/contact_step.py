@@ -136,12 +136,12 @@ def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -
     """
     if world.kind == CALLBACK:
         return step_by_callback(world, q, robot, h)
-    outcome = find_points(world, q, robot.velocity, h)
+    outcome, _ = find_points(world, q, robot.velocity, h, True)
     return outcome if outcome != SOLVED else push_apart(world, robot, h)
 
 
 @compiled(lean=True)
-def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float) -> int:
+def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float, robot: bool) -> tuple[int, float]:
     """Write the points in contact, and their number to `world.state`, and clear the load on the robot.
 
     Args:
@@ -149,28 +149,30 @@ def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float) -> int:
         q: Position of the robot at the start of the step [rad or m], shape (n,).
         v: Its velocity then [rad/s or m/s], shape (n,).
         h: Length of the step [s].
+        robot: Whether the robot may be near anything.
 
     Returns:
-        SOLVED, or another outcome.
+        SOLVED, or another outcome; and how far the robot is from all else at least [m].
     """
     state, points = world.state, world.points
     state.numbers[0] = 0
-    move_joints(world.tree, q, v, world.at)
-    bound_shapes(world.shapes, world.at, world.bodies)
-    count, undecided = find_contacts(world.shapes, world.at, world.bodies, h, points)
+    if robot:
+        move_joints(world.tree, q, v, world.at)
+    bound_shapes(world.shapes, world.at, world.bodies, robot)
+    count, undecided, apart = find_contacts(world.shapes, world.at, world.bodies, h, points, robot)
     if count < 0 or count + undecided > len(points.rows):
-        return TOO_MANY_POINTS
+        return TOO_MANY_POINTS, 0.0
     if undecided > 0:
         count = call_four(world.callback, DECIDE_PAIRS, count, undecided, 0)
         if count < 0:
-            return CALLBACK_FAILED
+            return CALLBACK_FAILED, 0.0
     state.numbers[0] = count
     for j in range(len(state.load)):
         state.load[j] = 0.0
     for c in range(count):
         for i in range(3):
             state.forces[c, i] = 0.0
-    return SOLVED
+    return SOLVED, apart
 
 
 @compiled

@@ -51,7 +51,9 @@ class ShapeTable(NamedTuple):
         position: In the world [m], overwritten, shape (k, 3).
         middle: Center of the bounding ball in the world [m], overwritten, shape (k, 3).
         speed: Bound on the speed of any point of it [m/s], overwritten, shape (k,).
-        pairs: Rows of shapes that may meet, that which moves first, shape (p, 2).
+        pairs: Rows of shapes that may meet, that which moves first, shape (p, 2); those without the robot
+            come first.
+        alone: How many are without the robot, shape (1,).
         friction: Coefficient of each, shape (k,).
     """
 
@@ -70,6 +72,7 @@ class ShapeTable(NamedTuple):
     middle: Floats2
     speed: Floats1
     pairs: Ints2
+    alone: Ints1
     friction: Floats1
 
 
@@ -125,10 +128,13 @@ class Solid(NamedTuple):
 
 
 @compiled(lean=True)
-def bound_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
-    """Write the bounding ball of every shape that moves, and a bound on its speed; see `ShapeTable`."""
+def bound_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, robot: bool) -> None:
+    """Write the bounding ball of every shape that moves, and a bound on its speed; see `ShapeTable`.
+
+    Without `robot`, those of free bodies alone.
+    """
     for s in range(len(shapes.mover)):
-        if shapes.mover[s] == STANDS:
+        if shapes.mover[s] == STANDS or (shapes.mover[s] == ON_ROBOT and not robot):
             continue
         o, own = shapes.owner[s], shapes.own_middle[s]
         away, turning, moving = 0.0, 0.0, 0.0
@@ -172,8 +178,8 @@ def _place(s: int, shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> Non
 
 @compiled(lean=True)
 def find_contacts(
-    shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, h: float, points: ContactPoints
-) -> tuple[int, int]:
+    shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, h: float, points: ContactPoints, robot: bool
+) -> tuple[int, int, float]:
     """Write all contacts that faces and round ends decide, and the pairs that they do not.
 
     Args:
@@ -182,12 +188,14 @@ def find_contacts(
         bodies: The free bodies.
         h: Length of the step [s].
         points: Written.
+        robot: Whether pairs with the robot are looked at.
 
     Returns:
-        Number of points, -1 if the arrays are too small for them, and of undecided pairs.
+        Number of points, -1 if the arrays are too small for them, and of undecided pairs; and how far the
+        robot is from all else at least [m], 0 where something is near.
     """
-    found, left = 0, 0
-    for p in range(len(shapes.pairs)):
+    found, left, apart = 0, 0, math.inf
+    for p in range(len(shapes.pairs) if robot else shapes.alone[0]):
         i, j = shapes.pairs[p, 0], shapes.pairs[p, 1]
         margin = MARGIN + h * (shapes.speed[i] + shapes.speed[j])
         a, b = shapes.kind[i], shapes.kind[j]
@@ -195,21 +203,30 @@ def find_contacts(
             square = 0.0
             for k in range(3):
                 square += (shapes.middle[i, k] - shapes.middle[j, k]) ** 2
-            if square > (shapes.ball[i, 3] + shapes.ball[j, 3] + margin) ** 2:
+            radii = shapes.ball[i, 3] + shapes.ball[j, 3]
+            if square > (radii + margin) ** 2:
+                if p >= shapes.alone[0] and square < (radii + apart) ** 2:
+                    apart = math.sqrt(square) - radii
                 continue
         _place(j, shapes, at, bodies)
         first, second = _solid(shapes, i), _solid(shapes, j)
-        if b in (BOX, HALF_SPACE) and _height_above(second, shapes.middle[i], shapes.ball[i, 3]) > margin:
-            continue
+        if b in (BOX, HALF_SPACE):
+            height = _height_above(second, shapes.middle[i], shapes.ball[i, 3])
+            if height > margin:
+                apart = min(apart, height) if p >= shapes.alone[0] else apart
+                continue
         _place(i, shapes, at, bodies)
         if (
             a == BOX
             and b != HALF_SPACE
             and _height_above(first, shapes.middle[j], shapes.ball[j, 3]) > margin
         ):
+            apart = 0.0 if p >= shapes.alone[0] else apart
             continue
+        if p >= shapes.alone[0]:
+            apart = 0.0
         if found + 4 > len(points.rows) or left == len(points.undecided):
-            return -1, 0
+            return -1, 0, 0.0
         new, swapped, rows = OPEN, False, points.rows[found:]
         if b == HALF_SPACE and a != OTHER:
             new = _on_plane(first, second, margin, rows)
@@ -233,7 +250,7 @@ def find_contacts(
                 for m in range(3):
                     points.rows[k, m] += 0.5 * points.rows[k, 6] * points.rows[k, 3 + m]
         found += new
-    return found, left
+    return found, left, apart
 
 
 @compiled(lean=True, inline=True)

@@ -149,7 +149,7 @@ def _advance_blocks(
             calm = implicit_step(b, robots, space)
             if coupled:
                 write_segments(b, calm, robots, space)
-                outcome, pushed = couple(b, 0, robots, space, world, equation, step_input[:m])
+                outcome, pushed, _ = couple(b, 0, robots, space, world, equation, step_input[:m], True)
                 if outcome != SOLVED:
                     status, log.good[0] = outcome, k
                     break
@@ -198,8 +198,8 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
 @compiled(lean=True)
 def couple(
     b: int, lane: int, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion,
-    q: Floats1,
-) -> tuple[int, bool]:  # fmt: skip
+    q: Floats1, near: bool,
+) -> tuple[int, bool, float]:  # fmt: skip
     """Take the step of a robot's world, and add its load to that of the robot's step.
 
     Args:
@@ -210,33 +210,35 @@ def couple(
         world: What the robot may touch; changed.
         equation: Its velocity, and room for its linear equation.
         q: Its position [rad or m], shape (n,).
+        near: Whether it may be near anything.
 
     Returns:
-        The outcome of the world's step, and whether the robot's is to be taken again.
+        The outcome of the world's step, whether the robot's is to be taken again, and how far the robot is
+        from all else at least [m].
     """
     n, m, lanes, h = q.size, space.solve_output.size, robots.lanes, robots.timestep
-    unsound = not is_sound(lane, lanes, space)
+    unsound, apart = not is_sound(lane, lanes, space), 0.0
     if unsound or world.kind == CALLBACK:
         write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
         if unsound and not _is_finite(equation.force):
-            return SOLVED, False  # the robot's own motion diverged, not its contacts
+            return SOLVED, False, 0.0  # the robot's own motion diverged, not its contacts
     if world.kind == CALLBACK:
         outcome = step_by_callback(world, q, equation, h)
     else:
-        outcome = find_points(world, q, equation.velocity, h)
+        outcome, apart = find_points(world, q, equation.velocity, h, near)
         if outcome == SOLVED:
             if world.state.numbers[0] > 0:
                 write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
             outcome = push_apart(world, equation, h)
     if outcome != SOLVED:
-        return outcome, False
+        return outcome, False, 0.0
     pushed = False
     for j in range(n):
         load = world.state.load[j]
         if load != 0.0:
             pushed = True
             space.step_input[LOAD * m + j * lanes + lane] += load
-    return SOLVED, pushed
+    return SOLVED, pushed, apart
 
 
 @compiled(lean=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from pepper_kin.core.simulation.implicit_step import (
     is_sound,
     write_segments,
 )
+from pepper_kin.core.simulation.narrow_phase import MARGIN
 from pepper_kin.core.simulation.rollout import couple
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.kernels.compiled_function import compiled
@@ -83,14 +85,18 @@ class Bodies(NamedTuple):
         wrench: Mean force [N] of contacts on each robot and moment about the world's origin [N m], (N, 6);
             written.
         outcome: Of the world's last step, shape (N,); written.
+        apart: How far each robot is from all else at least [m], shape (N,); changed.
+        lever: By how much any point of the robot moves at most when a joint does [m/rad or 1], shape (n,).
     """
 
     rows: Floats3
     wrench: Floats2
     outcome: Ints1
+    apart: Floats1
+    lever: Floats1
 
 
-NO_BODIES = Bodies(np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64))
+NO_BODIES = Bodies(np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 """Of robots without a world."""
 
 
@@ -226,8 +232,12 @@ def _meet_worlds(
             around.position[j] = space.step_input[j * lanes + lane]
             around.equation.velocity[j] = space.step_input[V * m + j * lanes + lane]
         _enter(robot, bodies, world)
-        outcome, pushed = couple(b, lane, robots, space, world, around.equation, around.position)
-        bodies.outcome[robot] = outcome
+        moved = _moved(robot, bodies, world, around.equation.velocity, robots.timestep)
+        near = (
+            not bodies.apart[robot] - 2.0 * moved > MARGIN
+        )  # the step before has moved it, and this one may
+        outcome, pushed, apart = couple(b, lane, robots, space, world, around.equation, around.position, near)
+        bodies.outcome[robot], bodies.apart[robot] = outcome, apart if near else bodies.apart[robot] - moved
         if outcome != SOLVED:
             space.flags[ALIVE, lane], good[robot], again = False, k, True
             continue
@@ -249,6 +259,24 @@ def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
         due = (now - sent.delay[b, e] + ring) % ring
         step_input[Q_REF * m + e] = sent.waiting[due, 2 * b, e]
         step_input[V_REF * m + e] = sent.waiting[due, 2 * b + 1, e]
+
+
+@compiled(lean=True)
+def _moved(robot: int, bodies: Bodies, world: WorldTables, v: Floats1, h: float) -> float:
+    """Return by how much robot and bodies come nearer at most in h, at velocities v of shape (n,) [m]."""
+    fastest, turning = 0.0, 0.0
+    for j in range(v.size):
+        turning += abs(v[j]) * bodies.lever[j]
+    for body in range(bodies.rows.shape[1]):
+        row = bodies.rows[robot, body]
+        shape = len(world.shapes.mover) - bodies.rows.shape[1] + body
+        linear, angular, far = 0.0, 0.0, world.shapes.ball[shape, 3]
+        for i in range(3):
+            linear += row[_VELOCITY + i] * row[_VELOCITY + i]
+            angular += row[_VELOCITY + 3 + i] * row[_VELOCITY + 3 + i]
+            far += abs(world.shapes.own_middle[shape, i])
+        fastest = max(fastest, math.sqrt(linear) + math.sqrt(angular) * far)
+    return h * (turning + fastest)
 
 
 @compiled(lean=True)

@@ -98,6 +98,8 @@ def colliders(
     pads = np.array([row.pad for row in rows])
     coefficients = np.full(count, friction)
     coefficients[count - len(bodies) :] = [body.friction for body in bodies]
+    pairs = sorted(_pairs(rows, scene), key=lambda pair: any(rows[k].mover == ON_ROBOT for k in pair))
+    alone = sum(all(rows[k].mover != ON_ROBOT for k in pair) for pair in pairs)
     balls = np.array([ball for _, _, ball in measured]).reshape(-1, 4)
     middles = np.einsum("kij,kj->ki", poses[:, :3, :3], balls[:, :3]) + poses[:, :3, 3]
     table = ShapeTable(
@@ -115,7 +117,8 @@ def colliders(
         position=np.array(poses[:, :3, 3], order="C"),
         middle=middles.copy(),
         speed=np.zeros(count),
-        pairs=np.array(list(_pairs(rows, scene)), dtype=np.int64).reshape(-1, 2),
+        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        alone=np.array([alone]),
         friction=coefficients,
     )
     names, geometries = tuple(row.name for row in rows), tuple(row.geometry for row in rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.joint_table import joint_table
 from pepper_kin.core.kinematic_tree import JOINT
 from pepper_kin.core.simulation.tree_motion import TreeTable
@@ -25,3 +26,34 @@ def tree_table(pepper: PepperModel | None) -> TreeTable:
             tree.driver[joint], tree.ratio[joint] = driver, row[driver]
         tree.offset[joint] = pepper.full_offset[column]
     return tree
+
+
+def levers_of(pepper: PepperModel | None, tree: TreeTable, radius: Array) -> Array:
+    """Return by how much any point moves at most when a joint of the robot does [m/rad or 1], shape (n,).
+
+    For a joint that turns this is the longest chain of links from it, stretched, to a point; sliding joints
+    on the way count with their greatest travel.
+
+    Args:
+        pepper: The robot; None for none.
+        tree: Its tree of m joints.
+        radius: How far the shapes of each joint reach from its origin [m], shape (m,).
+    """
+    if pepper is None:
+        return np.zeros(0)
+    model, count = pepper.inner_model, len(tree.joints)
+    reach, slides = radius.copy(), tree.joints[:, 1] > 0.0
+    low, high = np.append(pepper.lower_limits, 0.0), np.append(pepper.upper_limits, 0.0)
+    lever = np.zeros(pepper.n)
+    for joint in range(count - 1, 0, -1):
+        driver = tree.driver[joint]
+        if driver >= 0:
+            moves = 1.0 if slides[joint] else reach[joint]
+            lever[driver] += abs(tree.ratio[joint]) * moves
+        travel = abs(tree.offset[joint]) if slides[joint] else 0.0
+        if slides[joint] and driver >= 0:
+            travel += abs(tree.ratio[joint]) * max(abs(low[driver]), abs(high[driver]))
+        offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
+        parent = int(tree.joints[joint, 0])
+        reach[parent] = max(reach[parent], offset + travel + reach[joint])
+    return lever

@@ -24,7 +24,7 @@ from pepper_kin.core.simulation.contact_step import (
     contact_step,
     world_tables,
 )
-from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, BodyTable
+from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, ON_ROBOT, BodyTable
 from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kernels.intrinsics import floats_at, words_at
@@ -39,7 +39,7 @@ from pepper_kin.twin.world.colliders import colliders
 from pepper_kin.twin.world.contact import StepSolution, WorldContact
 from pepper_kin.twin.world.free_body import FreeBody, principal_inertia
 from pepper_kin.twin.world.proxsuite_solver import SOLVERS, ImpulseProblem, ImpulseProgram, check_solver
-from pepper_kin.twin.world.tree import tree_table
+from pepper_kin.twin.world.tree import levers_of, tree_table
 
 CAUSES = {
     NOT_SOLVED: "the contact problem was not solved",
@@ -138,6 +138,15 @@ class World:
         heavy = np.full(3, HEAVY)
         pose = item.transform_object_to_world
         return FreeBody(item.name, item.geometry, HEAVY, heavy, self.friction, pose, velocity)
+
+    def levers(self) -> Array:
+        """Return how far points of the robot move at most when a joint does [m/rad or 1], shape (n,)."""
+        table = self._colliders.table
+        radius = np.zeros(len(self._tree.joints))
+        for s in np.flatnonzero(table.mover == ON_ROBOT):
+            far = float(np.linalg.norm(table.own_middle[s])) + float(table.ball[s, 3])
+            radius[table.owner[s]] = max(radius[table.owner[s]], far)
+        return levers_of(self.pepper, self._tree, radius)
 
     def present(self) -> tuple[FreeBody, ...]:
         """Return all bodies, then the obstacles that move, in their present state."""
