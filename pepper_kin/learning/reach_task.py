@@ -9,15 +9,17 @@ import numpy as np
 
 from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model import PepperModel, Sphere, kept_for_robot
 
 CAMERA = "CameraTop_optical_frame"
 BANK = 2048
 _DRAWN = 8 * BANK
 _SPARE = 0.05  # of the joints' ranges, that goals stay away from their ends
 _IN_TIME = 0.6  # of an episode, in which a straight way of the joints leads to a goal
+_BALL, _ORANGE = Sphere(0.025), (0.93, 0.36, 0.20, 1.0)
 _HELD = 0.9  # of the efforts
 
 
@@ -81,6 +83,13 @@ class ReachTask:
             line = np.einsum("nji,nj->ni", camera[:, :3, :3], goals[:, 0] - camera[:, :3, 3])
             angle = np.arctan2(np.hypot(line[:, 0], line[:, 1]), line[:, 2])
         return Score(distance, angle, (distance < self.threshold) & (angle <= self.gaze_threshold))
+
+    def shown(self, goals: Array) -> Scene:
+        """Return what pictures show of goals [m], shape (hands, 3): balls, which nothing touches."""
+        scene = Scene()
+        for hand, goal in zip(self.hands, goals, strict=True):
+            scene = scene.add(f"goal of the {hand} hand", _BALL, goal, color=_ORANGE)
+        return scene
 
 
 TASKS = {

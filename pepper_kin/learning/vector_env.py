@@ -12,9 +12,10 @@ from gymnasium.vector.utils import batch_space
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.picture import Pictures
 from pepper_kin.learning.reach_task import ReachTask, Score, goals_of, task_named
 from pepper_kin.model import PepperModel, load_pepper
-from pepper_kin.model.joint_vectors import check_positive, check_seed, check_whole
+from pepper_kin.model.joint_vectors import check_choice, check_positive, check_seed, check_whole
 from pepper_kin.twin import TwinBatch, actuator_parameters
 
 STEPS = 20  # of the twin, of a millisecond each: 50 Hz
@@ -49,13 +50,16 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             joint once, with `randomization_seed`.
         goal_seed: Draws the two thousand goals at most that episodes choose from.
         threads: Threads that share the robots; the result does not depend on it.
+        render_mode: "rgb_array" for pictures by `render`.
 
     Raises:
         InvalidValueError: for options out of range.
         UnknownNameError: for an unknown task, or a robot without its joints.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }  # fmt: skip
 
     def __init__(
         self,
@@ -71,6 +75,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         randomization_seed: int = 0,
         goal_seed: int = 0,
         threads: int = 1,
+        render_mode: str | None = None,
     ) -> None:
         self.num_envs, self.task = check_whole("num_envs", num_envs, 1), task_named(task)
         self.pepper = load_pepper() if pepper is None else pepper
@@ -79,6 +84,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.threads = check_whole("threads", threads, 1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, ("rgb_array",))
+        self.render_mode, self._pictures = render_mode, None if render_mode is None else Pictures(self.pepper)
         self.twins = TwinBatch(
             self.pepper, self.num_envs, vary=self._varied(randomization or {}, randomization_seed)
         )
@@ -170,6 +178,15 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             places = self._places()
             self._ended[:] = False
         return self._observations(places), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture of each robot with its goals, shape (320, 320, 3), or None without `render_mode`.
+
+        The first 16 are drawn; one gray picture stands for each of the others.
+        """
+        if self._pictures is None:
+            return None
+        return self._pictures.pictures(self.twins.position, self.task.shown, self.goals)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).
