@@ -1,0 +1,193 @@
+"""Episodes of a policy on robots other than the batch: a twin with a world and latency, or NAOqi's ALMotion."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.core.simulation.target_following import time_to_target
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.vector_env import STEPS, PepperVectorEnv
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory import Samples, Trajectory
+from pepper_kin.twin import Twin
+
+PERIOD = 0.02  # [s] of a step
+_HOME_SPEED = 0.3  # share of the fastest, on the way to where episodes begin
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What a robot did by a policy.
+
+    Attributes:
+        success: Whether it ended in success.
+        distance: Greatest distance of a hand from its goal at the end [m].
+        motion: What was measured of all joints, every 20 ms.
+        shown: The goals at the begin, to be drawn with the motion.
+    """
+
+    success: bool
+    distance: float
+    motion: Trajectory
+    shown: Scene
+
+    def explanation(self, pepper: PepperModel, scene: Scene | None = None) -> str:
+        """Return in words how it ended, and what the certificate of the motion finds wrong with it.
+
+        Args:
+            pepper: The robot.
+            scene: What stood around it; nothing if omitted.
+        """
+        found = self.motion.check(pepper, scene=scene)
+        end = "in success" if self.success else "in failure"
+        lines = [f"The episode ended {end}, {100 * self.distance:.1f} cm from the goal."]
+        wrong = [found.checks[name].sentence() for name in found.failures]
+        return "\n".join([*lines, *(f"  {line}" for line in wrong)])
+
+
+def run_policy(
+    policy: Callable[[Any], ArrayLike],
+    env: PepperVectorEnv,
+    robot: Any,
+    *,
+    seed: int = 0,
+    wait: Callable[[float], object] = time.sleep,
+) -> Episode:
+    """Let a robot live through an episode by a policy.
+
+    A twin gets its targets as the batch does, see `TwinBatch.step`, and may have a world, latency, pushes
+    and sensors.  Anything with `setAngles`, `getAngles` and `angleInterpolationWithSpeed` is taken for
+    NAOqi's ALMotion: the robot must be awake, goes to where episodes begin, and is sent targets every 20 ms;
+    velocities are differences of measured angles.
+
+    Args:
+        policy: Observations, shape (1, obs), to actions, shape (1, k), such as a `Policy`.
+        env: One environment, which gives goal, observations and score, not with `SAME_STEP`; it needs a
+            `reset` afterwards.
+        robot: A `Twin` of `env.pepper`, or an ALMotion.
+        seed: Of the goal; as `reset(seed=[seed])` of the batch.
+        wait: Lets time pass for an ALMotion [s]; of a `Broker` not in real time, `broker.body.time.sleep`.
+
+    Raises:
+        InvalidValueError: for several environments or `SAME_STEP`, a twin of other joints, whose timesteps do
+            not make 20 ms, or a robot of another kind.
+    """
+    if env.num_envs != 1 or env.autoreset_mode is AutoresetMode.SAME_STEP:
+        what = f"{env.num_envs} environments, {env.autoreset_mode.value}"
+        raise InvalidValueError("env", what, "one environment, with NextStep or Disabled")
+    body: _TwinBody | _MotionBody
+    if isinstance(robot, Twin):
+        body = _TwinBody(robot, env.pepper)
+    elif all(hasattr(robot, name) for name in ("setAngles", "getAngles", "angleInterpolationWithSpeed")):
+        body = _MotionBody(robot, env, wait)
+    else:
+        raise InvalidValueError("robot", type(robot).__name__, "a Twin, or an ALMotion")
+    own, states, ended = env.twins, [], False
+    env.twins = body  # type: ignore[assignment]
+    try:
+        observations, _ = env.reset(seed=[seed])
+        shown = env.task.shown(env.goals[0])
+        states.append((body.position[0], body.velocity[0]))
+        while not ended:
+            observations, _, terminated, truncated, infos = env.step(policy(observations))
+            states.append((body.position[0], body.velocity[0]))
+            ended = bool((terminated | truncated)[0])
+    finally:
+        env.twins, env._ready = own, False
+    position, velocity = (np.array(rows) for rows in zip(*states, strict=True))
+    samples = Samples(
+        env.pepper.joint_names, PERIOD * np.arange(len(states)), position, velocity,
+        np.gradient(velocity, PERIOD, axis=0), env.pepper.joint_units,
+    )  # fmt: skip
+    return Episode(bool(infos["is_success"][0]), float(infos["distance"][0]), samples.to_trajectory(), shown)
+
+
+class _TwinBody:
+    """A twin in the place of a batch of one.
+
+    Args:
+        twin: The twin.
+        pepper: The robot of the environment.
+    """
+
+    def __init__(self, twin: Twin, pepper: PepperModel) -> None:
+        if twin.pepper.joint_names != pepper.joint_names:
+            raise InvalidValueError("joints of the twin", twin.pepper.joint_names, "those of env.pepper")
+        self._count = round(PERIOD / twin.timestep)
+        if abs(self._count * twin.timestep - PERIOD) > 1e-9:
+            raise InvalidValueError("timestep of the twin", twin.timestep, f"a part of {PERIOD} s")
+        self._twin, self._command, self._speed = twin, np.zeros(pepper.n), np.zeros(pepper.n)
+
+    @property
+    def position(self) -> Array:
+        """Joint positions [rad or m], shape (1, n)."""
+        return np.array(self._twin.state.position)[np.newaxis]
+
+    @property
+    def velocity(self) -> Array:
+        """Joint velocities [rad/s or m/s], shape (1, n)."""
+        return np.array(self._twin.state.velocity)[np.newaxis]
+
+    def reset(self, **_: Any) -> None:
+        """Put the twin, and what is in its world, to where they begin."""
+        if self._twin.world is not None and hasattr(self._twin.world, "reset"):
+            self._twin.world.reset()
+        self._twin.reset()
+        self._command, self._speed = self.position[0], np.zeros_like(self._speed)
+
+    def step(self, targets: Array, steps: int, *, speed: float, **_: Any) -> np.ndarray:
+        """Go towards targets [rad or m], shape (1, n), as `TwinBatch.step` does; return whether it is sound."""
+        pepper = self._twin.pepper
+        way = np.clip(targets[0], pepper.lower_limits, pepper.upper_limits) - self._command
+        limits = speed * pepper.velocity_limits, pepper.acceleration_limits
+        rows = zip(way.tolist(), self._speed.tolist(), *(x.tolist() for x in limits), strict=True)
+        h = self._twin.timestep
+        duration = np.maximum([time_to_target(*row) for row in rows], h)
+        run = self._speed * duration
+        square, cube = (3.0 * way - 2.0 * run) / duration**2, (run - 2.0 * way) / duration**3
+        t = np.minimum(h * np.arange(1, self._count + 1)[:, np.newaxis], duration)
+        position = self._command + t * (self._speed + t * (square + t * cube))
+        velocity = self._speed + t * (2.0 * square + 3.0 * t * cube)
+        self._command, self._speed = position[-1], velocity[-1]
+        return np.array([self._twin.follow(position, velocity).success])
+
+
+class _MotionBody:
+    """A robot behind ALMotion in the place of a batch of one.
+
+    Args:
+        motion: ALMotion.
+        env: The environment.
+        wait: Lets time pass [s].
+    """
+
+    def __init__(self, motion: Any, env: PepperVectorEnv, wait: Callable[[float], object]) -> None:
+        self._motion, self._wait, self._home = motion, wait, env.pepper.neutral()
+        self._names = list(env.pepper.joint_names)
+        self._acting = np.asarray(env.joints).tolist()
+        self.position = self.velocity = np.zeros((1, env.pepper.n))
+
+    def reset(self, **_: Any) -> None:
+        """Go to where episodes begin."""
+        self._motion.angleInterpolationWithSpeed(self._names, self._home.tolist(), _HOME_SPEED)
+        self._wait(1.0)  # until its joints, which lag, rest
+        self.position = np.array([self._motion.getAngles(self._names, True)])
+        self.velocity = np.zeros_like(self.position)
+
+    def step(self, targets: Array, steps: int, *, speed: float, **_: Any) -> np.ndarray:
+        """Send the acting joints to targets [rad], shape (1, n), and let 20 ms pass."""
+        names = [self._names[j] for j in self._acting]
+        self._motion.setAngles(names, targets[0, self._acting].tolist(), speed)
+        self._wait(PERIOD)
+        before, self.position = self.position, np.array([self._motion.getAngles(self._names, True)])
+        self.velocity = (self.position - before) / PERIOD
+        return np.array([True])
