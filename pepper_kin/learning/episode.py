@@ -1,4 +1,4 @@
-"""Episodes of a policy on robots other than the batch: a twin with a world and latency, or NAOqi's ALMotion."""
+"""Episodes of a policy on other robots: a twin with a world and latency, or what is behind ALMotion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.vector_env import STEPS, PepperVectorEnv
+from pepper_kin.learning.vector_env import PepperVectorEnv
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Samples, Trajectory
 from pepper_kin.twin import Twin
@@ -30,13 +30,13 @@ class Episode:
 
     Attributes:
         success: Whether it ended in success.
-        distance: Greatest distance of a hand from its goal at the end [m].
-        motion: What was measured of all joints, every 20 ms.
+        distances: Greatest distance of a hand from its goal after each step [m], shape (T,).
+        motion: What was measured of all joints: of a twin at all timesteps, else every 20 ms.
         shown: The goals at the begin, to be drawn with the motion.
     """
 
     success: bool
-    distance: float
+    distances: Array
     motion: Trajectory
     shown: Scene
 
@@ -49,7 +49,7 @@ class Episode:
         """
         found = self.motion.check(pepper, scene=scene)
         end = "in success" if self.success else "in failure"
-        lines = [f"The episode ended {end}, {100 * self.distance:.1f} cm from the goal."]
+        lines = [f"The episode ended {end}, {100 * self.distances[-1]:.1f} cm from the goal."]
         wrong = [found.checks[name].sentence() for name in found.failures]
         return "\n".join([*lines, *(f"  {line}" for line in wrong)])
 
@@ -91,24 +91,25 @@ def run_policy(
         body = _MotionBody(robot, env, wait)
     else:
         raise InvalidValueError("robot", type(robot).__name__, "a Twin, or an ALMotion")
-    own, states, ended = env.twins, [], False
+    own, distances, ended = env.twins, [], False
     env.twins = body  # type: ignore[assignment]
     try:
         observations, _ = env.reset(seed=[seed])
         shown = env.task.shown(env.goals[0])
-        states.append((body.position[0], body.velocity[0]))
         while not ended:
             observations, _, terminated, truncated, infos = env.step(policy(observations))
-            states.append((body.position[0], body.velocity[0]))
+            distances.append(float(infos["distance"][0]))
             ended = bool((terminated | truncated)[0])
     finally:
         env.twins, env._ready = own, False
-    position, velocity = (np.array(rows) for rows in zip(*states, strict=True))
-    samples = Samples(
-        env.pepper.joint_names, PERIOD * np.arange(len(states)), position, velocity,
-        np.gradient(velocity, PERIOD, axis=0), env.pepper.joint_units,
-    )  # fmt: skip
-    return Episode(bool(infos["is_success"][0]), float(infos["distance"][0]), samples.to_trajectory(), shown)
+    return Episode(bool(infos["is_success"][0]), np.array(distances), body.motion(), shown)
+
+
+def _motion(pepper: PepperModel, period: float, position: Array, velocity: Array) -> Trajectory:
+    """Return the motion through states, shape (T, n), one each period [s]."""
+    time, acceleration = period * np.arange(len(position)), np.gradient(velocity, period, axis=0)
+    names, units = pepper.joint_names, pepper.joint_units
+    return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
 
 
 class _TwinBody:
@@ -126,6 +127,7 @@ class _TwinBody:
         if abs(self._count * twin.timestep - PERIOD) > 1e-9:
             raise InvalidValueError("timestep of the twin", twin.timestep, f"a part of {PERIOD} s")
         self._twin, self._command, self._speed = twin, np.zeros(pepper.n), np.zeros(pepper.n)
+        self._states: list[Array] = []
 
     @property
     def position(self) -> Array:
@@ -143,9 +145,10 @@ class _TwinBody:
             self._twin.world.reset()
         self._twin.reset()
         self._command, self._speed = self.position[0], np.zeros_like(self._speed)
+        self._states = [np.stack([self.position, self.velocity])]
 
     def step(self, targets: Array, steps: int, *, speed: float, **_: Any) -> np.ndarray:
-        """Go towards targets [rad or m], shape (1, n), as `TwinBatch.step` does; return whether it is sound."""
+        """Go towards targets [rad or m], shape (1, n), as `TwinBatch.step`; return whether it is sound."""
         pepper = self._twin.pepper
         way = np.clip(targets[0], pepper.lower_limits, pepper.upper_limits) - self._command
         limits = speed * pepper.velocity_limits, pepper.acceleration_limits
@@ -158,7 +161,13 @@ class _TwinBody:
         position = self._command + t * (self._speed + t * (square + t * cube))
         velocity = self._speed + t * (2.0 * square + 3.0 * t * cube)
         self._command, self._speed = position[-1], velocity[-1]
-        return np.array([self._twin.follow(position, velocity).success])
+        run = self._twin.follow(position, velocity)
+        self._states.append(np.stack([run.position, run.velocity])[:, 1:])
+        return np.array([run.success])
+
+    def motion(self) -> Trajectory:
+        """Return the motion since the reset."""
+        return _motion(self._twin.pepper, self._twin.timestep, *np.concatenate(self._states, axis=1))
 
 
 class _MotionBody:
@@ -171,23 +180,35 @@ class _MotionBody:
     """
 
     def __init__(self, motion: Any, env: PepperVectorEnv, wait: Callable[[float], object]) -> None:
-        self._motion, self._wait, self._home = motion, wait, env.pepper.neutral()
+        self._motion, self._wait, self._pepper = motion, wait, env.pepper
         self._names = list(env.pepper.joint_names)
         self._acting = np.asarray(env.joints).tolist()
-        self.position = self.velocity = np.zeros((1, env.pepper.n))
+        self._states: list[Array] = []
+        self._last = self.velocity = np.zeros((1, env.pepper.n))
+
+    @property
+    def position(self) -> Array:
+        """Joint positions, as measured in the last step [rad], shape (1, n)."""
+        return self._last.copy()
 
     def reset(self, **_: Any) -> None:
         """Go to where episodes begin."""
-        self._motion.angleInterpolationWithSpeed(self._names, self._home.tolist(), _HOME_SPEED)
+        self._motion.angleInterpolationWithSpeed(self._names, self._pepper.neutral().tolist(), _HOME_SPEED)
         self._wait(1.0)  # until its joints, which lag, rest
-        self.position = np.array([self._motion.getAngles(self._names, True)])
-        self.velocity = np.zeros_like(self.position)
+        self._last = np.array([self._motion.getAngles(self._names, True)])
+        self.velocity = np.zeros_like(self._last)
+        self._states = [np.stack([self._last, self.velocity])]
 
     def step(self, targets: Array, steps: int, *, speed: float, **_: Any) -> np.ndarray:
         """Send the acting joints to targets [rad], shape (1, n), and let 20 ms pass."""
         names = [self._names[j] for j in self._acting]
         self._motion.setAngles(names, targets[0, self._acting].tolist(), speed)
         self._wait(PERIOD)
-        before, self.position = self.position, np.array([self._motion.getAngles(self._names, True)])
-        self.velocity = (self.position - before) / PERIOD
+        before, self._last = self._last, np.array([self._motion.getAngles(self._names, True)])
+        self.velocity = (self._last - before) / PERIOD
+        self._states.append(np.stack([self._last, self.velocity]))
         return np.array([True])
+
+    def motion(self) -> Trajectory:
+        """Return the motion since the reset."""
+        return _motion(self._pepper, PERIOD, *np.concatenate(self._states, axis=1))
