@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,6 +65,7 @@ def learn(
 
     Example: pepper-kin learn Reach -o reach.npz --show reach.html
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of small matrices threads wait for each other
     known, whole = task.lower().endswith(POLICY_SUFFIX), True
     if known and (output is not None or ppo or rounds is not None):
         raise InvalidValueError("task", repr(task), "a task's name with --output, --ppo and --rounds")

@@ -50,7 +50,8 @@ def imitate(
 
     In each round all robots live through an episode, at first by the teacher's actions, then ever more by
     the policy's; the policy learns what the teacher would have done there, by Adam (Kingma and Ba, 2015) on
-    squared errors.  In one thread, the same seed gives the same policy.
+    squared errors.  In one thread, the same seed gives the same policy.  Let the environment hold
+    `OPENBLAS_NUM_THREADS=1` when NumPy is loaded: of matrices as small as these, threads wait for each other.
 
     Args:
         env: The environments, without `goal_form`; some hundred of them.

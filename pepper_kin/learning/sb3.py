@@ -17,7 +17,7 @@ from pepper_kin.model.joint_vectors import check_seed, check_whole
 _ROUND = 600  # steps of each robot in a round
 _SETTINGS: dict[str, Any] = {
     "n_steps": 50, "n_epochs": 6, "learning_rate": 1e-3, "gamma": 0.95, "gae_lambda": 0.9,
-    "policy_kwargs": {"net_arch": [128, 128]},
+    "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.7},
 }  # fmt: skip
 
 
@@ -29,6 +29,8 @@ def train_by_ppo(
     on_round: Callable[[Round], object] = lambda found: None,
 ) -> Policy:
     """Return a policy that PPO of stable-baselines3 has found, with settings that were tried on Reach.
+
+    Observations are centered and scaled.
 
     Args:
         env: As for `to_sb3`, without `goal_form`; 256 of them were tried.
@@ -43,12 +45,13 @@ def train_by_ppo(
     if env.goal_form:
         raise InvalidValueError("goal_form", True, "False: policies take arrays")
     check_whole("rounds", rounds)
-    batch, environments = 12.5 * env.num_envs, to_sb3(env)
+    environments = to_sb3(env)
     from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
 
-    learner = PPO(
-        "MlpPolicy", environments, seed=check_seed(seed), batch_size=max(2, int(batch)), **_SETTINGS
-    )
+    normalized = VecNormalize(environments, norm_reward=False)
+    batch = max(2, 25 * env.num_envs // 2)
+    learner = PPO("MlpPolicy", normalized, seed=check_seed(seed), batch_size=batch, **_SETTINGS)
     policy = Policy.of_sb3(learner, env.task.name)
     for number in range(rounds):
         learner.learn(_ROUND * env.num_envs, reset_num_timesteps=False)
