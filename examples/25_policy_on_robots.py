@@ -1,4 +1,4 @@
-"""A policy on robots that it was not trained on: with latency, before a table, and through NAOqi's setAngles."""
+"""A policy on robots that it was not trained on: with latency, before a table, and by NAOqi's setAngles."""
 
 import os
 

@@ -136,7 +136,7 @@ def load_policy(path: PathName) -> Policy:
     arrays = read_arrays(path)
     if str(arrays.get("format")) != FORMAT:
         raise FileFormatError(path, f"is no policy: expected the format {FORMAT!r}")
-    count = (len(arrays) - len(_OF_ALL)) // 2
+    count = sum(name.startswith("weight_") for name in arrays)
     layers = [[f"{name}_{k}" for k in range(count)] for name in ("weight", "bias")]
     if missing := sorted({*_OF_ALL, *layers[0], *layers[1]} ^ {*arrays}):
         raise FileFormatError(path, f"is damaged: {', '.join(missing)} missing or too much")

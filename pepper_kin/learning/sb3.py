@@ -45,13 +45,14 @@ def train_by_ppo(
     if env.goal_form:
         raise InvalidValueError("goal_form", True, "False: policies take arrays")
     check_whole("rounds", rounds)
+    check_seed(seed)
     environments = to_sb3(env)
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import VecNormalize
 
     normalized = VecNormalize(environments, norm_reward=False)
     batch = max(2, 25 * env.num_envs // 2)
-    learner = PPO("MlpPolicy", normalized, seed=check_seed(seed), batch_size=batch, **_SETTINGS)
+    learner = PPO("MlpPolicy", normalized, seed=seed, batch_size=batch, **_SETTINGS)
     policy = Policy.of_sb3(learner, env.task.name)
     for number in range(rounds):
         learner.learn(_ROUND * env.num_envs, reset_num_timesteps=False)
