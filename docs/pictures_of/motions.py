@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import pepper_kin as pk
+from pepper_kin.learning import Oracle, PepperVectorEnv
 from pepper_kin.model.shapes import Box
 from pepper_kin.trajectory import Trajectory
 
 from .album import gesture_album
 from .camera import framing
 from .examples import variables_of
-from .sheet import COLORS, SIZE, Sheet
+from .sheet import COLORS, FOLDER, SIZE, Sheet
 from .stage import GRAY, ORANGE, Stage
 
 HAND = "LArm_effector"
@@ -347,3 +349,15 @@ def draw_25_policy_on_robots() -> None:
     plots[1].barh(names, [shares[name] for name in names], color=colors[::-1])
     plots[1].set(xlim=(0, 1), xticks=(0, 0.5, 1), title="share of goals reached")
     sheet.save("example_25.png")
+
+
+def draw_learning_frames() -> None:
+    """What an environment's `render` returns in an episode of both hands, by its oracle."""
+    env = PepperVectorEnv(1, "ReachBoth", render_mode="rgb_array")
+    env.reset(seed=7)
+    oracle, frames = Oracle(env), []
+    for step in range(28):
+        if step % 9 == 0:
+            frames.extend(env.render() or ())
+        env.step(oracle())
+    Image.fromarray(np.concatenate(frames, axis=1)).save(FOLDER / "learning_frames.png", optimize=True)

@@ -107,7 +107,8 @@ def run_policy(
 
 def _motion(pepper: PepperModel, period: float, position: Array, velocity: Array) -> Trajectory:
     """Return the motion through states, shape (T, n), one each period [s]."""
-    time, acceleration = period * np.arange(len(position)), np.gradient(velocity, period, axis=0)
+    time = period * np.arange(len(position), dtype=np.float64)
+    acceleration = np.asarray(np.gradient(velocity, period, axis=0))
     names, units = pepper.joint_names, pepper.joint_units
     return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
 

@@ -77,7 +77,7 @@ def imitate(
     for number in range(rounds):
         alone = min(1.0, 3.0 * number / rounds)
         for _ in range(env.task.horizon):
-            right = np.float32(right_ones())
+            right = np.asarray(right_ones(), np.float32)
             seen.append(observations)
             taught.append(right)
             acts = rng.random((env.num_envs, 1)) < alone
@@ -109,7 +109,7 @@ class _Student:
         self._center, self._scale = seen.mean(axis=0), np.maximum(seen.std(axis=0), _LEAST_SCALE)
         self._depth = len(sizes) - 1
         weights = [rng.normal(0.0, a**-0.5, (a, b)) for a, b in pairwise(sizes)]
-        self._values = [np.float32(x) for x in (*weights, *(np.zeros(b) for b in sizes[1:]))]
+        self._values = [np.asarray(x, np.float32) for x in (*weights, *(np.zeros(b) for b in sizes[1:]))]
         self._mean, self._square = ([np.zeros_like(x) for x in self._values] for _ in range(2))
         self._steps = 0
 
@@ -129,7 +129,7 @@ class _Student:
     def learn(self, observations: Floats, right: Floats, rate: float) -> None:
         """Take a step toward actions that are right, shape (N, k)."""
         layers, slopes = self.layers(observations), [np.empty(0, np.float32)] * (2 * self._depth)
-        error = 2.0 * (layers[-1] - right) / len(right)
+        error = np.float32(2.0 / len(right)) * (layers[-1] - right)
         for k in reversed(range(self._depth)):
             slopes[k], slopes[self._depth + k] = layers[k].T @ error, error.sum(axis=0)
             error = (error @ self._values[k].T) * (1.0 - layers[k] ** 2)

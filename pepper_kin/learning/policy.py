@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
 from pepper_kin.file_access.numpy_archive import read_arrays
@@ -54,9 +55,7 @@ class Policy:
             raise InvalidValueError("weights", f"{len(self.weights)} layers", allowed)
 
         def checked(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-            array = np.float32(as_finite(value, name, shape, 1e30))
-            array.setflags(write=False)
-            return array
+            return read_only(as_finite(value, name, shape, 1e30), np.float32)
 
         for name in ("center", "scale"):
             object.__setattr__(self, name, checked(getattr(self, name), name, (sizes[0],)))
@@ -119,11 +118,12 @@ class Policy:
             for layer in (*linear, net.action_net)
         ]
         weights, biases = zip(*arrays, strict=True)
-        center, scale = np.zeros(len(weights[0])), np.ones(len(weights[0]))
+        center, scale = np.zeros(len(weights[0]), np.float32), np.ones(len(weights[0]), np.float32)
         normalized = model.get_vec_normalize_env()
         if normalized is not None and normalized.norm_obs:
             seen = normalized.obs_rms
-            center, scale = seen.mean, np.sqrt(seen.var + normalized.epsilon)
+            center = np.asarray(seen.mean, np.float32)
+            scale = np.asarray(np.sqrt(seen.var + normalized.epsilon), np.float32)
         return cls(task, center, scale, weights, biases)
 
 
