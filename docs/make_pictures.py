@@ -37,6 +37,8 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_22": motions.draw_22_live_motion,
     "example_23": motions.draw_23_follow_a_path,
     "example_24": motions.draw_24_imitate_reach,
+    "example_25": motions.draw_25_policy_on_robots,
+    "learning_frames": motions.draw_learning_frames,
     "demo": pages.draw_demo,
     "film": pages.draw_film,
     "live_film": pages.draw_live_film,

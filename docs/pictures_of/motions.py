@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import pepper_kin as pk
+from pepper_kin.learning import Oracle, PepperVectorEnv
 from pepper_kin.model.shapes import Box
 from pepper_kin.trajectory import Trajectory
 
 from .album import gesture_album
 from .camera import framing
 from .examples import variables_of
-from .sheet import COLORS, SIZE, Sheet
+from .sheet import COLORS, FOLDER, SIZE, Sheet
 from .stage import GRAY, ORANGE, Stage
 
 HAND = "LArm_effector"
@@ -325,6 +327,37 @@ def draw_24_imitate_reach() -> None:
     plot.axhline(example["best"], color=COLORS["gray"], linestyle="--", label="its teacher, new goals")
     plot.axhline(example["learned"], color=COLORS["orange"], linestyle=":", label="the network, new goals")
     plot.axvspan(1, 4.5, color=COLORS["gray"], alpha=0.2, lw=0)
-    plot.set(xlabel="round; gray: its teacher acts, too", title="share of goals reached", ylim=(0, 1.05))
+    plot.set(xlabel="round; gray: its teacher acts, too", title="share of goals reached", ylim=(0.9, 1.005))
     plot.legend(fontsize=9, loc="lower right")
     sheet.save("example_24.png")
+
+
+def draw_25_policy_on_robots() -> None:
+    """How far the hand is from its goal over time on each robot, and the shares of goals reached."""
+    example = variables_of("25")
+    episodes, shares = example["episodes"], example["shares"]
+    sheet = Sheet()
+    plots = [sheet.axes(65, 60, 320, 370), sheet.axes(590, 60, 190, 370)]
+    colors = [COLORS["gray"], *(COLORS[name] for name in ("blue", "orange", "green", "violet"))]
+    for (name, found), color in zip(episodes.items(), colors[1:], strict=True):
+        distances = 100 * np.median([episode.distances for episode in found], axis=0)
+        plots[0].plot(0.02 * np.arange(1, distances.size + 1), distances, color=color, label=name)
+    plots[0].axhspan(0, 5, color=COLORS["gray"], alpha=0.2, lw=0)
+    plots[0].set(xlabel="s; gray: reached", title="hand to goal, median [cm]", xlim=(0, 1), ylim=(0, None))
+    plots[0].legend(fontsize=9)
+    names = list(shares)[::-1]
+    plots[1].barh(names, [shares[name] for name in names], color=colors[::-1])
+    plots[1].set(xlim=(0, 1), xticks=(0, 0.5, 1), title="share of goals reached")
+    sheet.save("example_25.png")
+
+
+def draw_learning_frames() -> None:
+    """What an environment's `render` returns in an episode of both hands, by its oracle."""
+    env = PepperVectorEnv(1, "ReachBoth", render_mode="rgb_array")
+    env.reset(seed=7)
+    oracle, frames = Oracle(env), []
+    for step in range(28):
+        if step % 9 == 0:
+            frames.extend(env.render() or ())
+        env.step(oracle())
+    Image.fromarray(np.concatenate(frames, axis=1)).save(FOLDER / "learning_frames.png", optimize=True)

@@ -2,7 +2,13 @@
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
     TASKS, ReachTask              what is asked, and how it is scored
-    to_sb3                        the environments as stable-baselines3 takes them
+    to_sb3, to_rsl_rl             the environments as stable-baselines3 and RSL-RL take them
+    imitate, Round                a policy from a teacher, in NumPy
+    Policy, load_policy           small networks that act, and their files
+    run_policy, Episode           a policy on a twin with contacts and latency, or on NAOqi's ALMotion
+    best_policy, try_policy, Trial   what `pepper-kin learn` does
+    train_by_ppo                  the same by PPO of stable-baselines3
+    success_rate                  how many episodes of a policy end in success
     Oracle                        solves the tasks by inverse kinematics: what can be reached at all
 
 Importing it registers `PepperReach-v0`, `PepperReachBoth-v0` and `PepperGazeReach-v0`, for `gymnasium.make`
@@ -18,15 +24,42 @@ except ImportError as error:
     raise MissingDependencyError("gymnasium", command, "pepper_kin.learning") from error
 
 from pepper_kin.learning.env import PepperEnv
+from pepper_kin.learning.episode import Episode, run_policy
+from pepper_kin.learning.imitation import Round, imitate
 from pepper_kin.learning.oracle import Oracle
+from pepper_kin.learning.policy import Policy, load_policy, success_rate
 from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.reach_task import ReachTask
-from pepper_kin.learning.sb3 import to_sb3
+from pepper_kin.learning.rsl_rl import to_rsl_rl
+from pepper_kin.learning.sb3 import to_sb3, train_by_ppo
 from pepper_kin.learning.task import Task
 from pepper_kin.learning.tasks import TASKS
+from pepper_kin.learning.training import TRIED, Trial, best_policy, try_policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
-__all__ = ["TASKS", "Oracle", "PepperEnv", "PepperVectorEnv", "Randomization", "ReachTask", "Task", "to_sb3"]
+__all__ = [
+    "TASKS",
+    "TRIED",
+    "Episode",
+    "Oracle",
+    "PepperEnv",
+    "PepperVectorEnv",
+    "Policy",
+    "Randomization",
+    "ReachTask",
+    "Round",
+    "Task",
+    "Trial",
+    "best_policy",
+    "imitate",
+    "load_policy",
+    "run_policy",
+    "success_rate",
+    "to_rsl_rl",
+    "to_sb3",
+    "train_by_ppo",
+    "try_policy",
+]
 
 for _name in TASKS:
     if f"Pepper{_name}-v0" not in gymnasium.registry:

@@ -14,10 +14,11 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 class PepperEnv(gymnasium.Env[Any, Any]):
     """A Pepper with a goal; see `PepperVectorEnv`, whose options it takes."""
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012
 
     def __init__(self, **options: Any) -> None:
         self.batch = PepperVectorEnv(1, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self.render_mode = self.batch.render_mode
         self.action_space, self.observation_space = (
             self.batch.single_action_space,
             self.batch.single_observation_space,
@@ -40,6 +41,11 @@ class PepperEnv(gymnasium.Env[Any, Any]):
         observation, reward, terminated, truncated, infos = self.batch.step([action])
         info = {"is_success": bool(infos["is_success"][0]), "distance": float(infos["distance"][0])}
         return _first(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> Any:
+        """Return a picture, shape (320, 320, 3); None without `render_mode="rgb_array"`."""
+        pictures = self.batch.render()
+        return None if pictures is None else pictures[0]
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired; see `PepperVectorEnv`."""

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
-from pepper_kin.model import PepperModel, load_pepper
+from pepper_kin.model import PepperModel, Sphere, load_pepper
 from pepper_kin.twin import TwinBatch
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ REACH = 0.3
 """From where a joint is to where an action of 1 sends it [rad or m]."""
 STEPS = 20
 """Of the twin in a step of an environment, of a millisecond each: 50 Hz."""
+
+_BALL, _ORANGE = Sphere(0.025), (0.93, 0.36, 0.20, 1.0)
 
 
 class Score(NamedTuple):
@@ -125,7 +127,7 @@ class Task:
 def with_goals(scene: Scene, goals: Array) -> Scene:
     """Return a scene with small balls at goals [m], shape (g, 3)."""
     for k, goal in enumerate(goals):
-        scene = scene.add_sphere(f"goal {k + 1}", 0.02, goal)
+        scene = scene.add(f"goal {k + 1}", _BALL, goal, color=_ORANGE)
     return scene
 
 

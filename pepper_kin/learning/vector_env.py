@@ -12,11 +12,12 @@ from gymnasium.vector.utils import batch_space
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.picture import MOST_DRAWN, Pictures
 from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.task import STEPS, Score, Task
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import check_seed, check_whole
+from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
 
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had
 
@@ -49,13 +50,16 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             with `randomization_seed`.
         goal_seed: Draws the two thousand goals at most that episodes choose from.
         threads: Threads that share the robots; the result does not depend on it.
+        render_mode: "rgb_array" for pictures by `render`.
 
     Raises:
         InvalidValueError: for options out of range.
         UnknownNameError: for an unknown task, or a robot without its joints.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }  # fmt: skip
 
     def __init__(
         self,
@@ -71,6 +75,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         randomization_seed: int = 0,
         goal_seed: int = 0,
         threads: int = 1,
+        render_mode: str | None = None,
     ) -> None:
         self.num_envs, self.task = check_whole("num_envs", num_envs, 1), task_named(task)
         self.pepper = self.task.robot() if pepper is None else pepper
@@ -79,6 +84,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.threads = check_whole("threads", threads, 1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, ("rgb_array",))
+        self.render_mode, self._pictures = render_mode, None if render_mode is None else Pictures(self.pepper)
         given = {} if randomization is None else randomization
         differing = given if isinstance(given, Randomization) else Randomization(given)
         options = differing.drawn(self.pepper, self.num_envs, check_seed(randomization_seed))
@@ -198,6 +206,16 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         """Return whether goals are met now and were for so many steps, shape (N,); called once a step."""
         self._lasted = np.where(met, self._lasted + 1, 0)
         return self._lasted >= steps
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture of each robot with its goals, shape (320, 320, 3), or None without `render_mode`.
+
+        The first 16 are drawn; one gray picture stands for each of the others.
+        """
+        if self._pictures is None:
+            return None
+        scenes = [self.task.shown(self, row) for row in range(min(self.num_envs, MOST_DRAWN))]
+        return self._pictures.pictures(self.twins.position, scenes)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).

@@ -1,0 +1,143 @@
+"""A policy from a teacher: it acts, and is told what was right (Ross and others, AISTATS 2011)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.oracle import Oracle
+from pepper_kin.learning.policy import Floats, Policy
+from pepper_kin.learning.vector_env import PepperVectorEnv
+from pepper_kin.model.joint_vectors import check_seed, check_whole
+
+_KEPT = 12  # rounds that are learned from
+_BATCHES, _BATCH = 60, 4096
+_RATE = 2e-3
+_LEAST_SCALE = 0.05  # of observations
+
+
+class Round(NamedTuple):
+    """What a round of training came to.
+
+    Attributes:
+        done: Rounds that are over.
+        total: Rounds in all.
+        success: Share of its episodes that ended in success; in the first third the teacher acts, too.
+        policy: The policy after it.
+    """
+
+    done: int
+    total: int
+    success: float
+    policy: Policy
+
+
+def imitate(
+    env: PepperVectorEnv,
+    teacher: Callable[[], Array] | None = None,
+    *,
+    rounds: int = 12,
+    hidden: Sequence[int] = (128, 128),
+    seed: int = 0,
+    on_round: Callable[[Round], object] = lambda found: None,
+) -> Policy:
+    """Return a policy that does what a teacher would do.
+
+    In each round all robots live through an episode, at first by the teacher's actions, then ever more by
+    the policy's; the policy learns what the teacher would have done there, by Adam (Kingma and Ba, 2015) on
+    squared errors.  In one thread, the same seed gives the same policy.  Let the environment hold
+    `OPENBLAS_NUM_THREADS=1` when NumPy is loaded: of matrices as small as these, threads wait for each other.
+
+    Args:
+        env: The environments, without `goal_form`; some hundred of them.
+        teacher: Returns the right actions for the present states of `env`, shape (N, k); its `Oracle` if
+            omitted.
+        rounds: Episodes of each robot.
+        hidden: Sizes of the layers between observations and actions.
+        seed: Of goals, first weights and draws.
+        on_round: Called after each round; what it raises ends the training.
+
+    Raises:
+        InvalidValueError: for environments with `goal_form`, or a number below 1.
+    """
+    if env.goal_form:
+        raise InvalidValueError("goal_form", True, "False: policies take arrays")
+    check_whole("rounds", rounds)
+    rng = np.random.default_rng(check_seed(seed))
+    right_ones = Oracle(env) if teacher is None else teacher
+    seen: list[Floats] = []
+    taught: list[Floats] = []
+    student: _Student | None = None
+    observations, _ = env.reset(seed=seed)
+    for number in range(rounds):
+        alone, ends, met = min(1.0, 3.0 * number / rounds), 0, 0
+        for _ in range(env.task.horizon):
+            right = np.asarray(right_ones(), np.float32)
+            seen.append(observations)
+            taught.append(right)
+            acts = rng.random((env.num_envs, 1)) < alone
+            moves = right if student is None else np.where(acts, student.layers(observations)[-1], right)
+            observations, _, terminated, truncated, infos = env.step(moves)
+            ended = terminated | truncated
+            ends, met = ends + int(ended.sum()), met + int((ended & infos["is_success"]).sum())
+        if student is None:
+            sizes = (observations.shape[1], *(check_whole("size of a layer", size) for size in hidden))
+            student = _Student((*sizes, env.joints.size), np.concatenate(seen), rng)
+        seen, taught = (values[-_KEPT * env.task.horizon :] for values in (seen, taught))
+        states, answers = np.concatenate(seen), np.concatenate(taught)
+        for _ in range(_BATCHES):
+            rows = rng.integers(0, len(states), _BATCH)
+            student.learn(states[rows], answers[rows], _RATE * (1.0 - number / rounds))
+        on_round(Round(number + 1, rounds, met / max(ends, 1), student.policy(env.task.name)))
+    assert student is not None
+    return student.policy(env.task.name)
+
+
+class _Student:
+    """Layers of tanh, the last one linear, trained by Adam.
+
+    Args:
+        sizes: Of observations, layers and actions.
+        seen: Observations, for their center and scale, shape (m, obs).
+        rng: Draws the first weights.
+    """
+
+    def __init__(self, sizes: Sequence[int], seen: Floats, rng: np.random.Generator) -> None:
+        self._center, self._scale = seen.mean(axis=0), np.maximum(seen.std(axis=0), _LEAST_SCALE)
+        self._depth = len(sizes) - 1
+        weights = [rng.normal(0.0, a**-0.5, (a, b)) for a, b in pairwise(sizes)]
+        self._values = [np.asarray(x, np.float32) for x in (*weights, *(np.zeros(b) for b in sizes[1:]))]
+        self._mean, self._square = ([np.zeros_like(x) for x in self._values] for _ in range(2))
+        self._steps = 0
+
+    def policy(self, task: str) -> Policy:
+        """Return what it has learned."""
+        weights, biases = self._values[: self._depth], self._values[self._depth :]
+        return Policy(task, self._center, self._scale, tuple(weights), tuple(biases))
+
+    def layers(self, observations: Floats) -> list[Floats]:
+        """Return what goes into each layer and comes out of the last, shape (N, .) each."""
+        found = [(observations - self._center) / self._scale]
+        for k in range(self._depth):
+            x = found[-1] @ self._values[k] + self._values[self._depth + k]
+            found.append(np.tanh(x) if k < self._depth - 1 else x)
+        return found
+
+    def learn(self, observations: Floats, right: Floats, rate: float) -> None:
+        """Take a step toward actions that are right, shape (N, k)."""
+        layers, slopes = self.layers(observations), [np.empty(0, np.float32)] * (2 * self._depth)
+        error = np.float32(2.0 / len(right)) * (layers[-1] - right)
+        for k in reversed(range(self._depth)):
+            slopes[k], slopes[self._depth + k] = layers[k].T @ error, error.sum(axis=0)
+            error = (error @ self._values[k].T) * (1.0 - layers[k] ** 2)
+        self._steps += 1
+        for value, slope, mean, square in zip(self._values, slopes, self._mean, self._square, strict=True):
+            mean += 0.1 * (slope - mean)
+            square += 0.001 * (slope**2 - square)
+            size = np.sqrt(square / (1.0 - 0.999**self._steps)) + 1e-8
+            value -= rate * mean / (1.0 - 0.9**self._steps) / size

@@ -1,0 +1,84 @@
+"""Pictures of a robot and what is around it, by rays in machine code: no display, no browser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.core.shading import shade
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import PepperModel
+from pepper_kin.twin.sensors.robot_rays import RobotRays, no_surfaces
+
+SIDE = 320
+"""Rows, and columns, of a picture."""
+MOST_DRAWN = 16
+"""Robots of a batch that are drawn."""
+_BASE = "base_footprint"
+_EYE, _AIM = np.array([1.30, 0.95, 1.28]), np.array([0.09, 0.07, 0.81])  # [m]: head, arms and their goals
+_ANGLE = np.radians(38.0)  # from edge to edge
+_FINE = 2  # rays along either side of a pixel at an edge
+_EDGE = 24  # of 255, between neighbors
+
+
+class Pictures:
+    """A camera before the robot, a little to its left, that goes with the base; for one thread at a time.
+
+    Args:
+        pepper: The robot.
+    """
+
+    def __init__(self, pepper: PepperModel) -> None:
+        self._pepper, self._rays = pepper, RobotRays(pepper)
+        self._coarse = _directions(1)
+        self._fine = _directions(_FINE).reshape(SIDE, _FINE, SIDE, _FINE, 3).swapaxes(1, 2)
+
+    def pictures(self, q: Array, scenes: Sequence[Scene]) -> tuple[NDArray[np.uint8], ...]:
+        """Return a picture of each robot; one gray picture stands for all beyond the scenes.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+            scenes: What stands around the first robots.
+        """
+        drawn = [self.picture(*pair) for pair in zip(q, scenes, strict=False)]
+        return (*drawn, *[np.full((SIDE, SIDE, 3), 128, np.uint8)] * (len(q) - len(drawn)))
+
+    def picture(self, q: Array, scene: Scene) -> NDArray[np.uint8]:
+        """Return red, green and blue, 0 to 255, shape (SIDE, SIDE, 3); edges are smooth.
+
+        Args:
+            q: Joint positions [rad or m], shape (n,).
+            scene: What stands around the robot.
+        """
+        found = self._look(q, scene, self._coarse.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
+        levels, edge = found.astype(np.int16), np.zeros((SIDE, SIDE), bool)
+        for axis, ends in ((0, (np.s_[1:], np.s_[:-1])), (1, (np.s_[:, 1:], np.s_[:, :-1]))):
+            differs = (np.abs(np.diff(levels, axis=axis)) > _EDGE).any(axis=2)
+            for end in ends:
+                edge[end] |= differs
+        fine = self._look(q, scene, self._fine[edge].reshape(-1, 3)).reshape(-1, _FINE**2, 3)
+        found[edge] = fine.mean(axis=1).round()
+        return found
+
+    def _look(self, q: Array, scene: Scene, directions: Array) -> NDArray[np.uint8]:
+        """Return the colors in unit directions, shape (k, 3) both."""
+        met, colors = no_surfaces(len(directions)), np.empty(directions.shape, np.uint8)
+        base = frame_pose(self._pepper, q, _BASE)
+        eye, aims = base[:3, :3] @ _EYE + base[:3, 3], directions @ base[:3, :3].T
+        self._rays.look_checked(q, scene, np.tile(eye, (len(directions), 1)), aims, met)
+        shade(aims, met, colors)
+        return colors
+
+
+def _directions(fine: int) -> Array:
+    """Return unit directions of rays, `fine` along either side of a pixel, shape (rows, columns, 3)."""
+    ahead = (_AIM - _EYE) / np.linalg.norm(_AIM - _EYE)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    along = np.tan(_ANGLE / 2) * ((np.arange(SIDE * fine) + 0.5) / (SIDE * fine / 2) - 1.0)
+    places = ahead + along[:, None, None] * np.cross(ahead, right) + along[None, :, None] * right
+    return np.asarray(places / np.linalg.norm(places, axis=2, keepdims=True))

@@ -1,0 +1,132 @@
+"""A policy for a task from nothing, the best that was found, and how it does beside others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.learning.imitation import Round, imitate
+from pepper_kin.learning.oracle import Oracle
+from pepper_kin.learning.policy import Policy, success_rate
+from pepper_kin.learning.sb3 import train_by_ppo
+from pepper_kin.learning.task import Task
+from pepper_kin.learning.tasks import task_named
+from pepper_kin.learning.vector_env import PepperVectorEnv
+
+TRAINED, CHOSEN, TRIED = 0, 1, 2
+"""Seeds of the goals that policies are trained on, chosen by, and tried on."""
+_TRIALS = 1024  # goals that are tried
+_METHODS: dict[str, tuple[Callable[..., Policy], int, int]] = {
+    "imitation": (imitate, 512, 12),
+    "ppo": (train_by_ppo, 256, 8),
+}
+"""What trains, by how many robots, and in how many rounds."""
+_SHORT, _FEWEST = 50, 64
+"""Steps of episodes for which these are the numbers of robots; longer ones have fewer, not less than this."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Shares of new goals that are reached, from 0 to 1.
+
+    Attributes:
+        task: Name of the task.
+        goals: How many.
+        policy: By the policy.
+        oracle: By inverse kinematics.
+        chance: By random actions.
+    """
+
+    task: str
+    goals: int
+    policy: float
+    oracle: float
+    chance: float
+
+    def report(self) -> str:
+        """Return the shares in words."""
+        return (
+            f"{self.task}: of {self.goals} new goals {self.policy:.3f} are reached by the policy, "
+            f"{self.oracle:.3f} by its oracle, {self.chance:.3f} by chance."
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return asdict(self)
+
+
+def best_policy(
+    task: str | Task,
+    method: str = "imitation",
+    *,
+    rounds: int | None = None,
+    seed: int = 0,
+    on_round: Callable[[Round], object] = lambda found: None,
+) -> tuple[Policy, bool]:
+    """Return the best policy of all rounds, by goals that were not trained on.
+
+    Ctrl-C ends the training; the best so far is returned then.
+
+    Args:
+        task: A name of `TASKS`, or a task.
+        method: "imitation" of the oracle, or "ppo", which needs stable-baselines3.
+        rounds: How many; 12 of imitation or 8 of PPO if omitted.
+        seed: Of goals, first weights and draws.
+        on_round: Called after each round; `success` is then that of the goals that were not trained on.
+
+    Returns:
+        The policy, and whether all rounds were done.
+
+    Raises:
+        UnknownNameError: for an unknown task.
+        InvalidValueError: for another method, or a number below 1.
+        MissingDependencyError: for "ppo" without stable-baselines3.
+        KeyboardInterrupt: Ctrl-C in the first round.
+    """
+    if method not in _METHODS:
+        raise InvalidValueError("method", method, f"one of {', '.join(_METHODS)}")
+    train, robots, usual = _METHODS[method]
+    wanted = task_named(task)
+    robots = max(_FEWEST, robots * _SHORT // wanted.horizon)
+    env = PepperVectorEnv(robots, wanted, autoreset_mode="SameStep", goal_seed=TRAINED)
+    others = PepperVectorEnv(_TRIALS, env.task, autoreset_mode="SameStep", goal_seed=CHOSEN)
+    best: list[tuple[float, Policy]] = []
+
+    def choose(found: Round) -> None:
+        share = success_rate(others, found.policy)
+        if not best or share >= best[0][0]:
+            best[:] = [(share, found.policy)]
+        on_round(found._replace(success=share))
+
+    try:
+        train(env, rounds=usual if rounds is None else rounds, seed=seed, on_round=choose)
+    except KeyboardInterrupt:
+        if not best:
+            raise
+        return best[0][1], False
+    return best[0][1], True
+
+
+def try_policy(policy: Policy, task: str | Task | None = None) -> Trial:
+    """Return how a policy does on goals that it was neither trained on nor chosen by.
+
+    Args:
+        policy: The policy.
+        task: The task, where it is not `TASKS[policy.task]`.
+
+    Raises:
+        UnknownNameError: for an unknown task.
+        InvalidValueError: for a policy of another task's observations.
+    """
+    env = PepperVectorEnv(_TRIALS, policy.task if task is None else task, goal_seed=TRIED)
+    oracle, drawn = Oracle(env), np.random.default_rng(0)
+    shape = env.action_space.shape
+    shares = [
+        success_rate(env, act)
+        for act in (policy, lambda _: oracle(), lambda _: drawn.uniform(-1.0, 1.0, shape))
+    ]
+    return Trial(env.task.name, _TRIALS, *shares)
