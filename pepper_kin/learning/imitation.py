@@ -73,8 +73,8 @@ def imitate(
     seen: list[Floats] = []
     taught: list[Floats] = []
     student: _Student | None = None
-    observations, _ = env.reset(seed=seed)
     for number in range(rounds):
+        observations, _ = env.reset(seed=None if number else seed)
         alone = min(1.0, 3.0 * number / rounds)
         for _ in range(env.task.horizon):
             right = np.asarray(right_ones(), np.float32)
