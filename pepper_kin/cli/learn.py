@@ -79,9 +79,16 @@ def learn(
         policy = learning.load_policy(task)
     else:
         with progress("learning") as report:
+
+            def told(found: Any) -> None:
+                report(found.done, found.total)
+                if not as_json and not sys.stderr.isatty():
+                    share = f"{found.success:.3f} of goals not trained on"
+                    print(f"  round {found.done} of {found.total}: {share}", file=sys.stderr, flush=True)
+
             policy, whole = learning.best_policy(
                 task, "ppo" if ppo else "imitation", rounds=rounds, seed=seed,
-                on_round=lambda found: report(found.done, found.total),
+                on_round=told,
             )  # fmt: skip
         policy.save(written[0])
         if not whole:

@@ -73,9 +73,10 @@ def imitate(
     seen: list[Floats] = []
     taught: list[Floats] = []
     student: _Student | None = None
-    observations, _ = env.reset(seed=seed)
     for number in range(rounds):
-        alone, ends, met = min(1.0, 3.0 * number / rounds), 0, 0
+        observations, _ = env.reset(seed=None if number else seed)
+        alone = min(1.0, 3.0 * number / rounds)
+        reached, over = np.zeros(env.num_envs, bool), np.zeros(env.num_envs, bool)
         for _ in range(env.task.horizon):
             right = np.asarray(right_ones(), np.float32)
             seen.append(observations)
@@ -83,17 +84,17 @@ def imitate(
             acts = rng.random((env.num_envs, 1)) < alone
             moves = right if student is None else np.where(acts, student.layers(observations)[-1], right)
             observations, _, terminated, truncated, infos = env.step(moves)
-            ended = terminated | truncated
-            ends, met = ends + int(ended.sum()), met + int((ended & infos["is_success"]).sum())
+            ended = (terminated | truncated) & ~over
+            reached, over = reached | (ended & infos["is_success"]), over | ended
         if student is None:
             sizes = (observations.shape[1], *(check_whole("size of a layer", size) for size in hidden))
-            student = _Student((*sizes, env.joints.size), np.concatenate(seen), rng)
+            student = _Student((*sizes, right.shape[1]), np.concatenate(seen), rng)
         seen, taught = (values[-_KEPT * env.task.horizon :] for values in (seen, taught))
         states, answers = np.concatenate(seen), np.concatenate(taught)
         for _ in range(_BATCHES):
             rows = rng.integers(0, len(states), _BATCH)
             student.learn(states[rows], answers[rows], _RATE * (1.0 - number / rounds))
-        on_round(Round(number + 1, rounds, met / max(ends, 1), student.policy(env.task.name)))
+        on_round(Round(number + 1, rounds, float(reached.mean()), student.policy(env.task.name)))
     assert student is not None
     return student.policy(env.task.name)
 

@@ -44,7 +44,7 @@ def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
         """See `to_rsl_rl`."""
 
         def __init__(self) -> None:
-            self.num_envs, self.num_actions = env.num_envs, env.joints.size
+            self.num_envs, self.num_actions = env.num_envs, int(np.prod(env.single_action_space.shape or ()))
             self.max_episode_length, self.device = env.task.horizon, device
             self.cfg = {"task": env.task.name, "speed": env.speed, "sparse": env.sparse}
             self._observations, _ = env.reset()

@@ -1,6 +1,9 @@
 """The command `learn`: a policy that is written, tried and shown, and what is refused."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -11,7 +14,11 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 
 def test_a_policy_is_trained_written_and_shown(run, tmp_path):
     done = run("learn", "Reach", "--rounds", "2", "-o", "out/reach.npz", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
+    assert [line.partition(":")[0] for line in done.stderr.splitlines()] == [
+        "  round 1 of 2",
+        "  round 2 of 2",
+    ]
     assert "Reach: of 1024 new goals 0." in done.stdout
     assert done.stdout.splitlines()[-1] == "Written: out/reach.npz"
     assert load_policy(tmp_path / "out/reach.npz").task == "Reach"
@@ -22,6 +29,22 @@ def test_a_policy_is_trained_written_and_shown(run, tmp_path):
     assert found["oracle"] > 0.98
     motion = pk.files.load(tmp_path / "episode.csv", pk.load_pepper())
     assert motion.duration == pytest.approx(1.0)
+
+
+def test_ctrl_c_writes_the_best_so_far_and_exits_with_130(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from pepper_kin.cli import main; main()", "learn", "Reach", "-o", "a.npz"],
+        cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    assert process.stderr.readline().startswith("  round 1 of 12: 0.")
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=120)
+    assert process.returncode == 130, error
+    assert "the best policy so far is kept" in error
+    assert "Traceback" not in error
+    assert out.splitlines()[-1] == "Written: a.npz"
+    assert load_policy(tmp_path / "a.npz").task == "Reach"
 
 
 @pytest.mark.browser
