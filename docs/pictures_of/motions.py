@@ -361,3 +361,18 @@ def draw_learning_frames() -> None:
             frames.extend(env.render() or ())
         env.step(oracle())
     Image.fromarray(np.concatenate(frames, axis=1)).save(FOLDER / "learning_frames.png", optimize=True)
+
+
+def draw_learning_tasks() -> None:
+    """Draw six tasks while their oracles do them."""
+    found = []
+    steps = {"ReachClear": 60, "Follow": 60, "Carry": 30, "Push": 45, "Balance": 80, "Drive": 300}
+    for name, count in steps.items():
+        env = PepperVectorEnv(1, name, autoreset_mode="Disabled", render_mode="rgb_array")
+        env.reset(seed=3)
+        oracle = Oracle(env)
+        for _ in range(count):
+            env.step(oracle())
+        found.append(env.render()[0])
+    rows = [np.concatenate(found[k : k + 3], axis=1) for k in (0, 3)]
+    Image.fromarray(np.concatenate(rows)).save(FOLDER / "learning_tasks.png", optimize=True)

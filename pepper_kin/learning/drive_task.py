@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class DriveTask(Task):
 
     horizon: int = 500
     threshold: float = 0.15
+    view: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = ((-1.1, 0.0, 4.2), (0.3, 0.0, 0.0))
 
     def robot(self) -> PepperModel:
         """Return Pepper on a base that moves in the plane."""

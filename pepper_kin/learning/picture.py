@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
@@ -19,7 +19,8 @@ SIDE = 320
 MOST_DRAWN = 16
 """Robots of a batch that are drawn."""
 _BASE = "base_footprint"
-_EYE, _AIM = np.array([1.30, 0.95, 1.28]), np.array([0.09, 0.07, 0.81])  # [m]: head, arms and their goals
+EYE, AIM = (1.30, 0.95, 1.28), (0.09, 0.07, 0.81)
+"""Where the camera is, and what it looks at, in the base's axes [m]: head, arms and their goals."""
 _ANGLE = np.radians(38.0)  # from edge to edge
 _FINE = 2  # rays along either side of a pixel at an edge
 _EDGE = 24  # of 255, between neighbors
@@ -30,12 +31,16 @@ class Pictures:
 
     Args:
         pepper: The robot.
+        eye: Where the camera is, in the base's axes [m], shape (3,).
+        aim: What it looks at, in the base's axes [m], shape (3,).
     """
 
-    def __init__(self, pepper: PepperModel) -> None:
+    def __init__(self, pepper: PepperModel, eye: ArrayLike = EYE, aim: ArrayLike = AIM) -> None:
         self._pepper, self._rays = pepper, RobotRays(pepper)
-        self._coarse = _directions(1)
-        self._fine = _directions(_FINE).reshape(SIDE, _FINE, SIDE, _FINE, 3).swapaxes(1, 2)
+        self._eye = np.array(eye, dtype=float)
+        ahead = np.array(aim, dtype=float) - self._eye
+        self._coarse = _directions(ahead, 1)
+        self._fine = _directions(ahead, _FINE).reshape(SIDE, _FINE, SIDE, _FINE, 3).swapaxes(1, 2)
 
     def pictures(self, q: Array, scenes: Sequence[Scene]) -> tuple[NDArray[np.uint8], ...]:
         """Return a picture of each robot; one gray picture stands for all beyond the scenes.
@@ -68,15 +73,15 @@ class Pictures:
         """Return the colors in unit directions, shape (k, 3) both."""
         met, colors = no_surfaces(len(directions)), np.empty(directions.shape, np.uint8)
         base = frame_pose(self._pepper, q, _BASE)
-        eye, aims = base[:3, :3] @ _EYE + base[:3, 3], directions @ base[:3, :3].T
+        eye, aims = base[:3, :3] @ self._eye + base[:3, 3], directions @ base[:3, :3].T
         self._rays.look_checked(q, scene, np.tile(eye, (len(directions), 1)), aims, met)
         shade(aims, met, colors)
         return colors
 
 
-def _directions(fine: int) -> Array:
-    """Return unit directions of rays, `fine` along either side of a pixel, shape (rows, columns, 3)."""
-    ahead = (_AIM - _EYE) / np.linalg.norm(_AIM - _EYE)
+def _directions(line: Array, fine: int) -> Array:
+    """Return unit directions of rays about a line, `fine` along a pixel's sides, (rows, columns, 3)."""
+    ahead = line / np.linalg.norm(line)
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     along = np.tan(_ANGLE / 2) * ((np.arange(SIDE * fine) + 0.5) / (SIDE * fine / 2) - 1.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
+from pepper_kin.learning.picture import AIM, EYE
 from pepper_kin.model import PepperModel, Sphere, load_pepper
 from pepper_kin.twin import TwinBatch
 
@@ -50,11 +51,13 @@ class Task:
         name: Its name.
         threshold: Greatest distance of what has met its goal [m].
         horizon: Steps of an episode.
+        view: Where the camera of pictures is, and what it looks at, in the base's axes [m].
     """
 
     name: str
     threshold: float = 0.05
     horizon: int = 50
+    view: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = (EYE, AIM)
 
     def robot(self) -> PepperModel:
         """Return the robot that does it where none is given."""

@@ -86,7 +86,8 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         if render_mode is not None:
             check_choice("render_mode", render_mode, ("rgb_array",))
-        self.render_mode, self._pictures = render_mode, None if render_mode is None else Pictures(self.pepper)
+        self.render_mode = render_mode
+        self._pictures = None if render_mode is None else Pictures(self.pepper, *self.task.view)
         given = {} if randomization is None else randomization
         differing = given if isinstance(given, Randomization) else Randomization(given)
         options = differing.drawn(self.pepper, self.num_envs, check_seed(randomization_seed))
