@@ -263,7 +263,7 @@ class Simulator:
             work=_aligned(max(kernel.work_size for kernel in self._kernels)),
             solve_input=_aligned(2 * m + entries),
             solve_output=_aligned(m),
-            rows=np.empty((7, m)),
+            rows=np.zeros((7, m)),  # lanes that are not solved for hold numbers, too
             flags=np.zeros((2, self._lanes), dtype=np.bool_),
         )
 

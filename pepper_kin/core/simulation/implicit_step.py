@@ -142,6 +142,16 @@ def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
 
 
 @compiled(lean=True)
+def all_sound(space: StepWorkspace) -> bool:
+    """Return whether `is_sound` holds for all lanes, by one pass in vectors."""
+    m, step_output, wrong = space.solve_output.size, space.step_output, 0
+    for e in range(m):
+        good = abs(step_output[NEXT_V * m + e]) < RUNAWAY and abs(step_output[TORQUE * m + e]) < np.inf
+        wrong += 0 if good else 1
+    return wrong == 0
+
+
+@compiled(lean=True)
 def write_equation(
     b: int, lane: int, robots: RobotTables, space: StepWorkspace, mass_hat: Floats2, force: Floats1
 ) -> None:
@@ -175,10 +185,17 @@ def write_equation(
 
 
 @compiled(lean=True)
-def write_segments(b: int, calm: bool, robots: RobotTables, space: StepWorkspace) -> None:
-    """Write the segments on which a step of block b was solved, where it was taken on the first guess."""
-    if calm:
-        _first_segments(robots.timestep, robots.law[b], space)
+def write_segments(b: int, robots: RobotTables, space: StepWorkspace) -> None:
+    """Write the segments on which a step of block b was solved in the lanes whose first guess was right."""
+    m, h, law, lanes = space.solve_output.size, robots.timestep, robots.law[b], robots.lanes
+    violation = space.step_output.size - lanes
+    for lane in range(lanes):
+        if not space.step_output[violation + lane] <= 0.0:  # the others are written
+            continue
+        for e in range(lane, m, lanes):
+            friction, stick = friction_segment(law[COULOMB, e], space.step_input[V * m + e])
+            space.rows[INTERCEPT, e] = space.step_output[SERVO * m + e] - friction
+            space.rows[SLOPE, e] = servo_gain(h, law[KP, e], law[KD, e]) + law[VISCOUS, e] + stick
 
 
 @compiled(lean=True)
@@ -194,7 +211,6 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
         space: `step_output` holds the first guess, and receives the result.
     """
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
-    _first_segments(h, law, space)
     violation = space.step_output.size - lanes
     for lane in range(lanes):
         right = space.step_output[violation + lane] <= 0.0
@@ -217,18 +233,6 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
                 if not space.flags[CONVERGED, lane]:
                     _line_search(lane, robots, law, space)
             _look_up(h, False, law, space)
-
-
-@compiled(lean=True)
-def _first_segments(h: float, law: Floats2, space: StepWorkspace) -> None:
-    """Write the segments of the first guess, from parameters of shape (rows, m)."""
-    m = space.solve_output.size
-    for e in range(m):
-        v = space.step_input[V * m + e]
-        friction, stick = friction_segment(law[COULOMB, e], v)
-        space.rows[INTERCEPT, e] = space.step_output[SERVO * m + e] - friction
-        space.rows[SLOPE, e] = servo_gain(h, law[KP, e], law[KD, e]) + law[VISCOUS, e] + stick
-        space.rows[BEFORE, e] = v
 
 
 @compiled(lean=True)
@@ -296,12 +300,13 @@ def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None
         space.solve_output.ctypes.data,
         space.work.ctypes.data,
     )
+    step_input, step_output = space.step_input, space.step_output
     for e in range(m):
-        if not space.flags[CONVERGED, e % lanes]:
-            w = space.step_input[V * m + e] + h * space.solve_output[e]
-            space.rows[BEFORE, e] = space.step_output[NEXT_V * m + e]
-            space.step_output[NEXT_V * m + e] = w
-            space.step_output[NEXT_Q * m + e] = space.step_input[e] + h * w
+        is_open, before = space.rows[OPEN, e] > 0.0, step_output[NEXT_V * m + e]
+        w = step_input[V * m + e] + h * space.solve_output[e]
+        space.rows[BEFORE, e] = select(is_open, before, space.rows[BEFORE, e])
+        step_output[NEXT_V * m + e] = select(is_open, w, before)
+        step_output[NEXT_Q * m + e] = select(is_open, step_input[e] + h * w, step_output[NEXT_Q * m + e])
 
 
 @compiled(lean=True)

@@ -30,6 +30,7 @@ from pepper_kin.core.simulation.implicit_step import (
     RobotTables,
     StepWorkspace,
     V,
+    all_sound,
     implicit_step,
     is_sound,
     write_equation,
@@ -148,14 +149,14 @@ def _advance_blocks(
                 hold_in_play(b, robots.law, step_input)
             calm = implicit_step(b, robots, space)
             if coupled:
-                write_segments(b, calm, robots, space)
+                write_segments(b, robots, space)
                 outcome, pushed, _ = couple(b, 0, robots, space, world, equation, step_input[:m], True)
                 if outcome != SOLVED:
                     status, log.good[0] = outcome, k
                     break
                 if pushed:
                     calm = implicit_step(b, robots, space)
-            if not calm or left < lanes:
+            if left < lanes or (not calm and not all_sound(space)):
                 left = _stop_unsound(b, k, 1 + k // span.every, robots, space, log)
                 if left == 0:
                     break
@@ -189,8 +190,8 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
     """
     if remembers(robots.law):
         hold_in_play(0, robots.law, space.step_input)
-    calm = implicit_step(0, robots, space)
-    write_segments(0, calm, robots, space)
+    implicit_step(0, robots, space)
+    write_segments(0, robots, space)
     write_equation(0, 0, robots, space, mass_hat, force)
     return is_sound(0, 1, space)
 

@@ -22,6 +22,7 @@ from pepper_kin.core.simulation.implicit_step import (
     RobotTables,
     StepWorkspace,
     V,
+    all_sound,
     implicit_step,
     is_sound,
     write_segments,
@@ -205,12 +206,12 @@ def _advance(
             hold_in_play(b, robots.law, step_input)
         calm = implicit_step(b, robots, space)
         if coupled > 0:
-            write_segments(b, calm, robots, space)
+            write_segments(b, robots, space)
             if _meet_worlds(b, k, robots, space, around, good):
                 calm = implicit_step(b, robots, space)
             for e in range(m):
                 step_input[LOAD * m + e] = outer[e]
-        if not calm or any_stopped or coupled > 0:
+        if any_stopped or coupled > 0 or (not calm and not all_sound(space)):
             any_stopped = _stop_unsound(b, k, robots, space, good)
         if stateful:
             remember(b, robots, space)
