@@ -39,6 +39,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_24": motions.draw_24_imitate_reach,
     "example_25": motions.draw_25_policy_on_robots,
     "learning_frames": motions.draw_learning_frames,
+    "learning_policy": motions.draw_learning_policy,
     "learning_tasks": motions.draw_learning_tasks,
     "demo": pages.draw_demo,
     "film": pages.draw_film,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import pepper_kin as pk
-from pepper_kin.learning import Oracle, PepperVectorEnv
+from pepper_kin.learning import Oracle, PepperVectorEnv, imitate
 from pepper_kin.model.shapes import Box
 from pepper_kin.trajectory import Trajectory
 
@@ -361,6 +361,20 @@ def draw_learning_frames() -> None:
             frames.extend(env.render() or ())
         env.step(oracle())
     Image.fromarray(np.concatenate(frames, axis=1)).save(FOLDER / "learning_frames.png", optimize=True)
+
+
+def draw_learning_policy() -> None:
+    """Film four episodes of a policy that imitated for some seconds, at goals that it never saw."""
+    policy = imitate(PepperVectorEnv(256, "ReachBoth", autoreset_mode="SameStep"), rounds=8)
+    env = PepperVectorEnv(1, "ReachBoth", goal_seed=1, autoreset_mode="SameStep", render_mode="rgb_array")
+    observations, _ = env.reset(seed=2)
+    frames = []
+    for step in range(4 * env.task.horizon):
+        if step % 5 == 0:
+            frames.append(Image.fromarray(env.render()[0]).quantize(64, Image.Quantize.MAXCOVERAGE))
+        observations, *_ = env.step(policy(observations))
+    path = FOLDER / "learning_policy.gif"
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=100, loop=0, optimize=True)
 
 
 def draw_learning_tasks() -> None:

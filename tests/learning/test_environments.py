@@ -122,6 +122,33 @@ def test_episodes_end_as_each_mode_says():
     np.testing.assert_array_equal(stopped.twins.position[mask], np.tile(home, (2, 1)))
 
 
+@pytest.mark.parametrize("name", list(learning.TASKS))
+def test_every_task_ends_and_begins_in_every_mode(name):
+    found = {}
+    for mode in AutoresetMode:
+        env = PepperVectorEnv(3, name, autoreset_mode=mode)
+        first, _ = env.reset(seed=9)
+        zero = np.zeros(env.action_space.shape)
+        env.elapsed[:] = env.task.horizon - 2
+        _, _, _, before, _ = env.step(zero)
+        last, rewards, terminated, truncated, infos = env.step(zero)
+        assert not before.any()
+        assert (truncated | terminated).all()
+        if mode is AutoresetMode.SAME_STEP:
+            last, second = infos["final_obs"], last
+        elif mode is AutoresetMode.NEXT_STEP:
+            second, rewards_of_reset, *_ = env.step(zero)
+            assert not rewards_of_reset.any()
+        else:
+            second, _ = env.reset(options={"reset_mask": np.ones(3, bool)})
+        assert env.observation_space.contains(second)
+        found[mode] = (first, last, rewards, second)
+    for one, other in zip(found[AutoresetMode.NEXT_STEP], found[AutoresetMode.SAME_STEP], strict=True):
+        np.testing.assert_array_equal(one, other)
+    for one, other in zip(found[AutoresetMode.NEXT_STEP], found[AutoresetMode.DISABLED], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_seeds_repeat_whatever_the_number_of_robots():
     few, many = PepperVectorEnv(3), PepperVectorEnv(9)
     np.testing.assert_array_equal(few.reset(seed=11)[0], many.reset(seed=11)[0][:3])
