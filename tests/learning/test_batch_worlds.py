@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import pepper_kin as pk
 from pepper_kin.collision import Scene
 from pepper_kin.dynamics import external_torque
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
@@ -199,3 +200,24 @@ def test_misuse_is_refused(pepper):
         batch.step(pepper.neutral(), load=np.zeros(3))
     with pytest.raises(InvalidValueError, match="step"):
         batch.follow(pepper.neutral()[None])
+
+
+@pytest.mark.parametrize("base", ["fixed", "planar"])
+def test_no_point_moves_farther_than_its_lever_says(base):
+    robot = pk.load_pepper(base=base)
+    levers = World(robot).levers()
+    rng = np.random.default_rng(6)
+    low, high = np.maximum(robot.lower_limits, -3.0), np.minimum(robot.upper_limits, 3.0)
+    frames = [name for name in robot.frame_names if name != "universe"]
+    nearest = np.zeros(robot.n)
+    for _ in range(20):
+        q = rng.uniform(low, high)
+        for j in range(robot.n):
+            other = q.copy()
+            other[j] += 1e-4
+            moved = [
+                np.linalg.norm((frame_pose(robot, other, f) - frame_pose(robot, q, f))[:3, 3]) for f in frames
+            ]
+            assert max(moved) <= 1e-4 * levers[j] + 1e-9, robot.joint_names[j]
+            nearest[j] = max(nearest[j], max(moved) / 1e-4 / levers[j])
+    assert nearest.min() > 0.1  # and not much less
