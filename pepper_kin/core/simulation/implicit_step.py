@@ -211,14 +211,17 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
         space: `step_output` holds the first guess, and receives the result.
     """
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
-    violation = space.step_output.size - lanes
+    violation, rows, step_output = space.step_output.size - lanes, space.rows, space.step_output
     for lane in range(lanes):
-        right = space.step_output[violation + lane] <= 0.0
+        right = step_output[violation + lane] <= 0.0
         space.flags[CONVERGED, lane] = right
-        for e in range(lane, m, lanes):
-            space.rows[OPEN, e] = 0.0 if right else 1.0
-            if not right:
-                space.step_output[NEXT_V * m + e] = space.step_input[V * m + e]
+        rows[OPEN, lane] = 0.0 if right else 1.0
+    for e in range(lanes, m):
+        rows[OPEN, e] = rows[OPEN, e - lanes]
+    for e in range(m):
+        step_output[NEXT_V * m + e] = select(
+            rows[OPEN, e] > 0.0, space.step_input[V * m + e], step_output[NEXT_V * m + e]
+        )
     _look_up(h, False, law, space)
     entries = robots.places.shape[1] * lanes
     for p in range(entries):
@@ -269,7 +272,11 @@ def _look_up(h: float, turns: bool, law: Floats2, space: StepWorkspace) -> None:
 @compiled(lean=True)
 def _all_agree(lanes: int, space: StepWorkspace) -> bool:
     """Mark lanes whose forces were right; return whether all are."""
-    m, all_agree = space.solve_output.size, True
+    m, all_agree, wrong = space.solve_output.size, True, 0
+    for e in range(m):  # in vectors: mostly all are
+        wrong += 0 if space.rows[WRONG, e] <= 0.0 else 1
+    if wrong == 0:
+        return True
     for lane in range(lanes):
         if space.flags[CONVERGED, lane]:
             continue
