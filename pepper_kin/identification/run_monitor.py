@@ -12,8 +12,10 @@ theta:
 
 The residual with torque / Kp does not see a payload, and torques do not see a weak motor, whose servo leans
 further until it gives the same torque: such structured residuals isolate faults (Gertler, Fault Detection
-and Diagnosis in Engineering Systems, 1998).  Those of a weak motor are differences over 2 s.  Each hypothesis has Page's cumulative sum (Biometrika 41, 1954) of log-likelihood ratios
-under Cauchy's distribution, which a joint that is held for a moment does not upset:
+and Diagnosis in Engineering Systems, 1998).  Those of a weak motor are differences over 2 s.  Torques are
+less the gravity of where the robot is and the twin is not.  Each hypothesis has Page's cumulative sum
+(Biometrika 41, 1954) of log-likelihood ratios under Cauchy's distribution, which a joint that is held for
+a moment does not upset:
 
     s_k = log(1 + (r / sigma)^2) - log(1 + ((r - theta phi) / sigma)^2) - d log(1 + (theta phi / sigma)^2),
     S_k = max(0, S_{k-1} + s_k).
@@ -45,18 +47,13 @@ from pepper_kin.twin.joint_response import JointResponse, joint_response
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.twin import Twin
 
-STUCK, WEAK, PAYLOAD, SLIP, BIAS = (
-    "stuck joint",
-    "weak motor",
-    "wrong payload",
-    "slipped wheel",
-    "biased sensor",
-)
-UNITS = {STUCK: "rad not followed", WEAK: "of its strength", PAYLOAD: "kg", SLIP: "of the way", BIAS: "rad"}
-FAULTS = tuple(UNITS)
+FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor")
+STUCK, WEAK, PAYLOAD, SLIP, BIAS = FAULTS
+UNITS = dict(zip(FAULTS, ("rad not followed", "of its strength", "kg", "of its turns", "rad"), strict=True))
 
 THRESHOLDS = {STUCK: 25.0, WEAK: 30.0, PAYLOAD: 20.0, SLIP: 10.0, BIAS: 90.0}
-"""Of the cumulative sums."""
+"""Of the cumulative sums: of stuck joints and biases twice the largest sums in an hour of a real Pepper's
+logs, of the others as much above those of healthy twins (`benchmarks/run_monitor.py`)."""
 
 SPREADS = {STUCK: 0.006, WEAK: 0.002, PAYLOAD: 0.1, SLIP: 0.01, BIAS: 0.02}
 """sigma: [rad], [N m] of the payload, [rad] of a wheel; in runs, a bias has the one of a weak motor."""
@@ -74,6 +71,7 @@ GAP = 1.0
 """Changes between readings that are farther apart are not compared [s]."""
 
 _COMPLIANCES = np.array([0.4, 0.8, 1.6, 3.2, 6.4])
+_MASSES = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, -0.05, -0.1, -0.2, -0.4])
 _SLIPS = np.array([0.04, 0.08, 0.16, 0.32, 0.64])
 _SCALE = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 80.0])
 
@@ -175,7 +173,7 @@ def diagnose(
     joint's command is at its limit.  A bias is one of the readings alone: where the servo itself reads the
     biased encoder, the joint is wrong and the reading is not.  A weak motor shows where a joint moves under
     a load.  In a run, `position` of the base's joints is where it was seen from outside, and the sensor
-    "wheel_odometry" shows how far its wheels turned.
+    "wheel_odometry" shows how far its wheels turned.  A joint that is not sent anywhere shows nothing.
 
     Args:
         pepper: The robot.
@@ -186,7 +184,7 @@ def diagnose(
 
     Raises:
         InvalidValueError: for what is neither log nor run, a model that does not suit it, a run of other
-            joints, or a threshold that is not above 0.
+            joints or with uneven times, or a threshold that is not above 0.
         UnknownNameError: for a kind of fault, or a joint, that is not known.
     """
     limits = dict(THRESHOLDS)
@@ -305,11 +303,12 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
         raise InvalidValueError(
             "joints of the run", ", ".join(run.joint_names), ", ".join(pepper.joint_names)
         )
-    if len(run) < 3:
-        return
-    step = float(run.time[1])
+    steps = np.diff(run.time)
+    if not (steps.size and np.allclose(steps, steps[0], rtol=1e-3, atol=0.0)):
+        raise InvalidValueError("time", "uneven steps", "times of the run in equal steps")
+    step = float(steps.mean())
     twin = Twin(pepper, step) if model is None else model
-    if abs(twin.timestep - step) > 1e-9 or twin.pepper.joint_names != run.joint_names:
+    if abs(twin.timestep - step) > 1e-3 * step or twin.pepper.joint_names != run.joint_names:
         given = f"steps of {twin.timestep:g} s of {', '.join(twin.pepper.joint_names)}"
         raise InvalidValueError("model", given, f"a twin of the run's joints with its steps of {step:g} s")
     twin.reset(np.clip(run.position[0], pepper.lower_limits, pepper.upper_limits), run.velocity[0])
@@ -317,6 +316,8 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
     if not expected.success:
         raise InvalidValueError("model", expected.message, "a twin that follows the run's references")
     length = max(round(BLOCK / step), 1)
+    if len(run) <= 3 * length:
+        return
 
     def means(values: Array) -> Array:
         count = (len(values) - 1) // length
@@ -327,7 +328,7 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
     held = more - dynamics.gravity_torque(pepper, q) + dynamics.gravity_torque(pepper, q - away)
     lag = round(LAG / (step * length))
     for j, joint in enumerate(run.joint_names):
-        if joint.startswith("Base") or run.joint_units[j] != "rad" or time.size < 3:
+        if joint.startswith("Base") or run.joint_units[j] != "rad":
             continue
         stiffness = max(float(twin.actuators.stiffness[j]), 1e-9)
         residual = away[:, j] + (held if twin.feedforward == "gravity" else more)[:, j] / stiffness
@@ -344,16 +345,14 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
         arm = sorted(above[hand].difference(*(above[other] for other in hands if other != hand)))
         weight = -(kinematics.frame_jacobian(pepper, q, frame)[:, :3].transpose(0, 2, 1) @ GRAVITY)[:, arm]
         joints = frozenset(pepper.joint_names[j] for j in arm)
-        masses = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6])
-        sizes = np.concatenate([masses, -masses])
-        yield _Evidence(PAYLOAD, hand, joints, time, held[:, arm], weight, SPREADS[PAYLOAD], sizes)
+        yield _Evidence(PAYLOAD, hand, joints, time, held[:, arm], weight, SPREADS[PAYLOAD], _MASSES)
 
 
 def _of_wheels(pepper: PepperModel, run: Run) -> Iterator[_Evidence]:
     """Yield what a run shows of the wheels: how far they turned, beside what the base's way needs."""
     base = [j for j, name in enumerate(run.joint_names) if name in ("BaseX", "BaseY", "BaseYaw")]
     readings = run.readings.get("wheel_odometry")
-    if len(base) < 3 or readings is None or len(readings) < 4:
+    if len(base) < 3 or readings is None or np.ptp(readings.time) < 1.0:
         return
     wheels = OmniBase(pepper)
     time = np.arange(readings.time[0], readings.time[-1], 2.0 * BLOCK)
