@@ -7,6 +7,7 @@
     fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
     excitation_motion, Excitation             a motion that shows inertial parameters, within the limits
     estimate_stiffness, estimate_inertia, estimate_payload, Estimate   what a recording of it tells
+    diagnose, Diagnosis, Fault                faults that a log or a run shows; FAULTS, THRESHOLDS
     save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
 
 How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
@@ -25,12 +26,17 @@ from pepper_kin.identification.log_file import read_log
 from pepper_kin.identification.picture import save_replay_picture
 from pepper_kin.identification.replay import JointComparison, Replay, compared, replay, report_of
 from pepper_kin.identification.robot_log import RobotLog
+from pepper_kin.identification.run_monitor import FAULTS, THRESHOLDS, Diagnosis, Fault, diagnose
 from pepper_kin.identification.stretches import KINDS, Stretch, Tolerance
 
 __all__ = [
+    "FAULTS",
     "KINDS",
+    "THRESHOLDS",
+    "Diagnosis",
     "Estimate",
     "Excitation",
+    "Fault",
     "Fit",
     "JointComparison",
     "LogCheck",
@@ -40,6 +46,7 @@ __all__ = [
     "Tolerance",
     "check_logs",
     "compared",
+    "diagnose",
     "estimate_inertia",
     "estimate_payload",
     "estimate_stiffness",

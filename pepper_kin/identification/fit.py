@@ -145,7 +145,9 @@ def fit_actuators(
             raise UnknownNameError("quantity of a response", quantity, RESPONSE_QUANTITIES)
     joints = _checked(pepper, logs)
     response = _start(joints, start)
-    problem = _Problem(pepper, tuple(logs), dict.fromkeys(joints, chosen), {}, _used(pepper, logs, response))
+    problem = _Problem(
+        pepper, tuple(logs), dict.fromkeys(joints, chosen), {}, used_readings(pepper, logs, response)
+    )
     problem = problem._replace(trips=_best_trips(problem, response))
     response, problem, without = _solved(problem, response, ROUNDS)
     response = _with_intervals(problem, response, without, seed)
@@ -267,7 +269,7 @@ def _start(joints: tuple[str, ...], start: JointResponse | None) -> JointRespons
     return JointResponse(joints, **values, intervals={}, sources=("fitted",) * len(joints))
 
 
-def _used(
+def used_readings(
     pepper: PepperModel, logs: Sequence[RobotLog], response: JointResponse
 ) -> dict[int, NDArray[np.bool_]]:
     """Return which readings of each log count: not those of arms that are kept off the body."""
