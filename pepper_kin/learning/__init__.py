@@ -1,7 +1,8 @@
 """Pepper's twin as environments of Gymnasium: `pip install pepper_kin[learning]`.
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
-    TASKS, ReachTask              what is asked, and how it is scored
+    TASKS, Task, ReachTask        what is asked, and how it is scored
+    Randomization                 robots that differ, by ranges
     to_sb3, to_rsl_rl             the environments as stable-baselines3 and RSL-RL take them
     imitate, Round                a policy from a teacher, in NumPy
     Policy, load_policy           small networks that act, and their files
@@ -9,10 +10,10 @@
     best_policy, try_policy, Trial   what `pepper-kin learn` does
     train_by_ppo                  the same by PPO of stable-baselines3
     success_rate                  how many episodes of a policy end in success
-    Oracle                        solves the tasks by inverse kinematics: what can be reached at all
+    Oracle                        solves the tasks by the methods of this library: what can be reached at all
 
-Importing it registers `PepperReach-v0`, `PepperReachBoth-v0` and `PepperGazeReach-v0`, for `gymnasium.make`
-and for `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
+Importing it registers `PepperReach-v0` and the others of `TASKS`, for `gymnasium.make` and for
+`gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
 """
 
 from pepper_kin.exceptions import MissingDependencyError

@@ -127,7 +127,10 @@ class BatchWorld:
 
     @contextmanager
     def tables(self, h: float) -> Iterator[WorldTables]:
-        """Lend a world's tables for steps of length h [s] to one thread."""
+        """Lend a world's tables for steps of length h [s] to one thread.
+
+        What only interrupts, such as Ctrl-C in a call-back, is raised afterwards; a step that fails is not.
+        """
         try:
             world = self._free.popleft()
         except IndexError:
@@ -136,6 +139,9 @@ class BatchWorld:
             yield world.begin(h)
         finally:
             self._free.append(world)
+        error = world.raised()
+        if error is not None and not isinstance(error, Exception):
+            raise error
 
     def _vary(self, name: str, quantities: Mapping[str, ArrayLike]) -> None:
         body = self._begin[:, self._place_of(name)]

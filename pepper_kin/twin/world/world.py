@@ -370,6 +370,10 @@ class World:
         """
         return self._tables.state.wrench[: int(self._tables.state.numbers[4])].copy()
 
+    def raised(self) -> BaseException | None:
+        """Return what Python code has raised in steps since the last time, and forget it."""
+        return self._callback.raised()
+
     def end(self, steps: int, outcome: int) -> BaseException | None:
         """Take note of the steps that were taken, and return why there were no more, if there were to be.
 
@@ -382,7 +386,7 @@ class World:
         if self._solved:
             return None
         self._step += 1
-        error = self._callback.raised()
+        error = self.raised()
         return ContactError(self._step, self._touching(), CAUSES[outcome]) if error is None else error
 
     def _advance(self, q: Array, motion: RobotMotion, h: float) -> Array:
