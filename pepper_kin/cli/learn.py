@@ -110,7 +110,7 @@ def learn(
 def _show(policy: Any, path: Path, seed: int, silent: bool) -> None:
     """Write an episode on a twin."""
     env = learning.PepperVectorEnv(1, policy.task, goal_seed=learning.TRIED)
-    episode = learning.run_policy(policy, env, pk.Twin(env.pepper), seed=seed)
+    episode = learning.run_policy(policy, env, env.task.twin(env.pepper), seed=seed)
     if path.suffix.lower() == ".csv":
         pk.files.save(episode.motion, path, unchecked=True)
         return

@@ -14,7 +14,7 @@ from pepper_kin.learning.reach_task import ReachTask, frame_of
 from pepper_kin.learning.task import BANK, towards, with_goals
 from pepper_kin.model import PepperModel
 from pepper_kin.model.poses import rpy_from_rotation
-from pepper_kin.twin import TwinBatch
+from pepper_kin.twin import Twin, TwinBatch
 from pepper_kin.twin.world import World
 
 if TYPE_CHECKING:
@@ -49,6 +49,10 @@ class PushTask(ReachTask):
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots at tables of their own; see `Task.twins`."""
         return TwinBatch(pepper, count, **options, world=self.world(pepper))
+
+    def twin(self, pepper: PepperModel) -> Twin:
+        """Return a robot at such a table."""
+        return Twin(pepper, world=self.world(pepper))
 
     def home(self, pepper: PepperModel) -> Array:
         """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""

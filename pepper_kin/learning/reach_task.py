@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import Task as IKTask
 from pepper_kin.learning.task import BANK, Score, Task, duration_of, places_of, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.twin import TwinBatch
+from pepper_kin.twin import Twin, TwinBatch
 
 if TYPE_CHECKING:
     from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -207,6 +207,10 @@ class CarryTask(ReachTask):
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots with a mass in the hand, evenly spread; see `Task.twins`."""
         return TwinBatch(pepper, count, **options, payload={self.hands[0]: self._masses(count)})
+
+    def twin(self, pepper: PepperModel) -> Twin:
+        """Return a robot with the greatest mass in the hand."""
+        return Twin(pepper, payload={self.hands[0]: self.payload[1]})
 
     def _masses(self, count: int) -> Array:
         golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]

@@ -12,7 +12,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.learning.picture import AIM, EYE
 from pepper_kin.model import PepperModel, Sphere, load_pepper
-from pepper_kin.twin import TwinBatch
+from pepper_kin.twin import Twin, TwinBatch
 
 if TYPE_CHECKING:
     from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -88,6 +88,10 @@ class Task:
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return N robots, with what they differ in; see `Randomization.drawn`."""
         return TwinBatch(pepper, count, **options)
+
+    def twin(self, pepper: PepperModel) -> Twin:
+        """Return one robot that the task can be done with, for `run_policy`."""
+        return Twin(pepper)
 
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
         """Put robots, shape (k,), to the beginning of their episodes."""

@@ -211,3 +211,16 @@ def test_without_a_learner_the_command_that_installs_it_is_named(monkeypatch, ca
         hand_over(PepperVectorEnv(2, autoreset_mode="SameStep"))
     with pytest.raises(InvalidValueError, match="SAME_STEP"):
         hand_over(PepperVectorEnv(2))
+
+
+@pytest.mark.parametrize("name", ["Carry", "Push", "Balance", "Drive"])
+def test_a_single_twin_does_a_task_as_the_batch_does(name):
+    env = PepperVectorEnv(1, name)
+    oracle = Oracle(env)
+    episode = run_policy(lambda _: oracle(), env, env.task.twin(env.pepper), seed=4)
+    assert episode.success
+    batch = PepperVectorEnv(1, name)
+    batch.reset(seed=[4])
+    teacher = Oracle(batch)
+    distances = [batch.step(teacher())[4]["distance"][0] for _ in episode.distances]
+    assert np.abs(episode.distances - distances).max() < (0.02 if name in ("Carry", "Push") else 1e-5)
