@@ -193,7 +193,7 @@ def diagnose(
             raise UnknownNameError("fault", kind, FAULTS)
         limits[kind] = check_positive(f"threshold of {kind}", value, "log-likelihood ratio")
     if isinstance(run, RobotLog) and (model is None or isinstance(model, JointResponse)):
-        evidence = list(_of_log(pepper, run, joint_response(pepper) if model is None else model))
+        evidence = list(evidence_of_log(pepper, run, joint_response(pepper) if model is None else model))
     elif isinstance(run, Run) and (model is None or isinstance(model, Twin)):
         evidence = [*_of_run(pepper, run, model), *_of_wheels(pepper, run)]
     else:
@@ -267,7 +267,7 @@ def _size(one: _Evidence, rows: slice, start: float) -> float:
     return 1.0 / (1.0 + size) if one.kind == WEAK else size
 
 
-def _of_log(pepper: PepperModel, log: RobotLog, response: JointResponse) -> Iterator[_Evidence]:
+def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse) -> Iterator[_Evidence]:
     """Yield what a log shows of its joints."""
     found = replay(pepper, log, response, tolerance=Tolerance(within=100.0))  # which names no stretch
     command, places = log.commands_at(log.time), [pepper.joint_index(joint) for joint in log.joint_names]
