@@ -7,7 +7,7 @@
     fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
     excitation_motion, Excitation             a motion that shows inertial parameters, within the limits
     estimate_stiffness, estimate_inertia, estimate_payload, Estimate   what a recording of it tells
-    diagnose, Diagnosis, Fault                faults that a log or a run shows; FAULTS, THRESHOLDS
+    diagnose, Diagnosis, RunFault             faults that a log or a run shows; FAULTS, THRESHOLDS
     save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
 
 How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
@@ -26,7 +26,7 @@ from pepper_kin.identification.log_file import read_log
 from pepper_kin.identification.picture import save_replay_picture
 from pepper_kin.identification.replay import JointComparison, Replay, compared, replay, report_of
 from pepper_kin.identification.robot_log import RobotLog
-from pepper_kin.identification.run_monitor import FAULTS, THRESHOLDS, Diagnosis, Fault, diagnose
+from pepper_kin.identification.run_monitor import FAULTS, THRESHOLDS, Diagnosis, RunFault, diagnose
 from pepper_kin.identification.stretches import KINDS, Stretch, Tolerance
 
 __all__ = [
@@ -36,12 +36,12 @@ __all__ = [
     "Diagnosis",
     "Estimate",
     "Excitation",
-    "Fault",
     "Fit",
     "JointComparison",
     "LogCheck",
     "Replay",
     "RobotLog",
+    "RunFault",
     "Stretch",
     "Tolerance",
     "check_logs",

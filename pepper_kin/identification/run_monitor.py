@@ -77,7 +77,7 @@ _SCALE = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 80.0])
 
 
 @dataclass(frozen=True)
-class Fault:
+class RunFault:
     """What a run shows that the twin does not.
 
     Attributes:
@@ -115,7 +115,7 @@ class Diagnosis:
         not_judged: Kind -> why this run cannot show it.
     """
 
-    faults: tuple[Fault, ...]
+    faults: tuple[RunFault, ...]
     scores: Mapping[tuple[str, str], float]
     judged: Mapping[str, float]
     not_judged: Mapping[str, str]
@@ -193,18 +193,18 @@ def diagnose(
             raise UnknownNameError("fault", kind, FAULTS)
         limits[kind] = check_positive(f"threshold of {kind}", value, "log-likelihood ratio")
     if isinstance(run, RobotLog) and (model is None or isinstance(model, JointResponse)):
-        evidence = list(_of_log(pepper, run, joint_response(pepper) if model is None else model))
+        evidence = list(evidence_of_log(pepper, run, joint_response(pepper) if model is None else model))
     elif isinstance(run, Run) and (model is None or isinstance(model, Twin)):
         evidence = [*_of_run(pepper, run, model), *_of_wheels(pepper, run)]
     else:
         given = f"{type(run).__name__} with {type(model).__name__}"
         raise InvalidValueError("run", given, "a RobotLog with a JointResponse, or a Run with a Twin")
-    found: list[tuple[Fault, frozenset[str]]] = []
+    found: list[tuple[RunFault, frozenset[str]]] = []
     scores = {}
     for one in evidence:
         scores[one.kind, one.part], faults = _tested(one, limits[one.kind])
         found += [(fault, one.joints) for fault in faults]
-    chosen: list[tuple[Fault, frozenset[str]]] = []
+    chosen: list[tuple[RunFault, frozenset[str]]] = []
     for fault, joints in sorted(found, key=lambda item: -item[0].score):
         if not any(joints & j and fault.begin <= f.end and f.begin <= fault.end for f, j in chosen):
             chosen.append((fault, joints))
@@ -233,7 +233,7 @@ def _reasons(run: RobotLog | Run) -> dict[str, str]:
     }
 
 
-def _tested(one: _Evidence, threshold: float) -> tuple[float, list[Fault]]:
+def _tested(one: _Evidence, threshold: float) -> tuple[float, list[RunFault]]:
     """Return the largest score of a hypothesis, and the faults that reach 1."""
     top, faults = 0.0, []
     unlikely = np.log1p((one.residual / one.spread) ** 2)
@@ -251,7 +251,9 @@ def _tested(one: _Evidence, threshold: float) -> tuple[float, list[Fault]]:
             rows = slice(int(begins[k]), last)
             begin, end = one.time[rows][0], one.time[last - 1]
             faults.append(
-                Fault(one.kind, one.part, float(begin), float(end), _size(one, rows, size), float(sums[last]))
+                RunFault(
+                    one.kind, one.part, float(begin), float(end), _size(one, rows, size), float(sums[last])
+                )
             )
     return top, faults
 
@@ -267,7 +269,7 @@ def _size(one: _Evidence, rows: slice, start: float) -> float:
     return 1.0 / (1.0 + size) if one.kind == WEAK else size
 
 
-def _of_log(pepper: PepperModel, log: RobotLog, response: JointResponse) -> Iterator[_Evidence]:
+def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse) -> Iterator[_Evidence]:
     """Yield what a log shows of its joints."""
     found = replay(pepper, log, response, tolerance=Tolerance(within=100.0))  # which names no stretch
     command, places = log.commands_at(log.time), [pepper.joint_index(joint) for joint in log.joint_names]
