@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import ModelError
-from pepper_kin.model.shapes import rotation_rpy, transform
+from pepper_kin.model.shapes import product, rotation_rpy, transform
 from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import number_of, vector_of
 
@@ -133,7 +133,7 @@ def read_body(inertial: ET.Element, link: str) -> Body:
     tensor = tensor_of([0.0 if inertia is None else number_of(inertia, key, 0.0, what) for key in MOMENTS])
     rotation = rotation_rpy(*(float(v) for v in rpy))
     kilograms = 0.0 if mass is None else number_of(mass, "value", 0.0, what)
-    return Body(kilograms, read_only(center), read_only(rotation @ tensor @ rotation.T))
+    return Body(kilograms, read_only(center), read_only(product(product(rotation, tensor), rotation.T)))
 
 
 def tensor_of(moments: Sequence[float]) -> NDArray[np.float64]:

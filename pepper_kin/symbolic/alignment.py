@@ -7,13 +7,14 @@ axis passes by, most components of the translations between joints are zero (Den
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model.moving_tree import MovingTree
-from pepper_kin.model.shapes import cross_product
+from pepper_kin.model.shapes import cross_product, product
 
 SNAP = 1e-11
 """Entries of constant rotations this near to 0 or 1 are taken for it: URDFs round pi / 2 to twelve digits."""
@@ -40,7 +41,7 @@ class Alignment(NamedTuple):
         Returns:
             Rotation matrix, shape (3, 3), and origin [m], shape (3,), in the body's frame.
         """
-        return self.rotation.T @ rotation, self.rotation.T @ (translation - self.origin)
+        return product(self.rotation.T, rotation), product(self.rotation.T, translation - self.origin)
 
 
 def snapped(rotation: Array, tolerance: float = SNAP) -> Array:
@@ -85,23 +86,28 @@ def _rotation(tree: MovingTree, i: int, parent: Array) -> Array:
         The axes in the joint's frame, as columns, shape (3, 3).
     """
     axis = snapped(tree.axes[i])
-    placed = parent.T @ tree.rotations[i]
+    placed = product(parent.T, tree.rotations[i])
     children = [c for c in range(1, tree.count) if tree.parents[c] == i]
-    turns = [tree.rotations[c] @ tree.axes[c] for c in children]
+    turns = [product(tree.rotations[c], tree.axes[c]) for c in children]
     guides = [np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], *placed, cross_product(placed[2], axis), *turns]
     best, most = np.eye(3), -1
     for guide in guides:
-        x = guide - axis * (axis @ guide)
-        length = np.linalg.norm(x)
+        x = guide - axis * _along(axis, guide)
+        length = math.sqrt(_along(x, x))
         if length < 1e-3:
             continue
         x = snapped(x / length)
         axes = np.array([x, cross_product(axis, x), axis]).T.copy()
-        zeros = np.sum(snapped(placed @ axes) == 0)
-        zeros += sum(np.sum(np.abs(axes.T @ turn) < SNAP) for turn in turns)
+        zeros = np.sum(snapped(product(placed, axes)) == 0)
+        zeros += sum(np.sum(np.abs(product(axes.T, turn)) < SNAP) for turn in turns)
         if zeros > most:
             best, most = axes, zeros
     return best
+
+
+def _along(first: Array, second: Array) -> float:
+    """Return the scalar product of two vectors, shape (3,), rounded alike on every processor."""
+    return float(first[0] * second[0] + first[1] * second[1] + first[2] * second[2])
 
 
 def _shift(tree: MovingTree, rotations: list[Array], origins: Array) -> None:
@@ -115,8 +121,8 @@ def _shift(tree: MovingTree, rotations: list[Array], origins: Array) -> None:
 
     def translation(child: int) -> Array:
         parent = tree.parents[child]
-        inside = tree.rotations[child] @ origins[child] + tree.positions[child] - origins[parent]
-        return np.asarray(rotations[parent].T @ inside)
+        inside = product(tree.rotations[child], origins[child]) + tree.positions[child] - origins[parent]
+        return product(rotations[parent].T, inside)
 
     def fills(joints: list[int]) -> int:
         return sum(int(np.sum(np.abs(translation(j)) > 1e-12)) for j in joints)
@@ -128,10 +134,11 @@ def _shift(tree: MovingTree, rotations: list[Array], origins: Array) -> None:
             axis = tree.axes[i]
             edges = [i, *(c for c in range(1, tree.count) if tree.parents[c] == i)]
             start = origins[i].copy()
-            along = rotations[tree.parents[i]].T @ tree.rotations[i] @ axis
+            along = product(rotations[tree.parents[i]].T, product(tree.rotations[i], axis))
             here = translation(i)
             steps = [-here[k] / along[k] for k in range(3) if abs(along[k]) > 1e-3]
-            steps += [float((rotations[i].T @ rotations[i] @ translation(c))[2]) for c in edges[1:]]
+            own = product(rotations[i].T, rotations[i])
+            steps += [float(product(own, translation(c))[2]) for c in edges[1:]]
             best, fewest = start, fills(edges)
             for step in steps:
                 origins[i] = start + step * axis

@@ -8,6 +8,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
+from pepper_kin.model.shapes import product
 from pepper_kin.symbolic.bodies import clean, numbers
 from pepper_kin.symbolic.inverse_dynamics import Wrench
 from pepper_kin.symbolic.memory import remembered
@@ -65,7 +66,7 @@ def _parameter_wrenches(motion: Motion, axes: Array) -> list[Wrench]:
     for k, m in _TENSOR_PLACES:
         tensor = np.zeros((3, 3))
         tensor[k, m] = tensor[m, k] = 1.0
-        tensor = axes.T @ tensor @ axes
-        second = clean(np.trace(tensor) / 2 * np.eye(3) - tensor)
+        tensor = product(product(axes.T, tensor), axes)
+        second = clean((tensor[0, 0] + tensor[1, 1] + tensor[2, 2]) / 2 * np.eye(3) - tensor)
         wrenches.append((ZERO, moment(motion, numbers(second))))
     return wrenches

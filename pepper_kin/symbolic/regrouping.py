@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.model.shapes import product
 from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
 
 
@@ -59,9 +60,10 @@ def _moved(
         rotation: R, shape (3, 3).
         translation: r, shape (3,) [m].
     """
-    turned = rotation @ first
+    turned = product(rotation, first)
     cross = np.outer(translation, turned)
-    second = rotation @ second @ rotation.T + cross + cross.T + mass * np.outer(translation, translation)
+    second = product(product(rotation, second), rotation.T) + cross + cross.T
+    second = second + mass * np.outer(translation, translation)
     return mass, turned + mass * translation, second
 
 

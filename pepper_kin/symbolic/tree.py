@@ -13,6 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.moving_tree import moving_tree
+from pepper_kin.model.shapes import product
 from pepper_kin.symbolic.alignment import Alignment, align, snapped
 from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
 from pepper_kin.symbolic.memory import remembered
@@ -106,8 +107,8 @@ def read_frames(pepper: PepperModel, *, compact: bool) -> BodyFrames:
     alignments, bodies = align(tree, shift_origins=compact), []
     for i, alignment in enumerate(alignments, start=1):
         parent = tree.parents[i] - 1
-        rotation = tree.rotations[i] @ alignment.rotation
-        translation = tree.rotations[i] @ alignment.origin + tree.positions[i]
+        rotation = product(tree.rotations[i], alignment.rotation)
+        translation = product(tree.rotations[i], alignment.origin) + tree.positions[i]
         if parent >= 0:
             rotation, translation = alignments[parent].place(rotation, translation)
         translation = np.where(np.abs(translation) < 1e-14, 0.0, translation)
@@ -163,7 +164,9 @@ def _inertia(inertia: Any, alignment: Alignment) -> Inertia:
     """Return a Pinocchio inertia about the origin and in the axes of a body's frame."""
     mass = float(inertia.mass)
     turn = alignment.rotation
-    tensor = turn.T @ np.array(inertia.inertia) @ turn
-    lever = turn.T @ (np.array(inertia.lever) - alignment.origin)
-    second = np.trace(tensor) / 2 * np.eye(3) - tensor + mass * np.outer(lever, lever)
+    tensor = product(product(turn.T, np.array(inertia.inertia)), turn)
+    lever = product(turn.T, np.array(inertia.lever) - alignment.origin)
+    second = (
+        (tensor[0, 0] + tensor[1, 1] + tensor[2, 2]) / 2 * np.eye(3) - tensor + mass * np.outer(lever, lever)
+    )
     return Inertia(mass, numbers(clean(mass * lever)), numbers(clean(second)))
