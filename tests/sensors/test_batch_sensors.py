@@ -5,7 +5,14 @@ import pytest
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.twin.sensors import BatchInertial, BatchRanges, SensorSuite
+from pepper_kin.twin.sensors import (
+    BatchDepth,
+    BatchInertial,
+    BatchRanges,
+    Camera,
+    SensorSuite,
+    camera_intrinsics,
+)
 
 RANGES = ("laser_right", "laser_front", "laser_left", "sonar_front", "sonar_back")
 INERTIAL = (
@@ -32,6 +39,29 @@ def test_rows_read_what_suites_read(pepper):
         np.testing.assert_allclose(ranges[row], wanted, atol=1e-9)
         wanted = np.concatenate([read[name].truth for name in INERTIAL])
         np.testing.assert_allclose(inertial[row], wanted, atol=1e-9)
+
+
+def test_depth_is_that_of_a_camera(pepper):
+    scene = (
+        Scene().add_box("shelf", (0.3, 2.0, 1.5), (1.2, 0.2, 0.75)).add_sphere("ball", 0.2, (0.9, -0.5, 1.4))
+    )
+    q = np.tile(pepper.neutral(), (3, 1))
+    q[:, pepper.joint_index("HeadYaw")] = [-0.4, 0.0, 0.5]
+    intrinsics = camera_intrinsics("camera_depth", "QQVGA")
+    found = BatchDepth(pepper, scene, intrinsics).read(q)
+    assert found.shape == (3, 120, 160)
+    for row in range(3):
+        camera = Camera(pepper, "camera_depth", "QQVGA", lens=False)
+        wanted = camera.depth(q[row], scene)
+        near = np.isfinite(wanted)
+        assert near.mean() > 0.5
+        own = np.abs(found[row][near] - wanted[near]) > 1e-4  # the robot's own body, which batches do not see
+        assert own.mean() < 0.02
+    small = BatchDepth(pepper, scene).read(q)
+    assert small.shape == (3, 48, 64)
+    np.testing.assert_allclose(
+        np.median(small[np.isfinite(small)]), np.median(found[np.isfinite(found)]), rtol=0.1
+    )
 
 
 def test_sensors_that_there_are_not_are_named(pepper):

@@ -11,9 +11,12 @@ from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.twin.sensors.camera import Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import cone, fan
 from pepper_kin.twin.sensors.raycast import RayCaster, Rays
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
+
+_COARSE = 5
 
 
 class BatchRanges:
@@ -40,10 +43,7 @@ class BatchRanges:
                 raise UnknownNameError("range sensor", name, ranging)
             pepper.frame_id(ranging[name].frame)
             self._fans.append((ranging[name], _directions(ranging[name])))
-        scene = scene.add_half_space("floor of rays", (0.0, 0.0, 1.0)) if floor else scene
-        items = list(scene.objects.values())
-        poses = np.array([item.transform_object_to_world for item in items]).reshape(-1, 4, 4)
-        self._caster = RayCaster([item.geometry for item in items], poses)
+        self._caster = _caster(scene, floor)
 
     def read(self, q: ArrayLike) -> Array:
         """Return the distances along all beams, a sonar's the least of its cone [m].
@@ -82,6 +82,64 @@ class BatchRanges:
             own = np.where(own > specification.maximum, np.inf, own)
             found.append(np.where(own < specification.minimum, -np.inf, own))
         return np.concatenate(found, axis=1)
+
+
+class BatchDepth:
+    """A depth camera of N robots in one scene; the robots themselves are not seen.
+
+    Args:
+        pepper: The robot.
+        scene: What stands around it.
+        intrinsics: Of the camera; a fifth of the columns and rows of `camera_depth` in QVGA if omitted.
+        name: "camera_depth", or another camera.
+        floor: Whether there is a floor at z = 0 besides what the scene holds.
+
+    Raises:
+        UnknownNameError: for a camera or a frame that there is not.
+    """
+
+    def __init__(
+        self,
+        pepper: PepperModel,
+        scene: Scene,
+        intrinsics: Intrinsics | None = None,
+        name: str = "camera_depth",
+        *,
+        floor: bool = True,
+    ) -> None:
+        full = camera_intrinsics(name, "QVGA")
+        small = Intrinsics(
+            full.width // _COARSE, full.height // _COARSE, *(x / _COARSE for x in (full.fx, full.fy)),
+            *((x + 0.5) / _COARSE - 0.5 for x in (full.cx, full.cy)),
+        )  # fmt: skip
+        self._pepper, self._caster = pepper, _caster(scene, floor)
+        self._frame = sensor_specifications()[name].frame
+        pepper.frame_id(self._frame)
+        points = (small if intrinsics is None else intrinsics).rays()
+        self.shape = points.shape[:2]
+        self._away = np.linalg.norm(points, axis=2).ravel()
+        self._directions = points.reshape(-1, 3) / self._away[:, np.newaxis]
+
+    def read(self, q: ArrayLike) -> Array:
+        """Return distances along the optical axis [m], inf where nothing is.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+
+        Returns:
+            Shape (N, rows, columns).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+        """
+        states = np.atleast_2d(as_joint_vectors(self._pepper, q, "q"))
+        pose = frame_pose(self._pepper, states, self._frame)
+        aims = self._directions @ pose[:, :3, :3].transpose(0, 2, 1)
+        origins = np.repeat(pose[:, np.newaxis, :3, 3], len(self._directions), axis=1)
+        shape = aims.shape[:2]
+        rays = Rays(origins.reshape(-1, 3), aims.reshape(-1, 3), np.full(aims[..., 0].size, np.inf), shape)
+        far = self._caster.distances_checked(rays).reshape(shape) / self._away
+        return np.asarray(far.reshape(-1, *self.shape))
 
 
 class BatchInertial:
@@ -128,6 +186,14 @@ class BatchInertial:
                 seen = frame_acceleration(self._pepper, q, v, a, sensor.frame)[..., :3] - gravity
             found.append(np.einsum("...ji,...j->...i", turn, seen))
         return np.concatenate([np.atleast_2d(part) for part in found], axis=1)
+
+
+def _caster(scene: Scene, floor: bool) -> RayCaster:
+    """Return a caster of rays at a scene, and at a floor at z = 0."""
+    scene = scene.add_half_space("floor of rays", (0.0, 0.0, 1.0)) if floor else scene
+    items = list(scene.objects.values())
+    poses = np.array([item.transform_object_to_world for item in items]).reshape(-1, 4, 4)
+    return RayCaster([item.geometry for item in items], poses)
 
 
 def _directions(specification: SensorSpecification) -> Array:
