@@ -24,6 +24,7 @@ from reader_files import (
     SCENE,
     arrays_of,
     packed,
+    policy_arrays,
     reach_arrays,
     recording_files,
     run_file,
@@ -167,6 +168,13 @@ def grid(size: int) -> bytes:
     edge = round((1000.0 * size * 3) ** (1 / 3))
     counts, best = np.ones((edge,) * 3, np.int64), np.ones((edge,) * 3, np.float32)
     return packed({**reach_arrays(), "counts": counts, "best": best})
+
+
+def layer(size: int) -> bytes:
+    """Return a policy with a long layer of numbers that do not shrink."""
+    hidden = 1000 * size // 28
+    drawn = np.random.default_rng(0).normal(0.0, 1e-3, (4, hidden)).astype(np.float32)
+    return packed({**policy_arrays(hidden), "weight_0": drawn})
 
 
 def header(size: int) -> bytes:
@@ -446,6 +454,7 @@ FILES: dict[str, dict[str, Build]] = {
     "recording header": {"a list in a header": header, "brackets in a header": filled("", "[")},
     "recording": {"members of a chunk": members},
     "reach map": {"voxels": grid, "members of a map": members},
+    "policy": {"weights": layer, "members of a policy": members},
     "STL": {"triangles": triangles},
     "Pepper's meshes": {"triangles of a head": triangles},
     "audit of meshes": {"triangles that are shown": triangles},
@@ -476,8 +485,9 @@ REFUSED = {
     "digits", "columns and rows", "a column twice", "commas", "lines", "quotes", "members", "names in YAML",
     "brackets in YAML", "dashes", "a sum", "statements", "parentheses", "signs", "messages without data",
     "states without data", "a long definition", "a list in a header", "brackets in a header",
-    "members of a chunk", "members of a map", "spaces", "slashes", "3 billion vertices", "properties",
-    "nodes twice in one another", "nodes in one another", "billion of vertices", "nodes",
+    "members of a chunk", "members of a map", "members of a policy", "spaces", "slashes",
+    "3 billion vertices", "properties", "nodes twice in one another", "nodes in one another",
+    "billion of vertices", "nodes",
 }  # fmt: skip
 """Names of files of which even a small one is refused."""
 LARGE = {name: (kind, name not in REFUSED) for kind, files in FILES.items() for name in files}

@@ -18,6 +18,7 @@ from reader_checks import (
     exports,
     mesh,
     motion,
+    policy,
     reach,
     recording,
     report,
@@ -53,6 +54,7 @@ from reader_files import (
     binary_stl,
     gltf_binary,
     packed,
+    policy_arrays,
     reach_arrays,
     recording_files,
     run_file,
@@ -75,6 +77,7 @@ from pepper_kin.files.choregraphe_boxes import Box, read_behavior
 from pepper_kin.identification import read_log
 from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
+from pepper_kin.learning import load_policy
 from pepper_kin.model import audit, compare, load_pepper, load_robot, pepper_urdf
 from pepper_kin.ros_messages import Bag
 from pepper_kin.twin import load_run
@@ -270,6 +273,9 @@ READERS: dict[str, Reader] = {
     ),
     "reach map": Reader(
         "map.npz", with_path(ReachMap.load, reach), archive_damage(lambda: packed(reach_arrays()))
+    ),
+    "policy": Reader(
+        "policy.npz", with_path(load_policy, policy), archive_damage(lambda: packed(policy_arrays()))
     ),
     "STL": Reader(
         "part.stl", with_path(read_mesh, mesh), lambda rng: changed_bytes(binary_stl(), rng, (STL.encode(),))

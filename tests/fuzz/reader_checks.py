@@ -11,6 +11,7 @@ import pepper_kin as pk
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import ReachMap
+from pepper_kin.learning import Policy
 from pepper_kin.model import FORMATS, load_robot
 from pepper_kin.model.dynamics_model import MOST_COMPUTED
 from pepper_kin.ros_messages import Bag, decode, encode
@@ -144,6 +145,14 @@ def reach(found: ReachMap) -> None:
     """Require counts on a grid."""
     finite(found.origin, found.resolution, found.best, found.volume, found.centers)
     require((found.counts >= 0).all() and found.resolution > 0 and found.samples >= 0, "counts")
+
+
+def policy(found: Policy) -> None:
+    """Require actions from -1 to 1."""
+    finite(found.center, found.scale, *found.weights, *found.biases)
+    actions = found(np.zeros((2, found.center.size)))
+    finite(actions)
+    require(np.abs(actions).max(initial=0.0) <= 1.0, "actions")
 
 
 def recording(folder: Path) -> None:

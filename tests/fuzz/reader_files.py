@@ -213,6 +213,16 @@ def reach_arrays() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def policy_arrays(hidden: int = 3) -> dict[str, Any]:
+    """Return the arrays of a policy with a layer of so many numbers."""
+    return {
+        "format": np.array("pepper_kin policy 1"), "task": np.array("Reach"),
+        "center": np.zeros(4, np.float32), "scale": np.ones(4, np.float32),
+        "weight_0": np.full((4, hidden), 0.1, np.float32), "bias_0": np.zeros(hidden, np.float32),
+        "weight_1": np.full((hidden, 2), 0.1, np.float32), "bias_1": np.zeros(2, np.float32),
+    }  # fmt: skip
+
+
 def packed(arrays: dict[str, Any]) -> bytes:
     """Return a NumPy archive."""
     content = io.BytesIO()

@@ -30,8 +30,8 @@ READERS = (
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
     "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
     "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run", "motion",
-    "recording header", "recording", "reach map", "STL", "STL text", "OBJ", "COLLADA", "PLY", "glTF",
-    "Pepper's meshes",
+    "recording header", "recording", "reach map", "policy", "STL", "STL text", "OBJ", "COLLADA", "PLY",
+    "glTF", "Pepper's meshes",
 )  # fmt: skip
 WITHOUT_LARGE = {
     "URDF text",
@@ -54,7 +54,7 @@ NOT_READ = {"xacro", "SDF"}
 FUNCTIONS = {
     "collision.Scene.load", "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
     "files.read_joint_states", "files.read_naoqi_export", "identification.read_log", "jobs.load_motion",
-    "kinematics.ReachMap.load",
+    "kinematics.ReachMap.load", "learning.load_policy",
     "model.audit", "model.compare", "model.load_pepper", "model.load_robot", "twin.load_recording",
     "twin.load_run",
 }  # fmt: skip
