@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import read_only
+from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
 from pepper_kin.file_access.numpy_archive import read_arrays
@@ -25,7 +25,7 @@ _OF_ALL = ("format", "task", "center", "scale")
 
 
 @dataclass(frozen=True, eq=False)
-class Policy:
+class Policy(FrozenArrays):
     """A network of tanh layers, whose last one is linear and clipped: observations to actions.
 
     x' = (x - center) / scale,   x' = tanh(x' W + b) but for the last layer,   action = clip(x' W + b, -1, 1).
