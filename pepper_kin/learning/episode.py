@@ -23,6 +23,7 @@ from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.world import World
 
 PERIOD = 0.02  # [s] of a step
+_CALLS = ("setAngles", "getAngles", "angleInterpolationWithSpeed", "killTasksUsingResources")
 _HOME_SPEED = 0.3  # share of the fastest, on the way to where episodes begin
 
 
@@ -67,9 +68,10 @@ def run_policy(
     """Let a robot live through an episode by a policy.
 
     A twin gets its targets as the batch does, see `TwinBatch.step`, and may have a world, latency, pushes
-    and sensors.  Anything with `setAngles`, `getAngles` and `angleInterpolationWithSpeed` is taken for
-    NAOqi's ALMotion: the robot must be awake, goes to where episodes begin, and is sent targets every 20 ms;
-    velocities are differences of measured angles.
+    and sensors.  Anything with ALMotion's `setAngles`, `getAngles`, `angleInterpolationWithSpeed` and
+    `killTasksUsingResources` is taken for it: the robot must be awake, goes to where episodes begin, and is
+    sent targets every 20 ms, which no certificate covers; velocities are differences of measured angles.  At
+    the end, and after every error and Ctrl-C, it is sent to hold the angles that it measures.
 
     Args:
         policy: Observations, shape (1, obs), to actions, shape (1, k), such as a `Policy`.
@@ -89,7 +91,7 @@ def run_policy(
     body: _TwinBody | _MotionBody
     if isinstance(robot, Twin):
         body = _TwinBody(robot, env.pepper)
-    elif all(hasattr(robot, name) for name in ("setAngles", "getAngles", "angleInterpolationWithSpeed")):
+    elif all(hasattr(robot, name) for name in _CALLS):
         body = _MotionBody(robot, env, wait)
     else:
         raise InvalidValueError("robot", type(robot).__name__, "a Twin, or an ALMotion")
@@ -104,6 +106,7 @@ def run_policy(
             ended = bool((terminated | truncated)[0])
     finally:
         env.twins, env._ready = own, False
+        body.hold()
     return Episode(bool(infos["is_success"][0]), np.array(distances), body.motion(), shown)
 
 
@@ -150,8 +153,9 @@ class _TwinBody:
         self._command, self._speed = self.position[0], np.zeros_like(self._speed)
         self._states = [np.stack([self.position, self.velocity])]
 
-    def place(self, name: str, position: Array, **_: Any) -> None:
+    def place(self, name: str, position: Array, *, rows: Array) -> None:
         """Put a body of the twin's world to a position [m], shape (1, 3)."""
+        del rows
         self._world().place(name, position[0])
 
     def body(self, name: str) -> BatchBodies:
@@ -181,12 +185,8 @@ class _TwinBody:
         run = self._speed * duration
         square, cube = (3.0 * way - 2.0 * run) / duration**2, (run - 2.0 * way) / duration**3
         if commands == "linear":
-            duration, self._speed, square, cube = (
-                np.full_like(way, PERIOD),
-                way / PERIOD,
-                0.0 * way,
-                0.0 * way,
-            )
+            duration, self._speed = np.full_like(way, PERIOD), way / PERIOD
+            square = cube = np.zeros_like(way)
         t = np.minimum(h * np.arange(1, self._count + 1)[:, np.newaxis], duration)
         position = self._command + t * (self._speed + t * (square + t * cube))
         velocity = self._speed + t * (2.0 * square + 3.0 * t * cube)
@@ -195,6 +195,9 @@ class _TwinBody:
         run = self._twin.follow(position, velocity, load=outer)
         self._states.append(np.stack([run.position, run.velocity])[:, 1:])
         return np.array([run.success])
+
+    def hold(self) -> None:
+        """Do nothing: a twin stands still between calls."""
 
     def motion(self) -> Trajectory:
         """Return the motion since the reset."""
@@ -244,6 +247,12 @@ class _MotionBody:
         self.velocity = (self._last - before) / PERIOD
         self._states.append(np.stack([self._last, self.velocity]))
         return np.array([True])
+
+    def hold(self) -> None:
+        """End what moves the joints, and send them to where they are measured."""
+        self._motion.killTasksUsingResources(self._names)
+        angles = self._motion.getAngles(self._names, True)
+        self._motion.setAngles(self._names, angles, _HOME_SPEED)
 
     def motion(self) -> Trajectory:
         """Return the motion since the reset."""

@@ -192,7 +192,7 @@ class CarryTask(ReachTask):
     payload: tuple[float, float] = (0.05, 0.3)
 
     def home(self, pepper: PepperModel) -> Array:
-        """Return where episodes begin [rad or m], shape (n,): the forearm level, the palm up."""
+        """Return where episodes begin [rad or m], shape (n,): a bent arm; what is up there is level."""
         q, side = pepper.neutral(), self.hands[0][0].upper()
         sign = 1.0 if side == "L" else -1.0
         for name, value in zip(_CARRYING, _CARRY_ANGLES, strict=True):
@@ -209,8 +209,8 @@ class CarryTask(ReachTask):
         return TwinBatch(pepper, count, **options, payload={self.hands[0]: self._masses(count)})
 
     def twin(self, pepper: PepperModel) -> Twin:
-        """Return a robot with the greatest mass in the hand."""
-        return Twin(pepper, payload={self.hands[0]: self.payload[1]})
+        """Return a robot with the mass in the hand that one environment has, which is observed."""
+        return Twin(pepper, payload={self.hands[0]: float(self._masses(1)[0])})
 
     def _masses(self, count: int) -> Array:
         golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]
