@@ -80,7 +80,7 @@ def learn(
     else:
         with progress("learning") as report:
 
-            def told(found: Any) -> None:
+            def report_round(found: Any) -> None:
                 report(found.done, found.total)
                 if not as_json and not sys.stderr.isatty():
                     share = f"{found.success:.3f} of goals not trained on"
@@ -88,7 +88,7 @@ def learn(
 
             policy, whole = learning.best_policy(
                 task, "ppo" if ppo else "imitation", rounds=rounds, seed=seed,
-                on_round=told,
+                on_round=report_round,
             )  # fmt: skip
         policy.save(written[0])
         if not whole:

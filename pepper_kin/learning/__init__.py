@@ -1,7 +1,7 @@
 """Pepper's twin as environments of Gymnasium: `pip install pepper_kin[learning]`.
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
-    TASKS, Task, ReachTask        what is asked, and how it is scored
+    TASKS, RobotTask, ReachTask   what is asked, and how it is scored
     Randomization                 robots that differ, by ranges
     to_sb3, to_rsl_rl             the environments as stable-baselines3 and RSL-RL take them
     imitate, Round                a policy from a teacher, in NumPy
@@ -33,7 +33,7 @@ from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.reach_task import ReachTask
 from pepper_kin.learning.rsl_rl import to_rsl_rl
 from pepper_kin.learning.sb3 import to_sb3, train_by_ppo
-from pepper_kin.learning.task import Task
+from pepper_kin.learning.task import RobotTask
 from pepper_kin.learning.tasks import TASKS
 from pepper_kin.learning.training import TRIED, Trial, best_policy, try_policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -48,8 +48,8 @@ __all__ = [
     "Policy",
     "Randomization",
     "ReachTask",
+    "RobotTask",
     "Round",
-    "Task",
     "Trial",
     "best_policy",
     "imitate",

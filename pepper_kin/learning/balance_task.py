@@ -9,8 +9,9 @@ import numpy as np
 
 from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.dynamics.support_polygon import distances_inside, inward_normals
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import BANK, STEPS, Score, Task, places_of, towards
+from pepper_kin.learning.task import BANK, STEPS, RobotTask, Score, places_of, towards
 from pepper_kin.learning.task import REACH as FAR
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin.base.balance import BalanceMonitor
@@ -27,7 +28,7 @@ _SPARE, _DOOMED = 0.02, -0.01  # [m] of margin that leaning leaves at least, and
 
 
 @dataclass(frozen=True)
-class BalanceTask(Task):
+class BalanceTask(RobotTask):
     """A push at the neck that rises in 1.2 s and stays: a robot that does not lean against it tips over.
 
     What is led is the zero-moment point, to the middle of the wheels; to leave their triangle for 0.1 s is
@@ -51,7 +52,7 @@ class BalanceTask(Task):
         return np.concatenate([push, np.zeros((env.num_envs, 1))], axis=1)
 
     def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
-        """Let the robots do actions while they are pushed; see `Task.advance`."""
+        """Let the robots do actions while they are pushed; see `RobotTask.advance`."""
         q = env.twins.position
         wrench = np.concatenate([self.force(env), np.zeros((env.num_envs, 3))], axis=1)
         load = dynamics.external_torque(env.pepper, q, {PUSHED: wrench})
@@ -61,12 +62,12 @@ class BalanceTask(Task):
 
     def places(self, env: PepperVectorEnv) -> Array:
         """Return the zero-moment points of the last step's mean acceleration [m], shape (N, 1, 3)."""
-        point = self._support(env)[0]
+        point = self._points(env)
         return np.concatenate([point, np.zeros((env.num_envs, 1))], axis=1)[:, np.newaxis]
 
     def goals(self, env: PepperVectorEnv) -> Array:
         """Return the middle of the wheels [m], shape (N, 1, 3)."""
-        middle = np.append(BalanceMonitor(env.pepper).contacts.mean(axis=0), 0.0)
+        middle = np.append(_monitor(env.pepper).contacts.mean(axis=0), 0.0)
         return np.tile(middle, (env.num_envs, 1, 1))
 
     def extra(self, env: PepperVectorEnv) -> Array:
@@ -74,18 +75,20 @@ class BalanceTask(Task):
         return self.force(env)[:, :2] / _HARDEST
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how far the points are from the middle, and which robots tip; see `Task.score`."""
-        found, margin = super().score(env, places, goals), self._support(env)[1]
+        """Return how far the points are from the middle, and which robots tip; see `RobotTask.score`."""
+        contacts = _monitor(env.pepper).contacts
+        inside = distances_inside(contacts, inward_normals(contacts), places[:, 0, :2])
+        found, margin = super().score(env, places, goals), inside.min(axis=1)
         return found._replace(success=margin > 0.0, failed=env.lasting(margin < 0.0, _TIPPING))
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Lean as the push rises; see `Task.wanted`."""
+        """Lean as the push rises; see `RobotTask.wanted`."""
         leaning, home = pushes_of(env.pepper, self, env.goal_seed)[1], env.pepper.neutral()
         share = _risen(env.time + _AHEAD * env.period)
         return towards(env, home + share * (leaning[env.episode[:, 2].astype(np.int64)] - home))
 
-    def _support(self, env: PepperVectorEnv) -> tuple[Array, Array]:
-        """Return zero-moment points [m], shape (N, 2), and how far inside they are [m], shape (N,)."""
+    def _points(self, env: PepperVectorEnv) -> Array:
+        """Return zero-moment points [m], far away where the floor would have to pull, shape (N, 2)."""
         q, v = env.twins.position, env.twins.velocity
         a = np.where(
             env.elapsed[:, np.newaxis] > 0, (v - env.kept("velocity", env.pepper.n)) / env.period, 0.0
@@ -93,9 +96,13 @@ class BalanceTask(Task):
         force = self.force(env)
         place = kinematics.frame_pose(env.pepper, q, PUSHED)[:, :3, 3]
         outer = np.concatenate([force, np.cross(place, force)], axis=1)
-        report = BalanceMonitor(env.pepper).assess(np.arange(float(len(q))), q, v, a, outer)
-        far = np.where(np.isfinite(report.point), report.point, 1.0)
-        return far, np.maximum(report.margin, -1.0)
+        report = _monitor(env.pepper).assess(np.arange(float(len(q))), q, v, a, outer)
+        return np.where(np.isfinite(report.point), report.point, 1.0)
+
+
+@kept_for_robot(most=8)
+def _monitor(pepper: PepperModel) -> BalanceMonitor:
+    return BalanceMonitor(pepper)
 
 
 def _risen(time: Array) -> Array:
@@ -114,7 +121,7 @@ def pushes_of(pepper: PepperModel, task: BalanceTask, seed: int) -> tuple[Array,
     drawn = np.random.default_rng(seed)
     angle, size = drawn.uniform(-np.pi, np.pi, 4 * BANK), drawn.uniform(0.4, 1.0, 4 * BANK) * _HARDEST
     force = np.stack([size * np.cos(angle), size * np.sin(angle), 0.0 * size], axis=1)
-    monitor, home = BalanceMonitor(pepper), np.tile(pepper.neutral(), (len(force), 1))
+    monitor, home = _monitor(pepper), np.tile(pepper.neutral(), (len(force), 1))
     rest = np.zeros_like(home)
 
     def margins(q: Array) -> Array:

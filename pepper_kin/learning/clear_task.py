@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_kin import collision, motion, trajectory
+from pepper_kin import collision
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.reach_task import ReachTask, postures_of
-from pepper_kin.learning.task import Score, towards, with_goals
+from pepper_kin.learning.task import Score, planned_path, touching, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 
 if TYPE_CHECKING:
@@ -51,16 +51,12 @@ class ClearTask(ReachTask):
         return (middles[kinds] - hand).reshape(env.num_envs, -1)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how states meet goals, and which robots touch anything; see `Task.score`."""
+        """Return how states meet goals, and which robots touch anything; see `RobotTask.score`."""
         found, q = super().score(env, places, goals), env.twins.position
-        touching, kinds = np.zeros(env.num_envs, bool), env.episode[:, 3].astype(np.int64)
-        for kind in np.unique(kinds):
-            rows = np.flatnonzero(kinds == kind)
-            touching[rows] = collision.in_collision(env.pepper, q[rows], self.scene(int(kind)))
-        return found._replace(failed=touching)
+        return found._replace(failed=touching(env.pepper, q, env.episode[:, 3], self.scene))
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Follow the planned paths; see `Task.wanted`."""
+        """Follow the planned paths; see `RobotTask.wanted`."""
         paths = paths_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
         time = env.elapsed * env.period + _LEAD
         chosen = env.episode[:, 4].astype(np.int64)
@@ -78,7 +74,7 @@ def paths_of(
 ) -> tuple[Array, Array]:
     """Return episodes, shape (m, 5), and joint positions in each step along their paths, shape (m, T, n)."""
     postures = postures_of(pepper, ReachTask(task.name, hands=task.hands), speed, period, seed)
-    points = task.hands_at(pepper, postures)[:, 0]
+    points, times = task.hands_at(pepper, postures)[:, 0], period * np.arange(task.horizon + 1)
     rows: list[list[float]] = []
     paths: list[Array] = []
     for kind in range(SCENES):
@@ -87,16 +83,12 @@ def paths_of(
         free = ~collision.in_collision(pepper, postures[order], scene)
         near = np.linalg.norm(points[order] - _middles(scene).mean(axis=0), axis=1) < 0.35
         for k in order[free & near]:
-            plan = motion.plan(pepper, pepper.neutral(), postures[k], scene, timeout=0.3)
-            if not plan.success:
+            ends, shares = (pepper.neutral(), postures[k]), (0.6 * speed, 0.3)
+            path = planned_path(pepper, ends, scene, times, shares, timeout=0.3)
+            if path is None:
                 continue
-            timed = trajectory.retime(pepper, plan, velocity_scale=0.6 * speed, acceleration_scale=0.3)
-            if timed.duration > 0.8 * task.horizon * period:
-                continue
-            time = np.minimum(np.arange(task.horizon + 1) * period, timed.duration)
-            positions = timed(time).position
             rows.append([*points[k], kind, len(paths)])
-            paths.append(positions)
+            paths.append(path)
             found += 1
             if found == _GOALS:
                 break

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from pepper_kin import collision, motion, trajectory
+from pepper_kin import collision
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import STEPS, Score, Task, places_of
+from pepper_kin.learning.task import STEPS, RobotTask, Score, by_kind, places_of, planned_path, touching
 from pepper_kin.model import PepperModel, kept_for_robot, load_pepper
-from pepper_kin.twin import TwinBatch
 from pepper_kin.twin.base import OmniBase
 from pepper_kin.twin.base.controller import ramped
 from pepper_kin.twin.base.odometry import arc_moved
@@ -31,10 +30,11 @@ _SPARE = 0.06  # [m] by which things are larger to the planner on every side
 _CRUISE = 0.85  # of the speed that commands use, of the planned motions
 _LEAD = 0.1  # [s] by which the oracle is ahead
 _FARTHEST = 3.0  # [m] that lasers see
+_BASE = OmniBase()
 
 
 @dataclass(frozen=True)
-class DriveTask(Task):
+class DriveTask(RobotTask):
     """A base to within 15 cm of a place in one of eight rooms with five boxes each; to touch is to fail.
 
     An action is the twist in the base's axes, 1 for its limits times `speed`, in which the base follows
@@ -62,22 +62,18 @@ class DriveTask(Task):
         """Return goals [m], poses at the start [m, rad], rooms and paths, shape (m, 8)."""
         return drives_of(pepper, self, speed, period, seed)[0]
 
-    def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
-        """Return robots on bases; see `Task.twins`."""
-        return TwinBatch(pepper, count, **options)
-
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots to rest where their episodes begin; see `Task.begin`."""
+        """Put robots to rest where their episodes begin; see `RobotTask.begin`."""
         q = np.tile(env.pepper.neutral(), (len(rows), 1))
         q[:, env.joints] = env.episode[rows, 3:6]
         env.twins.reset(q, rows=rows)
         env.kept("twist", 3)[rows], env.kept("pose", 3)[rows] = 0.0, env.episode[rows, 3:6]
 
     def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
-        """Let the bases go for twists, shape (N, 3), for a step; see `Task.advance`."""
-        base, twist, pose = OmniBase(), env.kept("twist", 3), env.kept("pose", 3)
+        """Let the bases go for twists, shape (N, 3), for a step; see `RobotTask.advance`."""
+        base, twist, pose = _BASE, env.kept("twist", 3), env.kept("pose", 3)
         before = twist.copy()
-        twist[:] = ramped(base, before, base.limited(moves * _limits(base, env.speed)), env.period)
+        twist[:] = ramped(base, before, base.limited(moves * _limits(env.speed)), env.period)
         pose[:] = arc_moved(pose, env.period * (before + twist) / 2.0)
         targets = np.tile(env.pepper.neutral(), (env.num_envs, 1))
         targets[:, env.joints] = pose
@@ -94,32 +90,24 @@ class DriveTask(Task):
     def extra(self, env: PepperVectorEnv) -> Array:
         """Return what the class says, shape (N, 51)."""
         ranges, q = np.empty((env.num_envs, 45)), env.twins.position
-        for kind, rows in self._rooms(env):
+        for kind, rows in by_kind(env.episode[:, 6]):
             ranges[rows] = _lasers(env.pepper, self, kind).read(q[rows])
         seen = np.clip(np.where(ranges == -np.inf, 0.0, ranges), 0.0, _FARTHEST) / _FARTHEST
         way = self.goals(env)[:, 0] - self.places(env)[:, 0]
         return np.concatenate([seen, _turned(way, q[:, env.joints[2]]), env.kept("twist", 3)], axis=1)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how far the bases have to go, and which robots touch anything; see `Task.score`."""
+        """Return how far the bases have to go, and which robots touch anything; see `RobotTask.score`."""
         found, q = super().score(env, places, goals), env.twins.position
-        touching = np.zeros(env.num_envs, bool)
-        for kind, rows in self._rooms(env):
-            touching[rows] = collision.in_collision(env.pepper, q[rows], self.room(kind))
-        return found._replace(failed=touching)
+        return found._replace(failed=touching(env.pepper, q, env.episode[:, 6], self.room))
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Follow the planned motions; see `Task.wanted`."""
+        """Follow the planned motions; see `RobotTask.wanted`."""
         paths = drives_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
         step = np.minimum(env.elapsed + round(_LEAD / env.period), paths.shape[1] - 1)
         away = paths[env.episode[:, 7].astype(np.int64), step] - env.kept("pose", 3)
         twist = np.column_stack([_turned(away, env.kept("pose", 3)[:, 2])[:, :2], away[:, 2]]) / _LEAD
-        return np.clip(twist / _limits(OmniBase(), env.speed), -1.0, 1.0)
-
-    def _rooms(self, env: PepperVectorEnv) -> list[tuple[int, np.ndarray]]:
-        """Return the rooms and the robots in each, shape (k,)."""
-        kinds = env.episode[:, 6].astype(np.int64)
-        return [(int(kind), np.flatnonzero(kinds == kind)) for kind in np.unique(kinds)]
+        return np.clip(twist / _limits(env.speed), -1.0, 1.0)
 
     def shown(self, env: PepperVectorEnv, row: int) -> Scene:
         """Return the room and the goal."""
@@ -154,7 +142,8 @@ def drives_of(
     Raises:
         InvalidValueError: where the episodes are too short for any.
     """
-    joints = task.joints(pepper)
+    joints, times = task.joints(pepper), period * np.arange(task.horizon + 1)
+    shares = (_CRUISE * speed, _CRUISE)
     rows: list[list[float]] = []
     paths: list[Array] = []
     for kind in range(ROOMS):
@@ -168,17 +157,11 @@ def drives_of(
             if not 0.6 <= way <= 1.2:
                 continue
             end[joints[2]] = start[joints[2]]
-            plan = motion.plan(pepper, start, end, room, joints=list(BASE), timeout=0.05)
-            if not plan.success:
+            path = planned_path(pepper, (start, end), room, times, shares, joints=list(BASE), timeout=0.05)
+            if path is None:
                 continue
-            timed = trajectory.retime(
-                pepper, plan, velocity_scale=_CRUISE * speed, acceleration_scale=_CRUISE
-            )
-            if timed.duration > 0.9 * task.horizon * period:
-                continue
-            time = np.minimum(np.arange(task.horizon + 1) * period, timed.duration)
             rows.append([*end[joints[:2]], 0.0, *start[joints], kind, len(paths)])
-            paths.append(timed(time).position[:, joints])
+            paths.append(path[:, joints])
             found += 1
             if found == _PATHS:
                 break
@@ -187,8 +170,8 @@ def drives_of(
     return np.array(rows), np.array(paths)
 
 
-def _limits(base: OmniBase, speed: float) -> Array:
-    geometry = base.geometry
+def _limits(speed: float) -> Array:
+    geometry = _BASE.geometry
     return speed * np.array([geometry.linear_velocity, geometry.linear_velocity, geometry.angular_velocity])
 
 

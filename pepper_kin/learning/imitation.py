@@ -1,4 +1,4 @@
-"""A policy from a teacher: it acts, and is told what was right (Ross and others, AISTATS 2011)."""
+"""A policy from a teacher: it acts, and is corrected (Ross and others, AISTATS 2011)."""
 
 from __future__ import annotations
 

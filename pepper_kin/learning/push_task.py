@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.learning.reach_task import ReachTask, frame_of
 from pepper_kin.learning.task import BANK, towards, with_goals
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.poses import rpy_from_rotation
 from pepper_kin.twin import Twin, TwinBatch
 from pepper_kin.twin.world import World
@@ -47,7 +47,7 @@ class PushTask(ReachTask):
         return world
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
-        """Return robots at tables of their own; see `Task.twins`."""
+        """Return robots at tables of their own; see `RobotTask.twins`."""
         return TwinBatch(pepper, count, **options, world=self.world(pepper))
 
     def twin(self, pepper: PepperModel) -> Twin:
@@ -56,12 +56,10 @@ class PushTask(ReachTask):
 
     def home(self, pepper: PepperModel) -> Array:
         """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""
-        point = (0.11, 0.15 * self._side(), _TOP + 0.2)
-        names = f"{self.hands[0]}_arm"
-        return ik.solve(pepper, ik.HandPosition(self.hands[0], point), joints=names).q
+        return _home(pepper, self.hands[0], self._side())
 
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots and boxes to their places; see `Task.begin`."""
+        """Put robots and boxes to their places; see `RobotTask.begin`."""
         env.twins.reset(self.home(env.pepper), rows=rows)
         place = np.column_stack([env.episode[rows, 3:5], np.full(len(rows), _TOP + _BOX[2] / 2)])
         env.twins.place("box", place, rows=rows)
@@ -87,9 +85,10 @@ class PushTask(ReachTask):
         return kinematics.frame_pose(env.pepper, env.twins.position, frame_of(self.hands[0]))[:, :3, 3]
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Go behind the box, and push it towards its goal through its middle; see `Task.wanted`."""
+        """Go behind the box, and push it towards its goal through its middle; see `RobotTask.wanted`."""
         news = env.news()
-        env.plans[news] = self.home(env.pepper)
+        if news.size:
+            env.plans[news] = self.home(env.pepper)
         box, goal, hand = env.twins.body("box").position, self.goals(env)[:, 0], self._hand(env)
         way = (goal - box)[:, :2]
         left = np.linalg.norm(way, axis=1, keepdims=True)
@@ -117,3 +116,9 @@ class PushTask(ReachTask):
         world = self.world(env.pepper)
         world.place("box", box.position[row], rpy_from_rotation(box.rotation[row]))
         return with_goals(world.snapshot(), self.goals(env)[row])
+
+
+@kept_for_robot(most=8)
+def _home(pepper: PepperModel, hand: str, side: float) -> Array:
+    point = (0.11, 0.15 * side, _TOP + 0.2)
+    return ik.solve(pepper, ik.HandPosition(hand, point), joints=f"{hand}_arm").q

@@ -12,8 +12,8 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.task import Task as IKTask
-from pepper_kin.learning.task import BANK, Score, Task, duration_of, places_of, towards, with_goals
+from pepper_kin.ik.tasks.task import Task
+from pepper_kin.learning.task import BANK, RobotTask, Score, duration_of, places_of, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin import Twin, TwinBatch
 
@@ -30,7 +30,7 @@ _TILT = 0.2  # [m/rad], of the tilt of what is carried
 
 
 @dataclass(frozen=True)
-class ReachTask(Task):
+class ReachTask(RobotTask):
     """Hands to points that can be reached in the time of an episode.
 
     Attributes:
@@ -62,7 +62,7 @@ class ReachTask(Task):
         return env.episode[:, : 3 * len(self.hands)].reshape(env.num_envs, -1, 3)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how states meet goals; see `Task.score`."""
+        """Return how states meet goals; see `RobotTask.score`."""
         found = super().score(env, places, goals)
         if not self.gaze:
             return found
@@ -72,7 +72,7 @@ class ReachTask(Task):
         return found._replace(cost=_GAZE * angle, success=found.success & (angle <= self.gaze_threshold))
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return goals [m], shape (m, 3 hands); see `Task.episodes`.
+        """Return goals [m], shape (m, 3 hands); see `RobotTask.episodes`.
 
         They are where the hands are in postures that touch nothing, that the joints can hold, and to which
         commands lead from the neutral posture in six tenths of the time; with gaze the head can look at them.
@@ -80,14 +80,14 @@ class ReachTask(Task):
         q = postures_of(pepper, self, speed, period, seed)
         return self.hands_at(pepper, q).reshape(len(q), -1)
 
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of some robots' goals, shape (k,)."""
         goals = self.goals(env)[rows]
-        found: list[IKTask] = [ik.HandPosition(hand, goals[:, k]) for k, hand in enumerate(self.hands)]
+        found: list[Task] = [ik.HandPosition(hand, goals[:, k]) for k, hand in enumerate(self.hands)]
         return found + ([ik.LookAt(goals[:, 0])] if self.gaze else [])
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve each goal once, and go straight to the solution; see `Task.wanted`."""
+        """Solve each goal once, and go straight to the solution; see `RobotTask.wanted`."""
         rows = env.news()
         if rows.size:
             env.plans[rows] = self.solved(env, rows, np.tile(env.pepper.neutral(), (len(rows), 1)))
@@ -156,16 +156,16 @@ class FollowTask(ReachTask):
         return (self._ahead(env, 1e-3) - self._ahead(env, -1e-3))[:, 0] / 2e-3
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how states meet goals; see `Task.score`."""
+        """Return how states meet goals; see `RobotTask.score`."""
         found = super().score(env, places, goals)
         return found._replace(success=env.lasting(found.success, self.held))
 
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of where the points are when commands have got there."""
         return [ik.HandPosition(self.hands[0], self._ahead(env, _LEAD)[rows, 0])]
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve where the point will be in each step, from the solution before; see `Task.wanted`."""
+        """Solve where the point will be in each step, from the solution before; see `RobotTask.wanted`."""
         news, rows = env.news(), np.arange(env.num_envs)
         if news.size:
             env.plans[news] = self.solved(env, news, np.tile(env.pepper.neutral(), (len(news), 1)))
@@ -205,7 +205,7 @@ class CarryTask(ReachTask):
         return kinematics.frame_pose(pepper, self.home(pepper), frame_of(self.hands[0]))[2, :3]
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
-        """Return robots with a mass in the hand, evenly spread; see `Task.twins`."""
+        """Return robots with a mass in the hand, evenly spread; see `RobotTask.twins`."""
         return TwinBatch(pepper, count, **options, payload={self.hands[0]: self._masses(count)})
 
     def twin(self, pepper: PepperModel) -> Twin:
@@ -217,7 +217,7 @@ class CarryTask(ReachTask):
         return self.payload[0] + (self.payload[1] - self.payload[0]) * golden
 
     def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots to where they carry; see `Task.begin`."""
+        """Put robots to where they carry; see `RobotTask.begin`."""
         env.twins.reset(self.home(env.pepper), rows=rows)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
@@ -233,17 +233,17 @@ class CarryTask(ReachTask):
         held = (np.abs(heavy) <= _HELD * _efforts(pepper)).all(axis=1)
         return points[solved.success & held & (time <= _IN_TIME * self.horizon * period)]
 
-    def _level(self, pepper: PepperModel, points: Array) -> list[IKTask]:
+    def _level(self, pepper: PepperModel, points: Array) -> list[Task]:
         hand = self.hands[0]
         up = ik.AxisAlignment(frame_of(hand), (0.0, 0.0, 1.0), self.axis(pepper), tolerance=np.radians(4.0))
         return [ik.HandPosition(hand, points), up]
 
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[IKTask]:
+    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of some robots' goals, with the hand level."""
         return self._level(env.pepper, self.goals(env)[rows, 0])
 
     def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve each goal once from where episodes begin, and go straight there; see `Task.wanted`."""
+        """Solve each goal once from where episodes begin, and go straight there; see `RobotTask.wanted`."""
         rows = env.news()
         if rows.size:
             env.plans[rows] = self.solved(env, rows, np.tile(self.home(env.pepper), (len(rows), 1)))
@@ -259,7 +259,7 @@ class CarryTask(ReachTask):
         return np.concatenate([self._up(env)[:, :2], self._masses(env.num_envs)[:, np.newaxis]], axis=1)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how states meet goals; see `Task.score`."""
+        """Return how states meet goals; see `RobotTask.score`."""
         found, up = super().score(env, places, goals), self._up(env)
         tilt = np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])
         level = tilt <= self.tilt_threshold

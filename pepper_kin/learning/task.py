@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from pepper_kin import collision, motion, trajectory
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
@@ -44,7 +46,7 @@ class Score(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class RobotTask:
     """A task: which episodes there are, what is seen of them, and how states are scored.
 
     Attributes:
@@ -86,7 +88,7 @@ class Task:
         raise NotImplementedError
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
-        """Return N robots, with what they differ in; see `Randomization.drawn`."""
+        """Return N robots, which differ by the options; see `Randomization.drawn`."""
         return TwinBatch(pepper, count, **options)
 
     def twin(self, pepper: PepperModel) -> Twin:
@@ -129,6 +131,43 @@ class Task:
         """Return what is to be seen around one robot."""
         del env, row
         return Scene()
+
+
+def by_kind(kinds: Array) -> list[tuple[int, np.ndarray]]:
+    """Return the numbers of the scenes of N robots, shape (N,), each once, and the robots in it, (k,)."""
+    return [(int(kind), np.flatnonzero(kinds == kind)) for kind in np.unique(kinds)]
+
+
+def touching(pepper: PepperModel, q: Array, kinds: Array, scene_of: Callable[[int], Scene]) -> np.ndarray:
+    """Return which robots at q, shape (N, n), touch themselves or the scenes that they are in, shape (N,)."""
+    found = np.zeros(len(q), bool)
+    for kind, rows in by_kind(kinds):
+        found[rows] = collision.in_collision(pepper, q[rows], scene_of(kind))
+    return found
+
+
+def planned_path(
+    pepper: PepperModel, ends: tuple[Array, Array], scene: Scene, times: np.ndarray,
+    shares: tuple[float, float], **options: Any,
+) -> Array | None:  # fmt: skip
+    """Return joint positions at times of a planned motion, shape (T, n), which has ended at eight tenths.
+
+    Args:
+        pepper: The robot.
+        ends: Positions at the start and at the end [rad or m], shape (n,) each.
+        scene: What it keeps clear of.
+        times: [s], shape (T,).
+        shares: Of the limits of velocity and acceleration.
+        **options: Of `motion.plan`.
+
+    Returns:
+        None where there is no plan, or none that is as fast.
+    """
+    plan = motion.plan(pepper, *ends, scene, **options)
+    if not plan.success:
+        return None
+    timed = trajectory.retime(pepper, plan, velocity_scale=shares[0], acceleration_scale=shares[1])
+    return timed(np.minimum(times, timed.duration)).position if timed.duration <= 0.8 * times[-1] else None
 
 
 def with_goals(scene: Scene, goals: Array) -> Scene:

@@ -8,9 +8,9 @@ from pepper_kin.learning.clear_task import ClearTask
 from pepper_kin.learning.drive_task import DriveTask
 from pepper_kin.learning.push_task import PushTask
 from pepper_kin.learning.reach_task import CarryTask, FollowTask, ReachTask
-from pepper_kin.learning.task import Task
+from pepper_kin.learning.task import RobotTask
 
-TASKS: dict[str, Task] = {
+TASKS: dict[str, RobotTask] = {
     task.name: task
     for task in (
         ReachTask("Reach"),
@@ -26,17 +26,17 @@ TASKS: dict[str, Task] = {
 }
 
 
-def task_named(task: str | Task) -> Task:
+def task_named(task: str | RobotTask) -> RobotTask:
     """Return a task, by its name or as it is.
 
     Raises:
         UnknownNameError: listing the tasks.
         InvalidValueError: for something else.
     """
-    if isinstance(task, Task):
+    if isinstance(task, RobotTask):
         return task
     if not isinstance(task, str):
-        raise InvalidValueError("task", repr(task), f"a Task, or one of {', '.join(TASKS)}")
+        raise InvalidValueError("task", repr(task), f"a RobotTask, or one of {', '.join(TASKS)}")
     if task not in TASKS:
         raise UnknownNameError("task", task, TASKS)
     return TASKS[task]

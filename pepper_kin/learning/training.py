@@ -13,7 +13,7 @@ from pepper_kin.learning.imitation import Round, imitate
 from pepper_kin.learning.oracle import Oracle
 from pepper_kin.learning.policy import Policy, success_rate
 from pepper_kin.learning.sb3 import train_by_ppo
-from pepper_kin.learning.task import Task
+from pepper_kin.learning.task import RobotTask
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
@@ -60,7 +60,7 @@ class Trial:
 
 
 def best_policy(
-    task: str | Task,
+    task: str | RobotTask,
     method: str = "imitation",
     *,
     rounds: int | None = None,
@@ -111,7 +111,7 @@ def best_policy(
     return best[0][1], True
 
 
-def try_policy(policy: Policy, task: str | Task | None = None) -> Trial:
+def try_policy(policy: Policy, task: str | RobotTask | None = None) -> Trial:
     """Return how a policy does on goals that it was neither trained on nor chosen by.
 
     Args:

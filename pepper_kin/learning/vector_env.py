@@ -14,7 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.picture import MOST_DRAWN, Pictures
 from pepper_kin.learning.randomization import Randomization
-from pepper_kin.learning.task import STEPS, Score, Task
+from pepper_kin.learning.task import STEPS, RobotTask, Score
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
@@ -64,7 +64,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        task: str | Task = "Reach",
+        task: str | RobotTask = "Reach",
         *,
         pepper: PepperModel | None = None,
         speed: float = 0.5,
@@ -171,6 +171,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.elapsed[~anew] += 1
         places = self.task.places(self)
         score = self.task.score(self, places, self.task.goals(self))
+        self._lasted[anew] = 0  # of a step that only begins an episode
         terminated = score.failed & sound & ~anew
         truncated = ((self.elapsed >= self.task.horizon) | ~sound) & ~anew & ~terminated
         rewards = np.where(anew, 0.0, self._rewards(score) - _LOST * terminated * self._left())
@@ -221,7 +222,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).
 
-        The angle of the gaze is not among the goals, and counts as 0.
+        What else a task counts, such as the gaze or a tilt, is not among the goals, and counts as met.
         """
         del info
         gaps = np.asarray(desired_goal, float) - np.asarray(achieved_goal, float)
@@ -277,7 +278,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
 
 
 @kept_for_robot(most=32)
-def _episodes(pepper: PepperModel, task: Task, speed: float, period: float, seed: int) -> Array:
+def _episodes(pepper: PepperModel, task: RobotTask, speed: float, period: float, seed: int) -> Array:
     return task.episodes(pepper, speed, period, seed)
 
 

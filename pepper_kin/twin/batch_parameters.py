@@ -60,16 +60,16 @@ def _spread(count: int, actuators: ActuatorParameters, quantity: str, value: Per
     if value is None:
         return np.broadcast_to(usual, shape)
     if not isinstance(value, Mapping):
-        return _broadcast(value, quantity, shape)
+        return broadcast(value, quantity, shape)
     result = np.broadcast_to(usual, shape).copy()
     for name, column in value.items():
         if name not in actuators.joint_names:
             raise UnknownNameError("joint", name, actuators.joint_names)
-        result[:, actuators.joint_names.index(name)] = _broadcast(column, f"{quantity} of {name}", (count,))
+        result[:, actuators.joint_names.index(name)] = broadcast(column, f"{quantity} of {name}", (count,))
     return result
 
 
-def _broadcast(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
+def broadcast(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
     """Return numbers broadcast to a shape, such as (N,) or (N, n)."""
     try:
         return np.broadcast_to(np.asarray(value, dtype=float), shape)
@@ -137,7 +137,7 @@ def _positive(value: ArrayLike, quantity: str, count: int, least: float | None) 
         count: N.
         least: Least that is allowed; None for all above zero.
     """
-    array = as_finite(_broadcast(value, quantity, (count,)), quantity, (count,))
+    array = as_finite(broadcast(value, quantity, (count,)), quantity, (count,))
     wrong = array <= 0 if least is None else array < least
     if wrong.any():
         allowed = "numbers above 0" if least is None else f"numbers of at least {least:g}"

@@ -15,6 +15,7 @@ from pepper_kin.core.simulation.rollout import Inputs
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
+    as_finite,
     as_joint_vectors,
     check_choice,
     check_whole,
@@ -26,7 +27,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints
 from pepper_kin.twin.actuators import TORQUE, ActuatorParameters
-from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, loads_of_all, mass_factors
+from pepper_kin.twin.batch_parameters import PerRobot, actuators_of_all, broadcast, loads_of_all, mass_factors
 from pepper_kin.twin.batch_run import BatchRun, recorded_steps
 from pepper_kin.twin.batch_world import BatchBodies, BatchWorld
 from pepper_kin.twin.command import Command, Delay
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 
 MOST_ROBOTS = 1_000_000
 COMMANDS = ("held", "linear", "shaped")  # in the order of their numbers in `shaped_steps`
-GREATEST_LATENCY = 1.0  # [s]
+GREATEST_LATENCY = 1.0  # [s] of commands of `step`, which are kept that long
 FASTEST = 1e6  # [rad/s or m/s, and the same squared] of commands without a limit
 
 
@@ -121,7 +122,7 @@ class TwinBatch:
         self._torque_mode = self.actuators.in_mode(TORQUE)
         self._delay = Delay(round(self.actuators.latency / self.timestep))
         self._late = self._ticks(self.actuators.latency if late is None else late)
-        if self._late.any():
+        if 0 < self._late.max() * self.timestep <= GREATEST_LATENCY:  # a later one is for `follow` alone
             self._simulator.delay(self._late * self.substeps)
         self._q = self._v = self._torque = np.zeros((self.count, pepper.n))
         self._shaped = True  # whether commands go on from where `step` has sent them
@@ -375,6 +376,9 @@ class TwinBatch:
         if self._torque_mode.any() or self.feedforward == "inverse_dynamics":
             allowed = "no torque mode, feed-forward 'gravity' or 'none'; or `follow`"
             raise InvalidValueError("robots", "of another kind", allowed)
+        latest = self._late.max() * self.timestep
+        if latest > GREATEST_LATENCY:
+            raise InvalidValueError("latency", latest, f"{GREATEST_LATENCY:g} s at most, or `follow`")
         check_whole("steps", steps, 1)
         check_whole("threads", threads, 1)
         kind = COMMANDS.index(check_choice("commands", commands, COMMANDS))
@@ -501,13 +505,9 @@ class TwinBatch:
 
     def _ticks(self, latency: Any) -> NDArray[np.int64]:
         """Return after how many timesteps the commands of each robot arrive, shape (N,)."""
-        try:
-            times = np.broadcast_to(np.asarray(latency, dtype=float), (self.count,))
-        except (TypeError, ValueError):
-            allowed = f"one number, or shape ({self.count},)"
-            raise InvalidValueError("latency", f"shape {np.shape(latency)}", allowed) from None
-        if not ((times >= 0) & (times <= GREATEST_LATENCY)).all():
-            raise InvalidValueError("latency", times.max(), f"times from 0 to {GREATEST_LATENCY:g} s")
+        times = as_finite(broadcast(latency, "latency", (self.count,)), "latency", (self.count,))
+        if (times < 0).any():
+            raise InvalidValueError("latency", times.min(), "times of at least 0 s")
         return np.round(times / self.timestep).astype(np.int64)
 
     def _rows(self, rows: ArrayLike) -> NDArray[np.int64]:

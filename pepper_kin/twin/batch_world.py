@@ -12,10 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.contact_step import SOLVED, WorldTables
-from pepper_kin.core.simulation.shaped_steps import BODY, Bodies
+from pepper_kin.core.simulation.shaped_steps import (
+    BODY,
+    FRICTION,
+    INERTIA,
+    MASS,
+    MOTION,
+    ROTATION,
+    Bodies,
+)
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.poses import rotation_from_rpy
+from pepper_kin.twin.batch_parameters import broadcast
 from pepper_kin.twin.world.body_limits import ROUGHEST
 from pepper_kin.twin.world.world import CAUSES, World
 
@@ -91,7 +100,8 @@ class BatchWorld:
     def state_of(self, name: str) -> BatchBodies:
         """Return where a body is in all worlds."""
         rows = self.bodies.rows[:, self._place_of(name)]
-        return BatchBodies(rows[:, :3].copy(), rows[:, 3:12].reshape(-1, 3, 3).copy(), rows[:, 12:18].copy())
+        turns = rows[:, ROTATION:MOTION].reshape(-1, 3, 3)
+        return BatchBodies(rows[:, :ROTATION].copy(), turns.copy(), rows[:, MOTION:MASS].copy())
 
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Put all bodies of some worlds, shape (k,), to where they began."""
@@ -118,12 +128,12 @@ class BatchWorld:
         table, body = self.bodies.rows, self._place_of(name)
         self.bodies.apart[rows] = 0.0
         if position is not None:
-            table[rows, body, :3] = self._numbers(f"position of {name!r}", position, (rows.size, 3))
+            table[rows, body, :ROTATION] = _numbers(f"position of {name!r}", position, (rows.size, 3))
         if rpy is not None:
-            angles = self._numbers(f"rpy of {name!r}", rpy, (rows.size, 3))
-            table[rows, body, 3:12] = rotation_from_rpy(angles).reshape(-1, 9)
+            angles = _numbers(f"rpy of {name!r}", rpy, (rows.size, 3))
+            table[rows, body, ROTATION:MOTION] = rotation_from_rpy(angles).reshape(-1, 9)
         if velocity is not None:
-            table[rows, body, 12:18] = self._numbers(f"velocity of {name!r}", velocity, (rows.size, 6))
+            table[rows, body, MOTION:MASS] = _numbers(f"velocity of {name!r}", velocity, (rows.size, 6))
 
     @contextmanager
     def tables(self, h: float) -> Iterator[WorldTables]:
@@ -148,7 +158,7 @@ class BatchWorld:
         for quantity, value in quantities.items():
             if quantity not in ("mass", "friction"):
                 raise UnknownNameError("quantity of a body", quantity, ("mass", "friction"))
-            numbers = self._numbers(f"{quantity} of {name!r}", value, (self._count,))
+            numbers = _numbers(f"{quantity} of {name!r}", value, (self._count,))
             if quantity == "friction":
                 wrong, allowed = (numbers < 0) | (numbers > ROUGHEST), f"numbers from 0 to {ROUGHEST:g}"
             else:
@@ -156,19 +166,14 @@ class BatchWorld:
             if wrong.any():
                 raise InvalidValueError(f"{quantity} of {name!r}", numbers[wrong][0], allowed)
             if quantity == "mass":
-                body[:, 19:22] *= (numbers / body[:, 18])[:, np.newaxis]
-            body[:, 18 if quantity == "mass" else 22] = numbers
+                body[:, INERTIA:FRICTION] *= (numbers / body[:, MASS])[:, np.newaxis]
+            body[:, MASS if quantity == "mass" else FRICTION] = numbers
 
     def _place_of(self, name: str) -> int:
         if name not in self._names:
             raise UnknownNameError("body", name, self._names)
         return self._names.index(name)
 
-    @staticmethod
-    def _numbers(quantity: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        try:
-            array = np.broadcast_to(np.asarray(value, dtype=float), shape)
-        except (TypeError, ValueError):
-            allowed = f"numbers that broadcast to shape {shape}"
-            raise InvalidValueError(quantity, f"shape {np.shape(value)}", allowed) from None
-        return as_finite(array, quantity, shape)
+
+def _numbers(quantity: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+    return as_finite(broadcast(value, quantity, shape), quantity, shape)

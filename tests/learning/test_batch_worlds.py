@@ -139,6 +139,10 @@ def test_late_commands_arrive_as_those_of_a_single_twin(pepper):
         np.testing.assert_allclose(batch.position[row], state.position, atol=1e-9)
     with pytest.raises(InvalidValueError, match="step"):
         batch.follow(targets[0, 0][None])
+    slow = TwinBatch(pepper, 2, actuators=actuator_parameters(pepper).changed(latency=1.5))
+    assert slow.follow(np.tile(pepper.neutral(), (3, 1))).success.all()
+    with pytest.raises(InvalidValueError, match="latency"):
+        slow.step(pepper.neutral())
 
 
 def test_loads_from_outside_act_as_on_a_single_twin(pepper):

@@ -59,7 +59,7 @@ def test_robots_that_only_stand_tip_over_and_those_that_drive_blindly_touch():
         if terminated.any():
             break
     nearest = infos["final_obs"][terminated][:, -51:-6].min()
-    assert nearest < 0.1 / 3.0 + 0.2  # lasers have seen what was touched, from the base's rim
+    assert 0.05 < 3.0 * nearest < 0.4  # [m]: lasers have seen what was touched, from the base
     assert rewards[terminated].max() < -100.0
 
 

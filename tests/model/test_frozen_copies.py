@@ -128,9 +128,7 @@ def test_every_class_that_makes_its_arrays_read_only_keeps_them_so():
                 frozen = any("frozen=True" in ast.unparse(how) for how in node.decorator_list)
                 freezes = frozen and ("read_only(" in source or "setflags(write=False)" in source)
                 alone = freezes and "__reduce__" not in source
-                before, bases = classes.get(node.name, (False, []))  # two classes may have one name
-                bases = [*bases, *(ast.unparse(base) for base in node.bases)]
-                classes[node.name] = (alone or before, bases)
+                classes[node.name] = (alone, [ast.unparse(base) for base in node.bases])
 
     def keeps(name):
         return name == "FrozenArrays" or any(map(keeps, classes.get(name, (False, []))[1]))

@@ -209,7 +209,7 @@ def couple(
         robots: The robots.
         space: Of the step, with its segments; changed.
         world: What the robot may touch; changed.
-        equation: Its velocity, and room for its linear equation.
+        equation: Its velocity, and memory for its linear equation.
         q: Its position [rad or m], shape (n,).
         near: Whether it may be near anything.
 

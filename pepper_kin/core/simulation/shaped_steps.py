@@ -39,7 +39,7 @@ HELD_COMMANDS, LINEAR, SHAPED = range(3)
 """How commands go to their targets: at once, evenly during all steps, or along the cubic of
 `target_following`."""
 # Columns of `Bodies.rows`.
-_ROTATION, _VELOCITY, _MASS, _INERTIA, _FRICTION, BODY = 3, 12, 18, 19, 22, 23
+ROTATION, MOTION, MASS, INERTIA, FRICTION, BODY = 3, 12, 18, 19, 22, 23
 
 
 class Steps(NamedTuple):
@@ -102,7 +102,7 @@ NO_BODIES = Bodies(np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int6
 
 
 class _Around(NamedTuple):
-    """What is around robots: bodies, a world's tables, and room for one robot's position and its equation."""
+    """What is around robots: bodies, a world's tables, and memory for a robot's position and equation."""
 
     bodies: Bodies
     world: WorldTables
@@ -188,12 +188,8 @@ def _advance(
     around: _Around, good: Ints1,
 ) -> None:  # fmt: skip
     """Step one block along its commands."""
-    begin, outer, curve, coupled = (
-        state[COMMAND, b],
-        state[FROM_OUTSIDE, b],
-        sent.curve,
-        len(around.bodies.wrench),
-    )
+    begin, outer, curve = state[COMMAND, b], state[FROM_OUTSIDE, b], sent.curve
+    coupled = len(around.bodies.wrench)
     m, h, step_input, step_output = begin.size, robots.timestep, space.step_input, space.step_output
     stateful, any_stopped = remembers(robots.law), False
     for k in range(span.steps):
@@ -234,9 +230,8 @@ def _meet_worlds(
             around.equation.velocity[j] = space.step_input[V * m + j * lanes + lane]
         _enter(robot, bodies, world)
         moved = _moved(robot, bodies, world, around.equation.velocity, robots.timestep)
-        near = (
-            not bodies.apart[robot] - 2.0 * moved > MARGIN
-        )  # the step before has moved it, and this one may
+        # The step before has moved it, and this one may.
+        near = not bodies.apart[robot] - 2.0 * moved > MARGIN
         outcome, pushed, apart = couple(b, lane, robots, space, world, around.equation, around.position, near)
         bodies.outcome[robot], bodies.apart[robot] = outcome, apart if near else bodies.apart[robot] - moved
         if outcome != SOLVED:
@@ -273,8 +268,8 @@ def _moved(robot: int, bodies: Bodies, world: WorldTables, v: Floats1, h: float)
         shape = len(world.shapes.mover) - bodies.rows.shape[1] + body
         linear, angular, far = 0.0, 0.0, world.shapes.ball[shape, 3]
         for i in range(3):
-            linear += row[_VELOCITY + i] * row[_VELOCITY + i]
-            angular += row[_VELOCITY + 3 + i] * row[_VELOCITY + 3 + i]
+            linear += row[MOTION + i] * row[MOTION + i]
+            angular += row[MOTION + 3 + i] * row[MOTION + 3 + i]
             far += abs(world.shapes.own_middle[shape, i])
         fastest = max(fastest, math.sqrt(linear) + math.sqrt(angular) * far)
     return h * (turning + fastest)
@@ -287,13 +282,13 @@ def _enter(robot: int, bodies: Bodies, world: WorldTables) -> None:
     for body in range(rows.shape[1]):
         row = rows[robot, body]
         for i in range(3):
-            table.position[body, i], table.inertia[body, i] = row[i], row[_INERTIA + i]
+            table.position[body, i], table.inertia[body, i] = row[i], row[INERTIA + i]
             for k in range(3):
-                table.rotation[body, i, k] = row[_ROTATION + 3 * i + k]
+                table.rotation[body, i, k] = row[ROTATION + 3 * i + k]
         for i in range(6):
-            table.velocity[body, i] = row[_VELOCITY + i]
-        table.mass[body] = row[_MASS]
-        shapes.friction[len(shapes.friction) - rows.shape[1] + body] = row[_FRICTION]
+            table.velocity[body, i] = row[MOTION + i]
+        table.mass[body] = row[MASS]
+        shapes.friction[len(shapes.friction) - rows.shape[1] + body] = row[FRICTION]
     for i in range(6):
         world.state.wrench[0, i] = 0.0
     world.state.numbers[4] = 0
@@ -308,9 +303,9 @@ def _leave(robot: int, bodies: Bodies, world: WorldTables) -> None:
         for i in range(3):
             row[i] = table.position[body, i]
             for k in range(3):
-                row[_ROTATION + 3 * i + k] = table.rotation[body, i, k]
+                row[ROTATION + 3 * i + k] = table.rotation[body, i, k]
         for i in range(6):
-            row[_VELOCITY + i] = table.velocity[body, i]
+            row[MOTION + i] = table.velocity[body, i]
 
 
 @compiled(lean=True)
