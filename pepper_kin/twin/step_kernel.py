@@ -11,13 +11,14 @@ import numpy as np
 
 from pepper_kin.core.simulation.actuator_model import (
     CREEP,
+    drive_segment,
     encoder_reading,
     friction_segment,
     servo_feedback,
     servo_gain,
     speed_torque_line,
 )
-from pepper_kin.core.simulation.implicit_step import RUNAWAY
+from pepper_kin.core.simulation.implicit_step import RUNAWAY, SAME_FORCE
 from pepper_kin.dynamics.load import PARAMETERS
 from pepper_kin.kernels import Kernel, compile_function, host_target, source_digest
 from pepper_kin.kernels.compiled_function import CompiledFunction
@@ -99,8 +100,9 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     * `next`: position, velocity and torque at the end of the step (3 n).
     * `servo`: the actuators' torque demand at w = 0, and `bias`: b (n each).
     * `mass`: the entries of M at `mass_places`.
-    * `violation`: not above 0 where the guess was right: no motor clipped, no stop touched, no joint stuck,
-      freed or turned round, nothing absurd.
+    * `violation`: not above 0 where the guess was right, that the segments are those at the present
+      velocities: no stop touched, no motor clipped or freed, no joint stuck, freed or turned round, nothing
+      absurd.
 
     Args:
         pepper: The robot.
@@ -120,23 +122,24 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     if variant.load_frames:
         more.append(casadi.SX.sym("loads", PARAMETERS * len(variant.load_frames)))
     q, v = x["position"], x["velocity"]
-    friction, stick, reading = 0, 0, q
+    bias, gravity, mass = _terms(pepper, variant)(q, v, *more)
+    friction, stick, rotor, reading = 0, 0, 0, q
     if variant.motor:
         friction, stick = _traced(friction_segment)(x["coulomb"], v)
+        stick, rotor = stick + x["viscous"], x["rotor"]
         reading = _traced(encoder_reading)(x["resolution"], q)
     error = x["position_reference"] - reading
     servo = _traced(servo_feedback)(x["kp"], x["kd"], error, x["velocity_reference"])
-    servo += x["feedforward_torque"]
+    servo += x["feedforward_torque"] + x["feedforward"] * gravity
     gain = _traced(servo_gain)(h, x["kp"], x["kd"])
-    slope = gain + (x["viscous"] + stick if variant.motor else 0)
-    extra = h * slope + (x["rotor"] if variant.motor else 0)
-    force = servo - friction - slope * v + x["load"]
-    a, bias, gravity, mass = _terms(pepper, variant)(q, v, force, extra, x["feedforward"], *more)
-    servo += x["feedforward"] * gravity
+    motor = x["limit"], x.get("stall", np.inf), x.get("line", 0.0)
+    _, intercept, slope = _traced(drive_segment)(servo, gain, *motor, v)
+    force = intercept - friction - (slope + stick) * v + x["load"] - bias
+    a = solve_function(pepper)(mass, h * (slope + stick) + rotor, force)
     w = v + h * a
     following = q + h * w
-    torque = servo - gain * w
-    violation = _violation(x, variant, following, w, torque)
+    torque, _, _ = _traced(drive_segment)(servo, gain, *motor, w)
+    violation = _violation(x, variant, following, w, casadi.fabs(intercept - slope * w - torque))
     inputs = [*x.values(), h, *more]
     outputs = [casadi.vertcat(following, w, torque), servo, bias, mass, violation]
     return casadi.Function("twin_step", inputs, outputs)
@@ -151,29 +154,37 @@ def _traced(function: CompiledFunction) -> Callable[..., Any]:
         "floor": casadi.floor,
         "copysign": casadi.copysign,
         "abs": casadi.fabs,
+        "min": casadi.fmin,
+        "max": casadi.fmax,
     }
+    if function is drive_segment:
+        meanings["speed_torque_line"] = _traced(speed_torque_line)
     return FunctionType(function.python.__code__, {**function.python.__globals__, **meanings})
 
 
-def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, torque: Any) -> Any:
-    """Return by how much a step leaves the segments that it was taken on, NaN included."""
+def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, wrong: Any) -> Any:
+    """Return by how much a step leaves the segments that it was taken on, NaN included.
+
+    Args:
+        x: Inputs of the step.
+        variant: What it takes into account.
+        q: Positions at its end.
+        w: Velocities at its end.
+        wrong: By how much the motors' torques differ from those of the segments.
+    """
     import casadi
 
-    old, v, limit = x["position"], x["velocity"], x["limit"]
+    old, v = x["position"], x["velocity"]
     violations = [
         casadi.fmax(q, old) - x["upper"],
         x["lower"] - casadi.fmin(q, old),
         casadi.fabs(w) - RUNAWAY,
+        wrong - SAME_FORCE,
     ]
     if variant.motor:
-        lower, upper = _traced(speed_torque_line)(x["stall"], x["line"], w)
-        violations.append(torque - casadi.fmin(limit, upper))
-        violations.append(casadi.fmax(-limit, lower) - torque)
         kept = casadi.fabs(w) - CREEP
         turned = CREEP - casadi.copysign(1, v) * w
         violations.append(x["coulomb"] * casadi.if_else(casadi.fabs(v) <= CREEP, kept, turned))
-    else:
-        violations.append(casadi.fabs(torque) - limit)
     worst = violations[0][0]
     for values in violations:
         for value in casadi.vertsplit(values):
@@ -191,15 +202,14 @@ def _not_a_number(w: Any) -> Any:
 
 @remembered
 def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
-    """Return the function (q, v, force, extra, share) -> a, bias, gravity, mass.
+    """Return the function (q, v) -> bias, gravity, mass.
 
-    a solves (M(q) + diag(extra)) a = force + share * g(q) - b(q, v); bias is b = C v + g, gravity is g of the
-    robot as it is described, and mass holds the entries of M at `mass_places`.  Further inputs are `scale`
-    (n) and `loads`, where the variant has them.
+    bias is b = C v + g, gravity is g of the robot as it is described, and mass holds the entries of M at
+    `mass_places`.  Further inputs are `scale` (n) and `loads`, where the variant has them.
     """
     tree, n = read_tree(pepper, compact=not variant.scaled), pepper.n
     graph = Graph()
-    inputs = {name: graph.inputs(n) for name in ("q", "v", "force", "extra", "share")}
+    inputs = {name: graph.inputs(n) for name in ("q", "v")}
     state = make_state(tree, inputs["q"], inputs["v"])
     nominal = gather(tree.full_map, full_gravity(state))
     if variant.scaled:
@@ -211,12 +221,7 @@ def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
     state = replace(state, tree=tree)
     bias = gather(tree.full_map, full_torques(state))
     mass = coupled_entries(state, mass_entries(state))
-    right = [
-        force + share * gravity - b
-        for force, share, gravity, b in zip(inputs["force"], inputs["share"], nominal, bias, strict=True)
-    ]
     outputs = {
-        "a": _solve(mass, inputs["extra"], right, pepper.joint_names),
         "bias": bias,
         "gravity": nominal,
         "mass": [mass[place] for place in sorted(mass)],
@@ -319,4 +324,4 @@ def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[Scalar]) -> Tree:
 
 def _key(pepper: PepperModel, what: str) -> str:
     """Name what the code depends on: the robot, the quantity and the source of the expressions."""
-    return f"{what} of {robot_digest(pepper)} by {source_digest(*SOURCES)} {RUNAWAY} {CREEP}"
+    return f"{what} of {robot_digest(pepper)} by {source_digest(*SOURCES)} {RUNAWAY} {CREEP} {SAME_FORCE}"

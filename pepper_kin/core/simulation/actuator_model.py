@@ -17,8 +17,8 @@ rotor, is
 
 Each part never rises with w and consists of straight segments, F(w) = c - k w with k >= 0 on each.
 
-`servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `speed_torque_line` are written so
-that they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), with other definitions of
+`servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `drive_segment` are written so that
+they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), with other definitions of
 `select` and of the names beside it.
 """
 
@@ -137,6 +137,31 @@ def speed_torque_line(stall: float, line: float, w: float) -> tuple[float, float
 
 
 @compiled(lean=True, inline=True)
+def drive_segment(
+    servo: float, gain: float, limit: float, stall: float, line: float, w: float
+) -> tuple[float, float, float]:
+    """Return torque, intercept c and slope k of a motor at velocity w.
+
+    Args:
+        servo: Torque demand at w = 0.
+        gain: Decrease of the demand for each unit of w.
+        limit: Torque limit.
+        stall: Stall torque.
+        line: Stall torque over no-load speed.
+        w: Velocity.
+    """
+    wanted = servo - gain * w
+    lower_line, upper_line = speed_torque_line(stall, line, w)
+    upper, lower = min(max(upper_line, -limit), limit), min(max(lower_line, -limit), limit)
+    torque = min(max(wanted, lower), upper)
+    clipped, below = abs(wanted - torque) > 0.0, wanted < lower
+    on_line = abs(select(below, lower_line, upper_line)) < limit
+    intercept = select(on_line, select(below, -stall, stall), select(below, lower, upper))
+    slope = select(on_line, line, 0.0)
+    return torque, select(clipped, intercept, servo), select(clipped, slope, gain)
+
+
+@compiled(lean=True, inline=True)
 def segment_at(
     law: Floats2, e: int, h: float, q: float, w: float, servo: float
 ) -> tuple[float, float, float]:
@@ -151,17 +176,7 @@ def segment_at(
         servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f.
     """
     gain = servo_gain(h, law[KP, e], law[KD, e])
-    wanted = servo - gain * w
-    limit, stall, line = law[LIMIT, e], law[STALL, e], law[LINE, e]
-    lower_line, upper_line = speed_torque_line(stall, line, w)
-    upper, lower = min(max(upper_line, -limit), limit), min(max(lower_line, -limit), limit)
-    above, below = wanted > upper, wanted < lower
-    bound, on = select(below, lower, upper), select(below, lower_line, upper_line)
-    on_line, end = (-limit < on) & (on < limit), select(below, -stall, stall)
-    clipped = above | below
-    torque = select(clipped, bound, wanted)
-    slope = select(clipped, select(on_line, line, 0.0), gain)
-    intercept = select(clipped, select(on_line, end, bound), servo)
+    torque, intercept, slope = drive_segment(servo, gain, law[LIMIT, e], law[STALL, e], law[LINE, e], w)
     friction, stick = friction_segment(law[COULOMB, e], w)
     push, stiff = _stop_at(law, h, e, q - law[UPPER, e], w, 1.0)
     other, more = _stop_at(law, h, e, q - law[LOWER, e], w, -1.0)

@@ -8,9 +8,10 @@ friction and stop on each joint at the end of the step (see `actuator_model`):
 
 As no F_j rises, the step minimizes the strictly convex, piecewise quadratic function
 (w - v)^T (M + J) (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.
-It is found by Newton's method: solve on guessed segments, take the segments at the solution, and repeat
-until they agree; mostly at once.  From the fourth round on the way to the new guess is searched exactly for
-the least value, after which the method ends in finitely many rounds.
+It is found by Newton's method: solve on the segments at the present velocities, take those at the
+solution, and repeat until they agree; mostly at once, as what saturates in a step did so in the step before.
+From the fourth round on the way to the new guess is searched exactly for the least value, after which the
+method ends in finitely many rounds.
 
 Robots are side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
 j of the robot in lane l of a block is element e = j W + l; m = n W.  The first guess is a kernel's,
@@ -31,8 +32,12 @@ from pepper_kin.core.simulation.actuator_model import (
     COULOMB,
     KD,
     KP,
+    LIMIT,
+    LINE,
     ROTOR,
+    STALL,
     VISCOUS,
+    drive_segment,
     friction_segment,
     segment_at,
     select,
@@ -193,17 +198,20 @@ def write_segments(b: int, robots: RobotTables, space: StepWorkspace) -> None:
         if not space.step_output[violation + lane] <= 0.0:  # the others are written
             continue
         for e in range(lane, m, lanes):
-            friction, stick = friction_segment(law[COULOMB, e], space.step_input[V * m + e])
-            space.rows[INTERCEPT, e] = space.step_output[SERVO * m + e] - friction
-            space.rows[SLOPE, e] = servo_gain(h, law[KP, e], law[KD, e]) + law[VISCOUS, e] + stick
+            v, servo = space.step_input[V * m + e], space.step_output[SERVO * m + e]
+            gain = servo_gain(h, law[KP, e], law[KD, e])
+            _, c, k = drive_segment(servo, gain, law[LIMIT, e], law[STALL, e], law[LINE, e], v)
+            friction, stick = friction_segment(law[COULOMB, e], v)
+            space.rows[INTERCEPT, e] = c - friction
+            space.rows[SLOPE, e] = k + law[VISCOUS, e] + stick
 
 
 @compiled(lean=True)
 def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
     """Finish a step whose first guess is wrong: find the segments on which actuator model and motion agree.
 
-    Lanes on which the first guess is right keep it.  The others begin anew with the segments at their present
-    velocities: what saturates in a step did so mostly in the step before.
+    Lanes on which the first guess is right keep it.  The others go on with the segments at the velocities
+    that it has led to.
 
     Args:
         robots: The robots.
@@ -218,10 +226,6 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
         rows[OPEN, lane] = 0.0 if right else 1.0
     for e in range(lanes, m):
         rows[OPEN, e] = rows[OPEN, e - lanes]
-    for e in range(m):
-        step_output[NEXT_V * m + e] = select(
-            rows[OPEN, e] > 0.0, space.step_input[V * m + e], step_output[NEXT_V * m + e]
-        )
     _look_up(h, False, law, space)
     entries = robots.places.shape[1] * lanes
     for p in range(entries):
