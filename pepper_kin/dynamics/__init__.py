@@ -10,7 +10,7 @@
     regressor, inertial_parameters            torques as a linear function of the inertial parameters
     kinetic_energy, potential_energy
     center_of_mass, center_of_mass_jacobian
-    centroidal_momentum, centroidal_map
+    centroidal_momentum, centroidal_map, centroidal_inertia
     base_wrench, zero_moment_point            force of the floor on the robot, and its center of pressure
     tip_over_margin, WHEEL_CONTACTS           distance of that point from the edges of the wheels' triangle
 
@@ -34,7 +34,7 @@ from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.friction import joint_friction
 from pepper_kin.dynamics.inverse import gravity_torque, inverse_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix, mass_matrix, total_mass
-from pepper_kin.dynamics.momentum import centroidal_map, centroidal_momentum
+from pepper_kin.dynamics.momentum import centroidal_inertia, centroidal_map, centroidal_momentum
 from pepper_kin.dynamics.newton_euler import newton_euler
 from pepper_kin.dynamics.regressor import inertial_parameters, regressor
 from pepper_kin.dynamics.tip_over import tip_over_margin
@@ -51,6 +51,7 @@ __all__ = [
     "base_wrench",
     "center_of_mass",
     "center_of_mass_jacobian",
+    "centroidal_inertia",
     "centroidal_map",
     "centroidal_momentum",
     "coriolis_matrix",

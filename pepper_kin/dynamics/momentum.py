@@ -54,6 +54,36 @@ def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
     return matrix
 
 
+def centroidal_inertia(pepper: PepperModel, q: ArrayLike) -> Array:
+    """Return the inertia of all links about their center of mass, as if joints were locked.
+
+    Links fixed to the floor count, as in `center_of_mass`.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+
+    Returns:
+        Inertia in world axes [kg m^2], shape (..., 3, 3).
+
+    Raises:
+        InvalidValueError: for a wrong length, NaN or infinity.
+        ModelError: for a robot without mass.
+    """
+    model, data, still = pepper.inner_model, pepper.pinocchio_data, pepper.inner_model.inertias[0]
+    moves = mass_of_some(pepper) > still.mass
+
+    def one(q: Array) -> Array:
+        if not moves:
+            return np.array(still.inertia)
+        pinocchio.ccrba(model, data, pepper.to_full(q), np.zeros(model.nv))
+        lever = data.com[0] + data.Ig.lever
+        moving = pinocchio.Inertia(data.Ig.mass, lever, np.array(data.Ig.inertia))
+        return np.array((moving + still if still.mass > 0 else moving).inertia)
+
+    return over_states(pepper, one, (3, 3), ("centroidal_inertia",), q=q)
+
+
 def centroidal_momentum(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
     """Return the momentum of the robot about the center of mass of all its links, A(q) v.
 

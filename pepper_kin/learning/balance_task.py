@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
-from pepper_kin.dynamics.support_polygon import distances_inside, inward_normals
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.task import BANK, STEPS, RobotTask, Score, places_of, towards
 from pepper_kin.learning.task import REACH as FAR
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.twin.base.balance import BalanceMonitor
+from pepper_kin.twin.base import BalanceMonitor, BatchTipping
 
 if TYPE_CHECKING:
     from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -23,7 +22,7 @@ PUSHED = "Neck"
 _HARDEST = 60.0  # [N]
 _RISE = 1.2  # [s] in which a push rises to its force
 _AHEAD = 3  # steps that the oracle is ahead of the push
-_TIPPING = 5  # steps with the point outside, after which a robot is taken to tip over
+_FALLEN = 0.25  # [rad] of tilt: the center of mass is over the edge
 _SPARE, _DOOMED = 0.02, -0.01  # [m] of margin that leaning leaves at least, and standing still at most
 
 
@@ -31,8 +30,8 @@ _SPARE, _DOOMED = 0.02, -0.01  # [m] of margin that leaning leaves at least, and
 class BalanceTask(RobotTask):
     """A push at the neck that rises in 1.2 s and stays: a robot that does not lean against it tips over.
 
-    What is led is the zero-moment point, to the middle of the wheels; to leave their triangle for 0.1 s is
-    to fail.
+    What is led is the zero-moment point of the level robot, to the middle of the wheels; to tilt by 0.25 rad
+    is to fail.
     """
 
     horizon: int = 100
@@ -57,13 +56,24 @@ class BalanceTask(RobotTask):
         wrench = np.concatenate([self.force(env), np.zeros((env.num_envs, 3))], axis=1)
         load = dynamics.external_torque(env.pepper, q, {PUSHED: wrench})
         q[:, env.joints] += FAR * moves
-        env.kept("velocity", env.pepper.n)[:] = env.twins.velocity
-        return env.twins.step(q, STEPS, speed=env.speed, load=load, threads=env.threads)
+        before, state = env.twins.velocity, _state(env)
+        sound = env.twins.step(q, STEPS, speed=env.speed, load=load, threads=env.threads)
+        q, v = env.twins.position, env.twins.velocity
+        acceleration = (v - before) / env.period
+        report = state.tipping.step(q, v, acceleration, env.period, self._outer(env, q))
+        state.point[:] = np.where(np.isfinite(report.point), report.point, 1.0)
+        return sound
+
+    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
+        """Put robots to where episodes begin, level; see `RobotTask.begin`."""
+        env.twins.reset(rows=rows)
+        state = _state(env)
+        state.tipping.reset(rows)
+        state.point[rows] = _at_rest(env.pepper)
 
     def places(self, env: PepperVectorEnv) -> Array:
         """Return the zero-moment points of the last step's mean acceleration [m], shape (N, 1, 3)."""
-        point = self._points(env)
-        return np.concatenate([point, np.zeros((env.num_envs, 1))], axis=1)[:, np.newaxis]
+        return np.pad(_state(env).point, ((0, 0), (0, 1)))[:, np.newaxis]
 
     def goals(self, env: PepperVectorEnv) -> Array:
         """Return the middle of the wheels [m], shape (N, 1, 3)."""
@@ -71,15 +81,20 @@ class BalanceTask(RobotTask):
         return np.tile(middle, (env.num_envs, 1, 1))
 
     def extra(self, env: PepperVectorEnv) -> Array:
-        """Return the present push over 60 N, shape (N, 2)."""
-        return self.force(env)[:, :2] / _HARDEST
+        """Return the present push over 60 N, and about which axis the robots tilt and how fast, shape (N, 6).
+
+        The tilt is in shares of 0.25 rad, its rate in rad/s.
+        """
+        tipping, contacts = _state(env).tipping, _monitor(env.pepper).contacts
+        side = np.roll(contacts, -1, axis=0) - contacts
+        axis = (side / np.linalg.norm(side, axis=1, keepdims=True))[tipping.edge]
+        tilt, rate = tipping.angle[:, np.newaxis] * axis, tipping.rate[:, np.newaxis] * axis
+        return np.concatenate([self.force(env)[:, :2] / _HARDEST, tilt / _FALLEN, rate], axis=1)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how far the points are from the middle, and which robots tip; see `RobotTask.score`."""
-        contacts = _monitor(env.pepper).contacts
-        inside = distances_inside(contacts, inward_normals(contacts), places[:, 0, :2])
-        found, margin = super().score(env, places, goals), inside.min(axis=1)
-        return found._replace(success=margin > 0.0, failed=env.lasting(margin < 0.0, _TIPPING))
+        """Return how far the points are from the middle, and which robots fall; see `RobotTask.score`."""
+        found, tipping = super().score(env, places, goals), _state(env).tipping
+        return found._replace(success=tipping.edge < 0, failed=tipping.fallen)
 
     def wanted(self, env: PepperVectorEnv) -> Array:
         """Lean as the push rises; see `RobotTask.wanted`."""
@@ -87,17 +102,30 @@ class BalanceTask(RobotTask):
         share = _risen(env.time + _AHEAD * env.period)
         return towards(env, home + share * (leaning[env.episode[:, 2].astype(np.int64)] - home))
 
-    def _points(self, env: PepperVectorEnv) -> Array:
-        """Return zero-moment points [m], far away where the floor would have to pull, shape (N, 2)."""
-        q, v = env.twins.position, env.twins.velocity
-        a = np.where(
-            env.elapsed[:, np.newaxis] > 0, (v - env.kept("velocity", env.pepper.n)) / env.period, 0.0
-        )
-        force = self.force(env)
-        place = kinematics.frame_pose(env.pepper, q, PUSHED)[:, :3, 3]
-        outer = np.concatenate([force, np.cross(place, force)], axis=1)
-        report = _monitor(env.pepper).assess(np.arange(float(len(q))), q, v, a, outer)
-        return np.where(np.isfinite(report.point), report.point, 1.0)
+    def _outer(self, env: PepperVectorEnv, q: Array) -> Array:
+        """Return force and moment of the pushes about the world's origin, shape (N, 6)."""
+        force, place = self.force(env), kinematics.frame_pose(env.pepper, q, PUSHED)[:, :3, 3]
+        return np.concatenate([force, np.cross(place, force)], axis=1)
+
+
+class _State(NamedTuple):
+    """How N robots stand: their tilts, and zero-moment points [m], shape (N, 2), far away for none."""
+
+    tipping: BatchTipping
+    point: Array
+
+
+def _state(env: PepperVectorEnv) -> _State:
+    def new() -> _State:
+        tipping = BatchTipping(_monitor(env.pepper), env.num_envs, fallen_at=_FALLEN)
+        return _State(tipping, np.tile(_at_rest(env.pepper), (env.num_envs, 1)))
+
+    return env.made("balance", new)
+
+
+@kept_for_robot(most=8)
+def _at_rest(pepper: PepperModel) -> Array:
+    return dynamics.center_of_mass(pepper, pepper.neutral())[:2]
 
 
 @kept_for_robot(most=8)

@@ -14,9 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.task import STEPS, RobotTask, Score, by_kind, places_of, planned_path, touching
 from pepper_kin.model import PepperModel, kept_for_robot, load_pepper
-from pepper_kin.twin.base import OmniBase
-from pepper_kin.twin.base.controller import ramped
-from pepper_kin.twin.base.odometry import arc_moved
+from pepper_kin.twin.base import BaseController, OmniBase
 from pepper_kin.twin.sensors.batch import BatchRanges
 
 if TYPE_CHECKING:
@@ -67,16 +65,15 @@ class DriveTask(RobotTask):
         q = np.tile(env.pepper.neutral(), (len(rows), 1))
         q[:, env.joints] = env.episode[rows, 3:6]
         env.twins.reset(q, rows=rows)
-        env.kept("twist", 3)[rows], env.kept("pose", 3)[rows] = 0.0, env.episode[rows, 3:6]
+        _bases(env).reset(env.episode[rows, 3:6], rows=rows)
 
     def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
         """Let the bases go for twists, shape (N, 3), for a step; see `RobotTask.advance`."""
-        base, twist, pose = _BASE, env.kept("twist", 3), env.kept("pose", 3)
-        before = twist.copy()
-        twist[:] = ramped(base, before, base.limited(moves * _limits(env.speed)), env.period)
-        pose[:] = arc_moved(pose, env.period * (before + twist) / 2.0)
+        bases = _bases(env)
+        bases.command(moves * _limits(env.speed))
+        bases.step(env.period)
         targets = np.tile(env.pepper.neutral(), (env.num_envs, 1))
-        targets[:, env.joints] = pose
+        targets[:, env.joints] = bases.pose
         return env.twins.step(targets, STEPS, commands="linear", threads=env.threads)
 
     def places(self, env: PepperVectorEnv) -> Array:
@@ -94,7 +91,7 @@ class DriveTask(RobotTask):
             ranges[rows] = _lasers(env.pepper, self, kind).read(q[rows])
         seen = np.clip(np.where(ranges == -np.inf, 0.0, ranges), 0.0, _FARTHEST) / _FARTHEST
         way = self.goals(env)[:, 0] - self.places(env)[:, 0]
-        return np.concatenate([seen, _turned(way, q[:, env.joints[2]]), env.kept("twist", 3)], axis=1)
+        return np.concatenate([seen, _turned(way, q[:, env.joints[2]]), _bases(env).twist], axis=1)
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
         """Return how far the bases have to go, and which robots touch anything; see `RobotTask.score`."""
@@ -105,8 +102,9 @@ class DriveTask(RobotTask):
         """Follow the planned motions; see `RobotTask.wanted`."""
         paths = drives_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
         step = np.minimum(env.elapsed + round(_LEAD / env.period), paths.shape[1] - 1)
-        away = paths[env.episode[:, 7].astype(np.int64), step] - env.kept("pose", 3)
-        twist = np.column_stack([_turned(away, env.kept("pose", 3)[:, 2])[:, :2], away[:, 2]]) / _LEAD
+        pose = _bases(env).pose
+        away = paths[env.episode[:, 7].astype(np.int64), step] - pose
+        twist = np.column_stack([_turned(away, pose[:, 2])[:, :2], away[:, 2]]) / _LEAD
         return np.clip(twist / _limits(env.speed), -1.0, 1.0)
 
     def shown(self, env: PepperVectorEnv, row: int) -> Scene:
@@ -168,6 +166,10 @@ def drives_of(
     if not rows:
         raise InvalidValueError("speed", speed, f"more: no goal of {task.name} is reached within an episode")
     return np.array(rows), np.array(paths)
+
+
+def _bases(env: PepperVectorEnv) -> BaseController:
+    return env.made("bases", lambda: BaseController(_BASE, count=env.num_envs))
 
 
 def _limits(speed: float) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -19,6 +19,7 @@ from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
 
+T = TypeVar("T")
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had
 
 
@@ -101,7 +102,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self._keys = np.zeros(self.num_envs, np.uint64)
         self._episodes, self.elapsed = np.zeros(self.num_envs, np.uint64), np.zeros(self.num_envs, np.int64)
         self.episode = self._bank[np.zeros(self.num_envs, np.int64)]
-        self.plans, self._kept = self.twins.position, dict[str, Array]()
+        self.plans, self._made = self.twins.position, dict[str, Any]()
         self._new, self._lasted = np.ones(self.num_envs, bool), np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, bool)
         self._ready = False
@@ -200,9 +201,12 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self._new[:] = False
         return rows
 
-    def kept(self, name: str, size: int) -> Array:
-        """Return what a task keeps by a name, zeros at first, shape (N, size); to be changed in place."""
-        return self._kept.setdefault(name, np.zeros((self.num_envs, size)))
+    def made(self, name: str, make: Callable[[], T]) -> T:
+        """Return what a task keeps by a name, made at the first call."""
+        if name not in self._made:
+            self._made[name] = make()
+        found: T = self._made[name]
+        return found
 
     def lasting(self, met: np.ndarray, steps: int) -> np.ndarray:
         """Return whether goals are met now and were for so many steps, shape (N,); called once a step."""

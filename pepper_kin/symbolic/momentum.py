@@ -5,14 +5,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.center_of_mass import center_of_all
+from pepper_kin.symbolic.center_of_mass import center_of_all, total_mass
 from pepper_kin.symbolic.composite import composite_inertias, unit_wrench
 from pepper_kin.symbolic.jacobians import Columns, reduced_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect
 from pepper_kin.symbolic.poses import world_poses
 from pepper_kin.symbolic.states import State, new_state
-from pepper_kin.symbolic.vectors import ZERO, Vector, add, cross, scale, subtract, times, trace
+from pepper_kin.symbolic.vectors import (
+    ZERO,
+    Vector,
+    add,
+    add_matrices,
+    cross,
+    outer,
+    scale,
+    subtract,
+    times,
+    trace,
+)
 
 if TYPE_CHECKING:
     import casadi
@@ -61,6 +72,26 @@ def centroidal_map(pepper: PepperModel) -> casadi.Function:
         columns.append((*force, *add(torque, cross(subtract(origin, center), force))))
     rows = reduced_rows(tree.full_map, columns)
     return symbols.function("centroidal_map", map=rows)
+
+
+@remembered
+def centroidal_inertia(pepper: PepperModel) -> casadi.Function:
+    """Return the function q -> inertia of all links about their center of mass, as if joints were locked.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q (n); output `inertia` (3, 3) in world axes [kg m^2].
+    """
+    state, symbols = new_state(pepper, "q")
+    moving, still = composite_inertias(state)[1], state.tree.still
+    center, mass = center_of_all(state), total_mass(state.tree)
+    second = add_matrices(moving.second, still.second)
+    second = add_matrices(second, outer(scale(-mass, center), center))
+    whole = trace(second)
+    rows = [[(whole if i == k else 0.0) - second[i][k] for k in range(3)] for i in range(3)]
+    return symbols.function("centroidal_inertia", inertia=rows)
 
 
 def velocities(state: State) -> list[tuple[Vector, Vector]]:

@@ -17,7 +17,7 @@ from pepper_kin.symbolic.inverse_dynamics import gravity_torque, inverse_dynamic
 from pepper_kin.symbolic.inverse_dynamics_derivatives import coriolis_matrix, inverse_dynamics_derivatives
 from pepper_kin.symbolic.jacobians import frame_jacobian, frame_jacobian_rate
 from pepper_kin.symbolic.mass_matrix import inverse_mass_matrix, mass_matrix
-from pepper_kin.symbolic.momentum import centroidal_map, centroidal_momentum
+from pepper_kin.symbolic.momentum import centroidal_inertia, centroidal_map, centroidal_momentum
 from pepper_kin.symbolic.poses import frame_pose, frame_poses
 from pepper_kin.symbolic.regressor import regressor
 from pepper_kin.symbolic.velocities import frame_acceleration, frame_velocity
@@ -29,6 +29,7 @@ _BUILDERS: tuple[Callable[..., casadi.Function], ...] = (
     base_wrench,
     center_of_mass,
     center_of_mass_jacobian,
+    centroidal_inertia,
     centroidal_map,
     centroidal_momentum,
     coriolis_matrix,

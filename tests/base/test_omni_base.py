@@ -207,6 +207,37 @@ def test_odometry_from_true_turns_is_exact_and_from_wrong_ones_as_wrong_as_asked
     np.testing.assert_array_equal(again.pose, ends[-1])
 
 
+def test_rows_of_many_bases_are_those_of_single_ones(base):
+    rng, count = np.random.default_rng(3), 6
+    many, single = BaseController(base, count=count), [BaseController(base) for _ in range(count)]
+    errors = rng.normal(0.0, 0.01, (count, 3))
+    odometry = Odometry(base, np.zeros((count, 3)), radius_error=errors)
+    believed = [Odometry(base, radius_error=error) for error in errors]
+    for step in range(200):
+        if step % 20 == 0:
+            twists = rng.uniform(-1.0, 1.0, (count, 3))
+            many.command(twists)
+            for each, twist in zip(single, twists, strict=True):
+                each.command(twist)
+        if step == 100:
+            many.reset((1.0, 2.0, 0.5), rows=[2, 4])
+            for row in (2, 4):
+                single[row].reset((1.0, 2.0, 0.5))
+        many.step(0.02)
+        odometry.add(0.02 * many.wheel_speeds)
+        for each, own in zip(single, believed, strict=True):
+            each.step(0.02)
+            own.add(0.02 * each.wheel_speeds)
+        np.testing.assert_allclose(many.pose, [each.pose for each in single], atol=1e-12)
+        np.testing.assert_allclose(many.twist, [each.twist for each in single], atol=1e-12)
+        np.testing.assert_allclose(odometry.pose, [each.pose for each in believed], atol=1e-12)
+    np.testing.assert_allclose(
+        many.braking_distance(), [each.braking_distance() for each in single], atol=1e-12
+    )
+    assert not many.stands
+    assert np.abs(many.pose).max() > 0.3
+
+
 def test_misuse_is_named(base):
     with pytest.raises(InvalidValueError, match="twist"):
         base.wheel_speeds((1, np.nan, 0))

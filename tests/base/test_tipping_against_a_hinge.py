@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pepper_kin as pk
-from pepper_kin.twin.base import BalanceMonitor, simulate_tipping
+from pepper_kin.twin.base import BalanceMonitor, BatchTipping, simulate_tipping
 
 
 def on_a_hinge(pepper, start, along):
@@ -71,3 +71,31 @@ def test_the_tilt_is_that_of_the_hinged_robot(edge):
     assert found.angle.max() > 0.3
     np.testing.assert_allclose(found.angle, expected[0, :count], atol=2e-6)
     np.testing.assert_allclose(found.rate, expected[1, :count], atol=2e-5)
+
+
+def test_rows_of_a_batch_tilt_as_single_robots():
+    """Each with a motion of its own, and some reset halfway."""
+    pepper, count, h = pk.load_pepper(), 5, 0.01
+    monitor, time = BalanceMonitor(pepper), h * np.arange(120)
+    series = [motion(pepper, 1.5 * time + 0.4 * row) for row in range(count)]
+    q, v, a = (np.stack(parts) for parts in zip(*series, strict=True))
+    a = 4.0 * a  # more than the floor can hold
+    batch, found = BatchTipping(monitor, count, restitution=0.2), []
+    for k in range(len(time)):
+        if k == 60:
+            batch.reset([1, 3])
+        batch.step(q[:, k], v[:, k], a[:, k], h)
+        found.append(np.stack([batch.angle, batch.rate, batch.edge.astype(float)], axis=1))
+    rows = np.array(found)
+    assert rows[:, :, 0].max() > 0.01
+    assert not batch.fallen.all()
+    for row in range(count):
+        for part in (slice(0, 60), slice(60, 120)) if row in (1, 3) else (slice(0, 120),):
+            own = [np.concatenate([x[row, part][:1], x[row, part]]) for x in (q, v, a)]
+            report = monitor.assess(h * np.arange(len(own[0])), *own)
+            wanted = simulate_tipping(monitor, report, own[0], restitution=0.2)
+            end = len(wanted.angle) - 1
+            np.testing.assert_allclose(rows[part, row, 0][:end], wanted.angle[1:], atol=1e-9)
+            np.testing.assert_allclose(rows[part, row, 1][:end], wanted.rate[1:], atol=1e-9)
+            tilted = wanted.angle[1:] > 0.0
+            assert (rows[part, row, 2][:end][tilted] == wanted.edge[1:][tilted]).all()

@@ -81,6 +81,7 @@ def test_derivatives_and_matrices(small_robot, states):
     same(dynamics.coriolis_matrix, robot, (q, v))
     same(dynamics.center_of_mass_jacobian, robot, (q,))
     same(dynamics.centroidal_map, robot, (q,))
+    same(dynamics.centroidal_inertia, robot, (q,))
     same(dynamics.centroidal_momentum, robot, (q, v))
     same(dynamics.kinetic_energy, robot, (q, v))
     same(dynamics.potential_energy, robot, (q,))

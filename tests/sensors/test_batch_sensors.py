@@ -5,10 +5,14 @@ import pytest
 
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.kinematics import frame_pose
+from pepper_kin.model import rotation_from_rpy
+from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.sensors import (
     BatchDepth,
     BatchInertial,
     BatchRanges,
+    BatchSwitches,
     Camera,
     SensorSuite,
     camera_intrinsics,
@@ -64,7 +68,45 @@ def test_depth_is_that_of_a_camera(pepper):
     )
 
 
+SWITCHES = (
+    "bumper_front_left", "bumper_front_right", "bumper_back", "left_hand_touch", "head_touch_middle"
+)  # fmt: skip
+
+
+def test_pads_are_pressed_as_those_of_suites(pepper):
+    """By what stands, and by a body that is elsewhere for each robot."""
+    rng, count = np.random.default_rng(5), 60
+    frames = ("BumperFL_frame", "BumperFR_frame", "BumperB_frame", "LHandTouchBack_frame")
+    middles = np.array([frame_pose(pepper, pepper.neutral(), frame)[:3, 3] for frame in frames])
+    q = np.tile(pepper.neutral(), (count, 1))
+    q[:, pepper.joint_index("LElbowYaw")] += rng.uniform(-0.3, 0.3, count)
+    scene = Scene().add_box("wall", (0.1, 0.1, 1.0), middles[0] + (0.05, 0.04, 0.0))
+    scene = scene.add_box("thing", (0.05, 0.08, 0.1), (0.0, 0.0, 0.0))
+    position = middles[rng.integers(4, size=count)] + rng.uniform(-0.08, 0.08, (count, 3))
+    rotation = np.array([rotation_from_rpy(rpy) for rpy in rng.uniform(-3.0, 3.0, (count, 3))])
+    bodies = {"thing": BatchBodies(position, rotation, np.zeros((count, 6)))}
+    found = BatchSwitches(pepper, scene, SWITCHES, ("thing",)).read(q, bodies)
+    for row in range(count):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation[row], position[row]
+        read = SensorSuite(pepper, noise=False, sensors=SWITCHES).read(
+            0.0, q[row], scene=scene.moved({"thing": pose})
+        )
+        assert found[row].tolist() == [bool(read[name].value) for name in SWITCHES]
+    assert (found.sum(axis=0)[:4] > 2).all()
+    assert found[:, 1:].mean() < 0.5
+    still = BatchSwitches(pepper, Scene(scene.objects)).read(q)
+    assert still.shape == (count, 8)
+    assert still[:, 0].all()
+    with pytest.raises(UnknownNameError, match="thing"):
+        BatchSwitches(pepper, scene, SWITCHES, ("thing",)).read(q)
+    with pytest.raises(UnknownNameError, match="wall"):
+        BatchSwitches(pepper, scene, SWITCHES, ("think",))
+
+
 def test_sensors_that_there_are_not_are_named(pepper):
+    with pytest.raises(UnknownNameError, match="bumper_back"):
+        BatchSwitches(pepper, Scene(), ("bumper",))
     with pytest.raises(UnknownNameError, match="laser_front"):
         BatchRanges(pepper, Scene(), ("laser_font",))
     with pytest.raises(UnknownNameError, match="gyroscope"):

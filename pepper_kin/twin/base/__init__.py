@@ -5,6 +5,7 @@
     Odometry, arc_between, arc_moved          where the wheels say that it is
     BalanceMonitor, BalanceReport, BalanceEvent   forces on the wheels, and when one lifts
     simulate_tipping, TippingRun, TippingStatus, edge_moments, EdgeMoments
+    BatchTipping                              tilts of many robots, from step to step
 
 Poses on the floor are x, y [m] and yaw [rad].
 """
@@ -15,6 +16,7 @@ from pepper_kin.twin.base.controller import BaseController, world_velocity
 from pepper_kin.twin.base.odometry import Odometry, arc_between, arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
 from pepper_kin.twin.base.tipping import (
+    BatchTipping,
     EdgeMoments,
     TippingRun,
     TippingStatus,
@@ -28,6 +30,7 @@ __all__ = [
     "BalanceReport",
     "BaseController",
     "BaseGeometry",
+    "BatchTipping",
     "EdgeMoments",
     "Odometry",
     "OmniBase",

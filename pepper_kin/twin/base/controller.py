@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive, check_whole
 from pepper_kin.twin.base.odometry import arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
 
@@ -21,69 +21,79 @@ class BaseController:
     Args:
         base: The wheels and their limits.
         command_timeout: A command holds this long [s]; then the base brakes.
+        count: Number of bases, N, whose poses and twists have shape (N, 3); one of shape (3,) if omitted.
 
     Raises:
-        InvalidValueError: for a command_timeout that is not above 0.
+        InvalidValueError: for a command_timeout that is not above 0, or a count below 1.
     """
 
-    def __init__(self, base: OmniBase, command_timeout: float = 0.5) -> None:
+    def __init__(self, base: OmniBase, command_timeout: float = 0.5, count: int | None = None) -> None:
         self.base = base
         self.command_timeout = (
             float("inf")
             if command_timeout == float("inf")
             else check_positive("command_timeout", command_timeout, "s")
         )
-        self.reset()
+        self._many = () if count is None else (check_whole("count", count, 1),)
+        self._pose, self._twist, self._target = (np.zeros((*self._many, 3)) for _ in range(3))
+        self._age = np.full(self._many, np.inf)
 
-    def reset(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    def reset(self, pose: ArrayLike = (0.0, 0.0, 0.0), *, rows: ArrayLike | None = None) -> None:
         """Stand still, without a command.
 
         Args:
-            pose: Where: x, y [m], yaw [rad], shape (3,).
+            pose: Where: x, y [m], yaw [rad], shape (3,), or one for each of k bases, shape (k, 3).
+            rows: Which of many bases: numbers, shape (k,), or a mask, shape (N,); all if omitted.
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        self._pose = read_only(as_finite(pose, "pose", (3,)))
-        self._twist, self._target = np.zeros(3), np.zeros(3)
-        self._age = np.inf
+        which = slice(None) if rows is None else np.asarray(rows)
+        if not self._many:
+            self._pose = as_finite(pose, "pose", (3,))
+            self._twist, self._target, self._age = np.zeros(3), np.zeros(3), np.full((), np.inf)
+            return
+        place = np.broadcast_to(as_batch(pose, "pose", (3,)), self._pose[which].shape)
+        self._pose, self._twist, self._target = self._pose.copy(), self._twist.copy(), self._target.copy()
+        self._pose[which], self._twist[which], self._target[which] = place, 0.0, 0.0
+        self._age[which] = np.inf
 
     @property
     def twist(self) -> Array:
-        """The present twist (v_x, v_y, omega) [m/s, m/s, rad/s], shape (3,)."""
+        """The present twist (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3)."""
         return read_only(self._twist)
 
     @property
     def pose(self) -> Array:
-        """Where the twists have led: x, y [m], yaw [rad], shape (3,)."""
-        return self._pose
+        """Where the twists have led: x, y [m], yaw [rad], shape (..., 3)."""
+        return read_only(self._pose)
 
     @property
     def stands(self) -> bool:
-        """Whether the base stands, and is commanded to."""
-        commanded = self._age < self.command_timeout - 1e-9 and bool(self._target.any())
-        return not commanded and not self._twist.any()
+        """Whether all bases stand, and are commanded to."""
+        commanded = self._holds() & self._target.any(axis=-1)
+        return not commanded.any() and not self._twist.any()
 
     @property
     def wheel_speeds(self) -> Array:
-        """The speeds that the wheels have at the present twist [rad/s], shape (k,)."""
+        """The speeds that the wheels have at the present twist [rad/s], shape (..., k)."""
         return self.base.wheel_speeds(self._twist)
 
     def command(self, twist: ArrayLike) -> Array:
         """Set the twist to go for, from now for `command_timeout`; return it within the limits.
 
         Args:
-            twist: (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (3,).
+            twist: (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (..., 3).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        self._target = self.base.limited(as_finite(twist, "twist", (3,)))
-        self._age = 0.0
+        self._target = self.base.limited(as_finite(twist, "twist", (*self._many, 3)))
+        self._age = np.zeros(self._many)
         return read_only(self._target)
 
     def step(self, timestep: float) -> Array:
-        """Advance by some time; return the new twist, shape (3,).
+        """Advance by some time; return the new twist, shape (..., 3).
 
         The pose moves along the arc of the mean of old and new twist.
 
@@ -94,24 +104,25 @@ class BaseController:
             InvalidValueError: for a timestep that is not above 0.
         """
         duration = check_positive("timestep", timestep, "s")
-        target = self._target if self._age < self.command_timeout - 1e-9 else np.zeros(3)
-        self._age += duration
+        target = np.where(self._holds()[..., np.newaxis], self._target, 0.0)
+        self._age = self._age + duration
         before = self._twist
         self._twist = ramped(self.base, before, target, duration)
-        self._pose = read_only(arc_moved(self._pose, duration * (before + self._twist) / 2.0))
+        self._pose = arc_moved(self._pose, duration * (before + self._twist) / 2.0)
         return self.twist
 
-    def braking_distance(self) -> float:
-        """Return the way to rest from the present twist, along the arc [m].
+    def braking_distance(self) -> Array:
+        """Return the way to rest from the present twist, along the arc [m], shape (...,).
 
         The twist shrinks evenly to nothing, so the way is half the speed times the time that takes.
         """
-        speed = float(np.hypot(self._twist[0], self._twist[1]))
-        limits = self.base.geometry
-        duration = max(
-            speed / limits.linear_acceleration, abs(float(self._twist[2])) / limits.angular_acceleration
-        )
-        return speed * duration / 2.0
+        speed, limits = np.hypot(self._twist[..., 0], self._twist[..., 1]), self.base.geometry
+        turning = np.abs(self._twist[..., 2])
+        duration = np.maximum(speed / limits.linear_acceleration, turning / limits.angular_acceleration)
+        return np.asarray(speed * duration / 2.0)
+
+    def _holds(self) -> NDArray[np.bool_]:
+        return np.asarray(self._age < self.command_timeout - 1e-9)
 
 
 def ramped(base: OmniBase, twist: Array, target: Array, duration: float) -> Array:

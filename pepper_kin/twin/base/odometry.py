@@ -76,8 +76,9 @@ class Odometry:
 
     Args:
         base: The wheels.
-        pose: Where it starts: x, y [m], yaw [rad], shape (3,).
-        radius_error: Relative error of each wheel's radius as it is believed, one number or shape (k,).
+        pose: Where it starts: x, y [m], yaw [rad], shape (3,), or (N, 3) for many bases.
+        radius_error: Relative error of each wheel's radius as it is believed, one number or shape (k,), or of
+            those of many bases, (N, k).
         wheel_slip: Standard deviation of each wheel's slip for a turn of one radian [rad]; it grows with the
             square root of the turn.
         seed: Seed of the slip, or a generator.
@@ -95,38 +96,39 @@ class Odometry:
         wheel_slip: float = 0.0,
         seed: int | np.random.Generator = 0,
     ) -> None:
-        count = len(base.wheel_map)
-        error = as_batch(radius_error, "radius_error", ())
-        if error.shape not in ((), (count,)):
+        count, error = len(base.wheel_map), as_batch(radius_error, "radius_error", ())
+        start = as_batch(pose, "pose", (3,))
+        turns = (*start.shape[:-1], count)
+        if error.shape not in ((), (count,), turns):
             raise InvalidValueError("radius_error", f"shape {error.shape}", f"shape () or ({count},)")
         if not 0 <= as_real(wheel_slip) < np.inf:
             raise InvalidValueError("wheel_slip", wheel_slip, "a finite number of at least 0 [rad]")
         self.base = base
-        self._pose = read_only(as_finite(pose, "pose", (3,)))
-        self._scale, self._wheel_slip = 1.0 + np.broadcast_to(error, count), float(wheel_slip)
+        self._pose = read_only(start)
+        self._scale, self._wheel_slip = 1.0 + np.broadcast_to(error, turns), float(wheel_slip)
         self._random = (
             seed if isinstance(seed, np.random.Generator) else np.random.default_rng(check_seed(seed))
         )
 
     @property
     def pose(self) -> Array:
-        """The pose believed: x, y [m], yaw [rad], shape (3,)."""
+        """The pose believed: x, y [m], yaw [rad], shape (..., 3)."""
         return self._pose
 
     def add(self, turns: ArrayLike) -> Array:
         """Add what the wheels turned since the last time; return the new pose.
 
         Args:
-            turns: Angles [rad], shape (k,).
+            turns: Angles [rad], shape (..., k).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
         """
-        angles = as_finite(turns, "turns", (len(self.base.wheel_map),))
+        angles = as_finite(turns, "turns", self._scale.shape)
         believed = self._scale * angles
         if self._wheel_slip:
             spread = self._wheel_slip * np.sqrt(np.abs(angles))
-            believed = believed + spread * self._random.standard_normal(len(angles))
+            believed = believed + spread * self._random.standard_normal(angles.shape)
         self._pose = read_only(arc_moved(self._pose, self.base.body_twist(believed)))
         return self._pose
 

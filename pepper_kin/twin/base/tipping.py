@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
-from pepper_kin.dynamics import total_mass
+from pepper_kin.core.simulation.tipping import Hinges, Rules, Tilts, follow_tilts
+from pepper_kin.dynamics import center_of_mass, centroidal_inertia, total_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import frame_pose
-from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
@@ -25,8 +25,6 @@ from pepper_kin.model.joint_vectors import (
 )
 from pepper_kin.status import ResultStatus
 from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
-
-pinocchio = lazy_module("pinocchio")
 
 
 class TippingStatus(ResultStatus):
@@ -97,36 +95,35 @@ def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, e
     """
     rows = _checked_states(monitor, report, q)
     edge = check_whole("edge", edge, 0, len(monitor.contacts) - 1)
-    body = _whole_body(monitor.pepper, monitor.base_frame, rows, report.loads)
-    return _edge_moments(monitor, report, rows, body, edge)
+    *parts, weight = _all_moments(monitor, report, rows)
+    return EdgeMoments(*(part[:, edge].copy() for part in parts), weight)
 
 
-def _edge_moments(
-    monitor: BalanceMonitor, report: BalanceReport, q: Array, body: tuple[Array, Array], edge: int
-) -> EdgeMoments:
-    """Return what `edge_moments` does.
+def _all_moments(monitor: BalanceMonitor, report: BalanceReport, q: Array) -> tuple[Any, ...]:
+    """Return what `EdgeMoments` holds of all k edges, shapes (T, k), and the weight.
 
     Args:
         monitor: The robot and its wheels.
         report: Balance over the motion.
         q: The same joint positions [rad or m], shape (T, n).
-        body: Center of mass [m], shape (T, 3), and inertia about it [kg m^2], shape (T, 3, 3).
-        edge: Number of the edge.
     """
-    pepper, (center, about_center) = monitor.pepper, body
-    mass = total_mass(pepper) + sum(load.mass for load in report.loads)
+    pepper, poses = monitor.pepper, frame_pose(monitor.pepper, q, monitor.base_frame)
+    turn, place = poses[:, :3, :3], poses[:, :3, 3]
+    mass, center, about_center = _whole_body(pepper, q, report.loads)
+    center = np.einsum("tji,tj->ti", turn, center - place)
+    about_center = turn.transpose(0, 2, 1) @ about_center @ turn
     weight = mass * float(np.linalg.norm(pepper.inner_model.gravity.linear))
-    start = np.array([*monitor.contacts[edge], 0.0])
-    side = np.array([*monitor.contacts[(edge + 1) % len(monitor.contacts)], 0.0]) - start
-    along = side / np.linalg.norm(side)
-    inside, height = (center - start) @ np.array([-along[1], along[0], 0.0]), center[:, 2]
-    inertia = np.einsum("i,tij,j->t", along, about_center, along) + mass * (inside**2 + height**2)
+    start = np.column_stack([monitor.contacts, np.zeros(len(monitor.contacts))])
+    side = np.roll(start, -1, axis=0) - start
+    along = side / np.linalg.norm(side, axis=1, keepdims=True)
+    inward = np.column_stack([-along[:, 1], along[:, 0], 0.0 * along[:, 0]])
+    inside, height = np.einsum("tki,ki->tk", center[:, np.newaxis] - start, inward), center[:, 2:]
+    inertia = np.einsum("ki,tij,kj->tk", along, about_center, along) + mass * (inside**2 + height**2)
     # Moment that the floor would have to give about the edge: f_z times how far inside the point is.
-    poses = frame_pose(pepper, q, monitor.base_frame)
-    force, moment = report.wrench[:, :3], report.wrench[:, 3:]
-    world_start = poses[:, :3, 3] + poses[:, :3, :3] @ start
-    needed = np.einsum("ti,ti->t", moment - np.cross(world_start, force), poses[:, :3, :3] @ along)
-    return EdgeMoments(inertia, inside, height, weight * inside - needed, weight)
+    force, moment = report.wrench[:, np.newaxis, :3], report.wrench[:, np.newaxis, 3:]
+    world_start = place[:, np.newaxis] + start @ turn.transpose(0, 2, 1)
+    needed = ((moment - np.cross(world_start, force)) * (along @ turn.transpose(0, 2, 1))).sum(axis=2)
+    return inertia, inside, np.broadcast_to(height, inside.shape), weight * inside - needed, weight
 
 
 def simulate_tipping(
@@ -171,32 +168,122 @@ def simulate_tipping(
             out of range.
     """
     rows = _checked(monitor, report, q, start, restitution)
-    check_positive("fallen_at", fallen_at, "rad")
-    check_positive("substep", substep, "s")
-    time, count = report.time, len(report.time)
-    body = _whole_body(monitor.pepper, monitor.base_frame, rows, report.loads)
-    moments = [_edge_moments(monitor, report, rows, body, k) for k in range(len(monitor.contacts))]
-    angle, rate, edge = np.zeros(count), np.zeros(count), np.full(count, -1, dtype=np.int64)
+    rules = _rules(restitution, fallen_at, substep)
+    time, count = np.ascontiguousarray(report.time), len(report.time)
+    tilts = _level(1, count)
     if start is not None:
-        edge[0], angle[0], rate[0] = start
-    for k in range(count - 1):
-        if edge[k] < 0:
-            edge[k] = _leaving(moments, k)
-        if edge[k] < 0:
-            continue
-        turning = moments[edge[k]]
-        angle[k + 1], rate[k + 1] = _advanced(turning, k, time[k + 1] - time[k], angle[k], rate[k], substep)
-        edge[k + 1] = edge[k]
-        if angle[k + 1] <= 0.0:
-            angle[k + 1], rate[k + 1] = 0.0, -restitution * rate[k + 1]
-            if rate[k + 1] < 1e-3:  # [rad/s] no noticeable bounce
-                rate[k + 1], edge[k + 1] = 0.0, -1
-        if angle[k + 1] >= fallen_at:
-            part = slice(k + 2)
-            names = " - ".join(monitor.edge(int(edge[k])))
-            message = f"fell over the line {names}: {fallen_at:g} rad at {time[k + 1]:.3f} s"
-            return TippingRun(time[part], angle[part], rate[part], edge[part], TippingStatus.FALLEN, message)
-    return TippingRun(time, angle, rate, edge, *_verdict(monitor, time, angle, edge))
+        tilts.edge[0, 0], tilts.angle[0, 0], tilts.rate[0, 0] = start
+    *parts, weight = _all_moments(monitor, report, rows)
+    hinges = Hinges(*(np.ascontiguousarray(part[np.newaxis]) for part in parts), np.array([weight]))
+    follow_tilts(time, hinges, rules, tilts)
+    end = int(tilts.ends[0])
+    part = slice(end + 1)
+    found = tilts.angle[0, part], tilts.rate[0, part], tilts.edge[0, part]
+    if end < count:
+        names = " - ".join(monitor.edge(int(found[2][-1])))
+        message = f"fell over the line {names}: {fallen_at:g} rad at {time[end]:.3f} s"
+        return TippingRun(time[part], *found, TippingStatus.FALLEN, message)
+    return TippingRun(time, *found, *_verdict(monitor, time, found[0], found[2]))
+
+
+class BatchTipping:
+    """Tilts of N robots about edges of their wheels, from step to step; see `simulate_tipping`.
+
+    Args:
+        monitor: The robot and its wheels.
+        count: N.
+        loads: What all carry: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
+        restitution: As for `simulate_tipping`.
+        fallen_at: The same; a robot that has fallen stays so until it is reset.
+        substep: The same.
+
+    Attributes:
+        angle: Tilts [rad], shape (N,).
+        rate: [rad/s], shape (N,).
+        edge: Edges that the robots tilt about, -1 for none, shape (N,).
+
+    Raises:
+        InvalidValueError: for numbers out of range.
+    """
+
+    def __init__(
+        self,
+        monitor: BalanceMonitor,
+        count: int,
+        *,
+        loads: Loads = (),
+        restitution: float = 0.0,
+        fallen_at: float = 1.2,
+        substep: float = 1e-3,
+    ) -> None:
+        self.monitor, self.count, self._loads = monitor, check_whole("count", count, 1), loads
+        if not 0 <= as_real(restitution) < 1:
+            raise InvalidValueError("restitution", restitution, "a number from 0 to less than 1")
+        self._rules = _rules(restitution, fallen_at, substep)
+        self.angle, self.rate = np.zeros(count), np.zeros(count)
+        self.edge = np.full(count, -1)
+        self._before: tuple[Array, ...] | None = None
+        self._new = np.ones(count, bool)
+
+    @property
+    def fallen(self) -> NDArray[np.bool_]:
+        """Which robots have fallen, shape (N,)."""
+        return np.asarray(self.angle >= self._rules.fallen_at)
+
+    def reset(self, rows: ArrayLike | None = None) -> None:
+        """Put all robots level, or some, by their numbers, shape (k,), or a mask, shape (N,)."""
+        places = slice(None) if rows is None else np.asarray(rows)
+        self.angle, self.rate, self.edge = self.angle.copy(), self.rate.copy(), self.edge.copy()
+        self.angle[places], self.rate[places], self.edge[places], self._new[places] = 0.0, 0.0, -1, True
+
+    def step(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, duration: float, external: ArrayLike | None = None
+    ) -> BalanceReport:
+        """Let the robots tilt for a time, at whose end they move so.
+
+        In between the moments change evenly; in the first step after a reset they are those at its end.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+            v: Joint velocities, shape (N, n).
+            a: Joint accelerations, shape (N, n).
+            duration: [s].
+            external: Of `BalanceMonitor.assess`, shape (N, 6).
+
+        Returns:
+            Balance of the level robots, with one row for each.
+
+        Raises:
+            InvalidValueError: for wrong shapes, NaN or infinity, or a duration that is not above 0.
+        """
+        times = np.array([0.0, check_positive("duration", duration, "s")])
+        report = self.monitor.assess(np.arange(float(self.count)), q, v, a, external, loads=self._loads)
+        *now, weight = _all_moments(self.monitor, report, as_joint_vectors(self.monitor.pepper, q, "q"))
+        before = now if self._before is None else self._before
+        pairs = (
+            np.stack([np.where(self._new[:, np.newaxis], end, begin), end], axis=1)
+            for begin, end in zip(before, now, strict=True)
+        )
+        tilts = _level(self.count, 2)
+        tilts.angle[:, 0], tilts.rate[:, 0], tilts.edge[:, 0] = self.angle, self.rate, self.edge
+        follow_tilts(times, Hinges(*pairs, np.full(self.count, weight)), self._rules, tilts)
+        self.angle, self.rate = tilts.angle[:, 1].copy(), tilts.rate[:, 1].copy()
+        self.edge, self._before = tilts.edge[:, 1].copy(), tuple(now)
+        self._new[:] = False
+        return report
+
+
+def _rules(restitution: float, fallen_at: float, substep: float) -> Rules:
+    return Rules(
+        float(restitution), check_positive("fallen_at", fallen_at, "rad"),
+        check_positive("substep", substep, "s"),
+    )  # fmt: skip
+
+
+def _level(robots: int, times: int) -> Tilts:
+    """Return arrays for the tilts of robots that begin level."""
+    shape = (robots, times)
+    return Tilts(np.zeros(shape), np.zeros(shape), np.full(shape, -1), np.full(robots, times))
 
 
 def _verdict(
@@ -221,68 +308,25 @@ def _verdict(
     return TippingStatus.ROCKED, f"tilted {words}, and came back"
 
 
-def _leaving(moments: list[EdgeMoments], k: int) -> int:
-    """Return the edge about which the level robot begins to turn, the hardest driven; -1 if it does not."""
-    pull = [(body.drive[k] - body.weight * body.inside[k]) / body.inertia[k] for body in moments]
-    hardest = int(np.argmax(pull))
-    return hardest if pull[hardest] > 0 else -1
-
-
-def _advanced(
-    body: EdgeMoments, k: int, duration: float, angle: float, rate: float, substep: float
-) -> tuple[float, float]:
-    """Integrate the tilt over one interval of the series, its numbers linear in between."""
-    steps = max(int(np.ceil(duration / substep - 1e-9)), 1)
-    h = duration / steps
-    share = np.arange(2 * steps + 1) / (2 * steps)  # ends and middles of the steps
-    series = (body.inertia, body.height, body.inside, body.drive)
-    between = [(values[k] + share * (values[k + 1] - values[k])).tolist() for values in series]
-    numbers = list(zip(*between, strict=True))
-
-    def moment(tilt: float, at: tuple[float, ...]) -> float:
-        return body.weight * (at[1] * math.sin(tilt) - at[2] * math.cos(tilt)) + at[3]
-
-    tilt, momentum = float(angle), float(rate) * numbers[0][0]
-    for step in range(steps):
-        begin, middle, end = numbers[2 * step : 2 * step + 3]
-        a1, m1 = momentum / begin[0], moment(tilt, begin)
-        a2, m2 = (momentum + h / 2 * m1) / middle[0], moment(tilt + h / 2 * a1, middle)
-        a3, m3 = (momentum + h / 2 * m2) / middle[0], moment(tilt + h / 2 * a2, middle)
-        a4, m4 = (momentum + h * m3) / end[0], moment(tilt + h * a3, end)
-        tilt += h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-        momentum += h / 6 * (m1 + 2 * m2 + 2 * m3 + m4)
-        if tilt < 0.0:
-            break
-    return tilt, momentum / numbers[-1][0]
-
-
-def _whole_body(pepper: PepperModel, base_frame: str, q: Array, loads: Loads) -> tuple[Array, Array]:
-    """Return center of mass (T, 3) and inertia about it (T, 3, 3) of links and loads, in the base's frame.
+def _whole_body(pepper: PepperModel, q: Array, loads: Loads) -> tuple[float, Array, Array]:
+    """Return mass [kg], center (T, 3) and inertia about it (T, 3, 3) of links and loads, in the world.
 
     Args:
         pepper: The robot.
-        base_frame: Frame of the base.
         q: Joint positions [rad or m], shape (T, n).
         loads: What the robot carries.
     """
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    frame_id, rest = pepper.frame_id(base_frame), np.zeros(model.nv)
-    center, inertia = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
-    still = model.inertias[0]
-    held = [
-        (pepper.frame_id(load.frame), pinocchio.Inertia(load.mass, np.array(load.center), load.tensor))
-        for load in loads
-    ]
-    for row, joints in enumerate(q):
-        pinocchio.ccrba(model, data, pepper.to_full(joints), rest)
-        whole = pinocchio.Inertia(data.Ig.mass, data.com[0] + data.Ig.lever, np.array(data.Ig.inertia))
-        if still.mass > 0:
-            whole = whole + still
-        for carrier, own in held:
-            whole = whole + pinocchio.updateFramePlacement(model, data, carrier).act(own)
-        whole = pinocchio.updateFramePlacement(model, data, frame_id).actInv(whole)
-        center[row], inertia[row] = whole.lever, whole.inertia
-    return center, inertia
+    mass, center = total_mass(pepper), center_of_mass(pepper, q)
+    inertia = centroidal_inertia(pepper, q)
+    for load in loads:
+        pose = frame_pose(pepper, q, load.frame)
+        turn, share = pose[:, :3, :3], load.mass / (mass + load.mass)
+        way = pose[:, :3, 3] + turn @ load.center - center
+        spread = np.einsum("ti,ti->t", way, way)[:, np.newaxis, np.newaxis] * np.eye(3)
+        spread -= way[:, :, np.newaxis] * way[:, np.newaxis]
+        inertia = inertia + turn @ load.tensor @ turn.transpose(0, 2, 1) + share * mass * spread
+        mass, center = mass + load.mass, center + share * way
+    return mass, center, inertia
 
 
 def _checked(

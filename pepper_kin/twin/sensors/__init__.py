@@ -4,13 +4,13 @@
     SensorSpecification, sensor_specifications, Reading, ReadingSeries
     Camera, CAMERAS, Intrinsics, camera_intrinsics    depth and color pictures
     RobotRays, Sight, RayCaster, RayHits      distances along rays
-    BatchRanges, BatchInertial, BatchDepth    range and inertial sensors, and depth, of many robots at once
+    BatchRanges, BatchInertial, BatchDepth, BatchSwitches   sensors of many robots at once
     published_scan                            the three laser scans as one, as ROS publishes them
 
 Each reading holds the truth beside what the sensor says.
 """
 
-from pepper_kin.twin.sensors.batch import BatchDepth, BatchInertial, BatchRanges
+from pepper_kin.twin.sensors.batch import BatchDepth, BatchInertial, BatchRanges, BatchSwitches
 from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import published_scan
 from pepper_kin.twin.sensors.raycast import RayCaster, RayHits
@@ -25,6 +25,7 @@ __all__ = [
     "BatchDepth",
     "BatchInertial",
     "BatchRanges",
+    "BatchSwitches",
     "Camera",
     "Intrinsics",
     "RayCaster",

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import copy
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene
+from pepper_kin.collision import Scene, in_collision
+from pepper_kin.collision.movers import Movers, movers_of, without_self_pairs
+from pepper_kin.collision.scene_object import AttachedObject
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
-from pepper_kin.model import PepperModel
+from pepper_kin.model import Box, PepperModel, kept_for_robot
+from pepper_kin.model.dynamics_model import described
 from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.poses import rpy_of
+from pepper_kin.model.urdf_document import parse_urdf
 from pepper_kin.twin.sensors.camera import Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import cone, fan
 from pepper_kin.twin.sensors.raycast import RayCaster, Rays
 from pepper_kin.twin.sensors.specification import SensorSpecification, sensor_specifications
 
+if TYPE_CHECKING:
+    from pepper_kin.twin.batch_world import BatchBodies
+
 _COARSE = 5
+_MOVING = (1.0, 0.0, 0.0)  # [m/s] of bodies whose places are given: at any speed they are joints
 
 
 class BatchRanges:
@@ -186,6 +201,90 @@ class BatchInertial:
                 seen = frame_acceleration(self._pepper, q, v, a, sensor.frame)[..., :3] - gravity
             found.append(np.einsum("...ji,...j->...i", turn, seen))
         return np.concatenate([np.atleast_2d(part) for part in found], axis=1)
+
+
+class BatchSwitches:
+    """Bumpers and touch sensors of N robots: whether an object reaches into their pads.
+
+    A `SensorSuite` that is given contacts counts those as well that lie within 1 cm of a pad.
+
+    Args:
+        pepper: The robot.
+        scene: What stands around it; `world.snapshot()` for that of a `World`.
+        names: Of the sensors, such as "bumper_back" or "left_hand_touch"; all if omitted.
+        bodies: Objects of the scene that are elsewhere for each robot.
+
+    Raises:
+        UnknownNameError: for a sensor, a frame or an object that there is not.
+    """
+
+    def __init__(
+        self, pepper: PepperModel, scene: Scene, names: tuple[str, ...] = (), bodies: tuple[str, ...] = ()
+    ) -> None:
+        known = {name: each for name, each in sensor_specifications().items() if each.kind == "switch"}
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("bumper or touch sensor", name, known)
+        for name in bodies:
+            if name not in scene.objects:
+                raise UnknownNameError("object", name, scene.objects)
+        self._pads, self._bodies, self._pepper = _without_shapes(pepper), tuple(bodies), pepper
+        objects = {
+            name: replace(item, velocity=_MOVING if name in bodies else (0.0, 0.0, 0.0))
+            for name, item in scene.objects.items()
+        }
+        self._around: list[tuple[Scene, Movers | None]] = []
+        for name in names or known:
+            frame = known[name].frame
+            pepper.frame_id(frame)
+            pad = AttachedObject("pad", Box(known[name].pad), frame, np.eye(4))
+            around = Scene(objects, {"pad": pad})
+            self._around.append((around.standing, movers_of(self._pads, around)))
+
+    def read(self, q: ArrayLike, bodies: Mapping[str, BatchBodies] | None = None) -> NDArray[np.bool_]:
+        """Return which pads are pressed.
+
+        Args:
+            q: Joint positions [rad or m], shape (N, n).
+            bodies: Object -> where it is, such as `twins.body(name)`, for all that the class was given.
+
+        Returns:
+            Shape (N, sensors).
+
+        Raises:
+            InvalidValueError: for a wrong shape, NaN or infinity.
+            UnknownNameError: where a body is missing.
+        """
+        states, given = np.atleast_2d(as_joint_vectors(self._pepper, q, "q")), dict(bodies or {})
+        for name in self._bodies:
+            if name not in given:
+                raise UnknownNameError("body", name, given)
+        found = np.empty((len(states), len(self._around)), bool)
+        for k, (standing, movers) in enumerate(self._around):
+            found[:, k] = in_collision(self._pads, states, standing)
+            if movers is not None:
+                places = [_place(given[item.name]) for item in movers.items]
+                joined = movers.joined(states, np.concatenate(places, axis=1))
+                found[:, k] |= in_collision(movers.robot, joined, movers.scene)
+        return found
+
+
+def _place(bodies: BatchBodies) -> Array:
+    """Return x, y, z [m], yaw, pitch and roll [rad] of bodies, shape (N, 6)."""
+    turns = np.array([rpy_of(rotation)[::-1] for rotation in bodies.rotation])
+    return np.concatenate([bodies.position, turns], axis=1)
+
+
+@kept_for_robot(most=4)
+def _without_shapes(pepper: PepperModel) -> PepperModel:
+    """Return a robot that has no shapes to be touched."""
+    described(pepper)
+    root = copy.deepcopy(pepper.document.tree)
+    for link in root.iter("link"):
+        for shape in link.findall("collision"):
+            link.remove(shape)
+    document = parse_urdf(ET.tostring(root, encoding="unicode"), pepper.document.package_dirs)
+    return PepperModel(document, replace(pepper.semantics, disabled_pairs=without_self_pairs(pepper)))
 
 
 def _caster(scene: Scene, floor: bool) -> RayCaster:
