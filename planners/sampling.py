@@ -7,31 +7,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from pepper_kin.kernels.compiled_function import INTERPRETED, compiled
+from pepper_kin.core.random_numbers import FIRST, GAMMA, SECOND, mixed
+from pepper_kin.kernels.compiled_function import compiled
 
 from .search_space import SearchSpace
 from .vectors import FloatArray
 
 _WORD = 2**64 - 1
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)
-_FIRST = np.uint64(0xBF58476D1CE4E5B9)
-_SECOND = np.uint64(0x94D049BB133111EB)
-
-if INTERPRETED:
-    np.seterr(over="ignore")  # numbers of 64 bits wrap around, as they do in machine code
 
 
 @compiled("float64(uint64, int64)", lean=True)
 def uniform(key: np.uint64, number: int) -> float:
-    """Return the random number in [0, 1) of a place in the stream of a key.
-
-    Source: G. L. Steele, D. Lea and C. H. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014
-    (SplitMix64), whose state is a counter: any number of the stream can be had without those before it.
-    """
-    z = key + np.uint64(number + 1) * _GAMMA
-    z = (z ^ (z >> np.uint64(30))) * _FIRST
-    z = (z ^ (z >> np.uint64(27))) * _SECOND
-    z = z ^ (z >> np.uint64(31))
+    """Return the random number in [0, 1) of a place in the stream of a key."""
+    z = mixed(key + np.uint64(number + 1) * GAMMA)
     return np.int64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
@@ -49,9 +37,9 @@ def stream_key(seed: int, stream: int) -> np.uint64:
 
 def _mixed(value: int) -> int:
     """Spread every bit of a number over all 64 bits of another."""
-    value = (value + int(_GAMMA)) & _WORD
-    value = (value ^ (value >> 30)) * int(_FIRST) & _WORD
-    value = (value ^ (value >> 27)) * int(_SECOND) & _WORD
+    value = (value + int(GAMMA)) & _WORD
+    value = (value ^ (value >> 30)) * int(FIRST) & _WORD
+    value = (value ^ (value >> 27)) * int(SECOND) & _WORD
     return value ^ (value >> 31)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from pepper_kin import collision, motion, trajectory
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.core.episodes import Score, greatest_distances
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.learning.picture import AIM, EYE
 from pepper_kin.model import PepperModel, Sphere, load_pepper
@@ -27,22 +28,6 @@ STEPS = 20
 """Of the twin in a step of an environment, of a millisecond each: 50 Hz."""
 
 _BALL, _ORANGE = Sphere(0.025), (0.93, 0.36, 0.20, 1.0)
-
-
-class Score(NamedTuple):
-    """How N states meet their goals.
-
-    Attributes:
-        distance: Greatest distance of what is led from its goal [m], shape (N,).
-        cost: What else counts, in metres of distance, shape (N,).
-        success: Whether the goals are met, shape (N,).
-        failed: Whether the episode is lost and ends, shape (N,).
-    """
-
-    distance: Array
-    cost: Array
-    success: np.ndarray
-    failed: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -119,8 +104,8 @@ class RobotTask:
 
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
         """Return how the present states meet their goals, shape (N, g, 3) each [m]."""
-        distance = np.linalg.norm(goals - places, axis=2).max(axis=1)
-        none = np.zeros(len(distance))
+        distance, none = np.empty(len(places)), np.zeros(len(places))
+        greatest_distances(np.ascontiguousarray(places), np.ascontiguousarray(goals), distance)
         return Score(distance, none, distance < self.threshold, none > 0)
 
     def wanted(self, env: PepperVectorEnv) -> Array:

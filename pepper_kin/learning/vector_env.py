@@ -9,15 +9,18 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.episodes import Ends, Seen, StepRules, begin_episodes, end_step, observe
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.picture import MOST_DRAWN, Pictures
 from pepper_kin.learning.randomization import Randomization
-from pepper_kin.learning.task import STEPS, RobotTask, Score
+from pepper_kin.learning.task import STEPS, RobotTask
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
+from pepper_kin.planners.sampling import stream_key
 
 T = TypeVar("T")
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had
@@ -98,9 +101,10 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         low, high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
         endless = ~np.isfinite(high - low)
         low, high = np.where(endless, -np.pi, low), np.where(endless, np.pi, high)
-        self._center, self._half = (low + high) / 2, (high - low) / 2
-        self._keys = np.zeros(self.num_envs, np.uint64)
-        self._episodes, self.elapsed = np.zeros(self.num_envs, np.uint64), np.zeros(self.num_envs, np.int64)
+        fastest = self.pepper.velocity_limits[self.joints]
+        self._scales = np.array([(low + high) / 2, (high - low) / 2, fastest])
+        self._rules = StepRules(self.task.horizon, _LOST, bool(sparse))
+        self._keys, self._episodes, self.elapsed = (np.zeros(self.num_envs, np.int64) for _ in range(3))
         self.episode = self._bank[np.zeros(self.num_envs, np.int64)]
         self.plans, self._made = self.twins.position, dict[str, Any]()
         self._new, self._lasted = np.ones(self.num_envs, bool), np.zeros(self.num_envs, np.int64)
@@ -134,14 +138,11 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
                     "seed", f"{len(seed)} numbers", f"{self.num_envs}, one for each robot"
                 )
             rows = np.array([s is not None for s in seed])
-            self._keys[rows] = _mixed(np.array([s for s in seed if s is not None], np.uint64))
+            self._keys[rows] = _keys_of([s for s in seed if s is not None])
             self._episodes[rows] = 0
         elif seed is not None or not self._ready:
             base = int(self.np_random.integers(1 << 62)) if seed is None else int(seed)
-            self._keys = _mixed(
-                _mixed(np.array([base], np.uint64)) + np.arange(self.num_envs, dtype=np.uint64)
-            )
-            self._episodes[:] = 0
+            self._keys, self._episodes = _keys_of([base]) + np.arange(self.num_envs), 0 * self._episodes
         mask = np.ones(self.num_envs, bool) if not options else np.asarray(options.get("reset_mask", True))
         if mask.dtype != bool or mask.shape not in ((), (self.num_envs,)):
             raise InvalidValueError(
@@ -173,9 +174,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         places = self.task.places(self)
         score = self.task.score(self, places, self.task.goals(self))
         self._lasted[anew] = 0  # of a step that only begins an episode
-        terminated = score.failed & sound & ~anew
-        truncated = ((self.elapsed >= self.task.horizon) | ~sound) & ~anew & ~terminated
-        rewards = np.where(anew, 0.0, self._rewards(score) - _LOST * terminated * self._left())
+        ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
+        end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
+        rewards, terminated, truncated = ends
         infos: dict[str, Any] = {
             "is_success": score.success & ~score.failed, "distance": score.distance, "diverged": ~sound
         }  # fmt: skip
@@ -233,39 +234,28 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         distance = np.linalg.norm(gaps.reshape(*gaps.shape[:-1], -1, 3), axis=-1).max(axis=-1)
         return np.where(distance < self.task.threshold, 0.0, -1.0) if self.sparse else -distance
 
-    def _rewards(self, score: Score) -> Array:
-        if self.sparse:
-            return np.where(score.success, 0.0, -1.0)
-        return -score.distance - score.cost
-
-    def _left(self) -> Array:
-        """Return how many steps the episodes have left, shape (N,)."""
-        return np.maximum(self.task.horizon - self.elapsed, 0)
-
     def _begin(self, mask: np.ndarray) -> None:
         """Begin new episodes of some robots, shape (N,)."""
         rows = np.flatnonzero(mask)
         if not rows.size:
             return
-        chosen = _mixed(self._keys[rows] + self._episodes[rows]) % np.uint64(len(self._bank))
-        self.episode[rows] = self._bank[chosen.astype(np.int64)]
-        self._episodes[rows] += np.uint64(1)
+        begin_episodes(rows, self._keys, self._episodes, self._bank, self.episode)
         self.elapsed[rows], self._ended[rows], self._new[rows], self._lasted[rows] = 0, False, True, 0
         self.task.begin(self, rows)
 
     def _observations(self, places: Array) -> Any:
         """Return new arrays of what is observed, with what is led at places [m], shape (N, g, 3)."""
-        q, v = self.twins.position[:, self.joints], self.twins.velocity[:, self.joints]
-        own = [(q - self._center) / self._half, v / self.pepper.velocity_limits[self.joints], _flat(places)]
         goals, extra = self.task.goals(self), self.task.extra(self)
-        if self.goal_form:
-            parts = {
-                "observation": np.concatenate([*own, extra], axis=1),
-                "achieved_goal": own[2],
-                "desired_goal": _flat(goals),
-            }
-            return {name: part.astype(np.float32) for name, part in parts.items()}
-        return np.concatenate([*own, _flat(goals - places), extra], axis=1).astype(np.float32)
+        own = self.twins.position, self.twins.velocity
+        seen = Seen(*own, *(np.ascontiguousarray(part, float) for part in (places, goals, extra)))
+        size = 2 * self.joints.size + (1 if self.goal_form else 2) * places[0].size + extra.shape[1]
+        found = np.empty((self.num_envs, size), np.float32)
+        observe(seen, self._scales, self.joints, not self.goal_form, found)
+        if not self.goal_form:
+            return found
+        parts = {"achieved_goal": places, "desired_goal": goals}
+        flat = {name: part.reshape(len(part), -1).astype(np.float32) for name, part in parts.items()}
+        return {"observation": found, **flat}
 
     def _observation_space(self) -> gymnasium.Space[Any]:
         goal = 3 * self.task.places(self).shape[1]
@@ -286,14 +276,6 @@ def _episodes(pepper: PepperModel, task: RobotTask, speed: float, period: float,
     return task.episodes(pepper, speed, period, seed)
 
 
-def _flat(places: Array) -> Array:
-    return places.reshape(len(places), -1)
-
-
-def _mixed(keys: np.ndarray) -> np.ndarray:
-    """Return well mixed numbers of 64 bits (splitmix64: G. Steele and others, OOPSLA 2014), shape (k,)."""
-    with np.errstate(over="ignore"):
-        z = keys + np.uint64(0x9E3779B97F4A7C15)
-        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        return z ^ (z >> np.uint64(31))
+def _keys_of(seeds: Sequence[int]) -> NDArray[np.int64]:
+    """Return keys of streams of random numbers, shape (k,)."""
+    return np.array([stream_key(int(seed), 0) for seed in seeds], np.uint64).view(np.int64)
