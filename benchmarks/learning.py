@@ -213,7 +213,7 @@ class SingleEnv(gymnasium.Env):
         twins.q[0], twins.v[0] = robot.data.qpos, robot.data.qvel
         places = env.task.places(env)
         score = env.task.score(env, places, env.task.goals(env))
-        return env._observations(places)[0], float(env._rewards(score)[0]), False, False, {}
+        return env._observations(places)[0], -float((score.distance + score.cost)[0]), False, False, {}
 
 
 def rate(env, steps, rng):
