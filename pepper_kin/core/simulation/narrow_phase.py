@@ -280,20 +280,19 @@ def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
 
 
 @compiled(lean=True)
-def _reach(solid: Solid, x: float, y: float, z: float) -> float:
-    """Return the greatest x . p of a shape's points p along a unit vector (x, y, z) [m]."""
-    kind, size, rotation, center, _ = solid
-    middle = x * center[0] + y * center[1] + z * center[2]
+def _extent(solid: Solid, x: float, y: float, z: float) -> float:
+    """Return how far a shape reaches beyond its center along a unit vector (x, y, z), and against it [m]."""
+    kind, size, rotation = solid.kind, solid.size, solid.rotation
     if kind == BALL:
-        return middle + size[0]
+        return size[0]
     along = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
     if kind == CAPSULE:
-        return middle + size[0] + size[1] * abs(along)
+        return size[0] + size[1] * abs(along)
     if kind == CYLINDER:
-        return middle + size[0] * math.sqrt(max(0.0, 1.0 - along * along)) + size[1] * abs(along)
+        return size[0] * math.sqrt(max(0.0, 1.0 - along * along)) + size[1] * abs(along)
     first = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
     second = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
-    return middle + size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
+    return size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
 
 
 @compiled(lean=True)
@@ -410,7 +409,11 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
         axis = side % 2
         half = half_u if axis == 0 else half_v
         sign = 1.0 if side < 2 else -1.0
-        kept = 0
+        kept, within = 0, True
+        for k in range(count):
+            within = within and half - sign * outline[k, axis] >= 0
+        if within:
+            continue
         for k in range(count):
             here = half - sign * outline[k, axis]
             if here >= 0:
@@ -419,7 +422,7 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
                 kept += 1
             if count == 1 or (count == 2 and k == 1):
                 continue
-            after = (k + 1) % count
+            after = k + 1 if k + 1 < count else 0
             there = half - sign * outline[after, axis]
             if (here >= 0) != (there >= 0):
                 share = here / (here - there)
@@ -492,7 +495,8 @@ def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
     """Write contacts of a shape with a half-space to rows of shape (>= 4, 7); the normal leaves the plane."""
     x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
     height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
-    if -_reach(solid, -x, -y, -z) - height > margin:
+    p = solid.position
+    if x * p[0] + y * p[1] + z * p[2] - _extent(solid, x, y, z) - height > margin:
         return 0
     down, points = solid.work[3], solid.work[5:9]
     down[0], down[1], down[2] = -x, -y, -z
@@ -550,13 +554,11 @@ def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
     best, face, sign = -math.inf, 0, 1
     for k in range(3):
         x, y, z = box.rotation[0, k], box.rotation[1, k], box.rotation[2, k]
-        middle = x * box.position[0] + y * box.position[1] + z * box.position[2]
-        above = -_reach(solid, -x, -y, -z) - middle - box.size[k]
-        below = -_reach(solid, x, y, z) + middle - box.size[k]
+        way = x * (solid.position[0] - box.position[0])
+        way += y * (solid.position[1] - box.position[1]) + z * (solid.position[2] - box.position[2])
+        above = abs(way) - _extent(solid, x, y, z) - box.size[k]
         if above > best:
-            best, face, sign = above, k, 1
-        if below > best:
-            best, face, sign = below, k, -1
+            best, face, sign = above, k, 1 if way >= 0.0 else -1
     return best, face, sign
 
 
