@@ -320,8 +320,16 @@ def _try_nearby(
     for row in rows:
         ones = tuple(task.at(int(row)) for task in tasks)
         tried = near.starts(ones[place].target)  # type: ignore[attr-defined]
-        options = {"scene": world.scene, "margin": world.margin}
-        found = solutions_from(pepper, ones, starts[row], movable, tried, budget.max_iterations, **options)
+        found = solutions_from(
+            pepper,
+            ones,
+            starts[row],
+            movable,
+            tried,
+            budget.max_iterations,
+            scene=world.scene,
+            margin=world.margin,
+        )
         restarts[row] += len(tried)
         if found:
             q[row], codes[row] = found[0], CODES.index(IKStatus.SOLVED)
