@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import time
 from collections.abc import Mapping
@@ -11,12 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin import ik
 from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.collision import Scene, in_collision
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.core.inverse_kinematics.local_solver import MOST_NEAR
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.kinematics import frame_pose
+from pepper_kin.ik.collisions import Collisions
+from pepper_kin.kernels.interrupts import interrupt_table
+from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.motion.key_points import KeyPoints
@@ -33,11 +36,24 @@ LIMBS = ("left_upper_arm", "left_forearm", "right_upper_arm", "right_forearm")
 PERIOD = 0.02
 """Time between the frames that are computed [s]."""
 
-STEPS = 40
-"""Steps of inverse kinematics from the closed form, which is some degrees off."""
+STEADIED, LEVER = 0.15, 0.5
+"""Angles of a limb that points along their axis are averaged over this time [s] for the first guess, fully
+where it does and less up to this sine."""
 
-STRAIGHT = math.radians(6.0)
-"""Below this bend of the elbow its yaw is taken from before and after [rad]."""
+CALM = 0.08
+"""Head and torso are averaged over this time more than the arms, standard deviation [s]."""
+
+FIRM, FITS = (0.0, 10.0, 30.0), 10
+"""Weights of shortages of distance, one after the other [1/m], and Gauss-Newton steps with each."""
+
+ROUNDS, REFITS, MOST_FIRM = 12, 4, 64.0
+"""Rounds of further steps in which these weights are doubled where something touches, up to so many times."""
+
+DAMPING, LONGEST = 1e-3, 0.3
+"""Damping of the steps, and the longest of a joint [rad]."""
+
+MU, UNSEEN = 0.12, 0.05
+"""An acceleration at its limit counts as this error [rad]; a limb that is not seen counts so much."""
 
 CLIPPED = math.radians(5.0)
 """From this error on a limb counts as clipped [rad]."""
@@ -45,6 +61,9 @@ CLIPPED = math.radians(5.0)
 _ROUNDS, _BACK, _SPREAD = 24, 0.12, 0.12
 """Rounds in which arms that touch something are moved back, by what part of the way to Stand each time, and
 over what time before and after [s]."""
+
+FINE = 4
+"""Points of a curve for each frame that are looked at for contact."""
 
 _SEEN = 0.1
 """Part of the frames in which a point has to be seen."""
@@ -152,8 +171,8 @@ def retarget(
 
     Directions count, not places, so that the size of the person does not matter.  The directions of the limbs
     in the trunk (y from shoulder to shoulder, z along the trunk) are asked of the robot's limbs in its
-    torso: in closed form, then by inverse kinematics within the limits for all frames at once, from there, so
-    that frames stay neighbors.  Arms that touch something are moved towards Stand until they do not.  The
+    torso: in closed form, then by least squares over all frames at once, with small accelerations, within the
+    limits and clear of what is near.  Arms that still touch are moved towards Stand until they do not.  The
     result is rounded, and slowed down where velocity, acceleration, torque or balance ask for it
     (`trajectory.enforce_limits`).  Where the person faces is left out: the base stands still.
 
@@ -193,7 +212,7 @@ def retarget(
             message = f"{name} is seen in {100 * share:.0f} % of the frames, {100 * _SEEN:.0f} % are needed"
             return Retargeted(RetargetStatus.NOT_SEEN, message, time=time.perf_counter() - begin)
     person = _person(points, vertical / np.linalg.norm(vertical), window)
-    asked = _postures(pepper, person, lean=torso)
+    asked = _fitted(pepper, person, _first_guess(pepper, person, lean=torso), world)
     q, moved = _moved_clear(pepper, asked, world)
     if q is None:
         at = float(person.times[int(np.argmax(moved.max(axis=1)))])
@@ -224,11 +243,13 @@ class Person(NamedTuple):
 
 def _person(points: KeyPoints, up: Array, window: float) -> Person:
     """Return a person's motion; `up`, shape (3,), is a unit vector, `window` a standard deviation [s]."""
+    from scipy.ndimage import gaussian_filter1d
+
     span = float(points.times[-1] - points.times[0])
     grid = np.linspace(0.0, span, max(round(span / PERIOD), 3) + 1)
     place = {name: _at_times(points, name, grid, window) for name in points.names}
 
-    def unit(vectors: Array) -> Array:
+    def unit(vectors: Any) -> Array:
         return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
 
     shoulders = 0.5 * (place["left_shoulder"] + place["right_shoulder"])
@@ -253,13 +274,16 @@ def _person(points: KeyPoints, up: Array, window: float) -> Person:
         limbs.append(np.einsum("fij,fj->fi", frame, unit(place[ends[1]] - place[ends[0]])))
         there = np.isfinite(points.of(ends[0])).all(axis=1) & np.isfinite(points.of(ends[1])).all(axis=1)
         nearest = np.clip(np.searchsorted(points.times - points.times[0], grid - 1e-9), 0, len(points) - 1)
-        seen.append(there[nearest] & there[np.maximum(nearest - 1, 0)])
+        seen.append(np.asarray(there)[nearest] & np.asarray(there)[np.maximum(nearest - 1, 0)])
     upright = frame @ up
     # Of R = Ry(pitch) Rx(roll): R^T e_z = (-sin pitch, sin roll cos pitch, cos roll cos pitch).
     pitch, roll = np.arcsin(np.clip(-upright[:, 0], -1, 1)), np.arctan2(upright[:, 1], upright[:, 2])
     parts = [f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist")]
     filled = float(np.mean([~np.isfinite(points.of(name)).all(axis=1) for name in parts]))
-    lean, head = np.stack([pitch, roll], axis=1), _head(place, frame)
+    lean, head = (
+        gaussian_filter1d(angles, CALM / (grid[1] - grid[0]), axis=0, mode="nearest")
+        for angles in (np.stack([pitch, roll], axis=1), _head(place, frame))
+    )
     return Person(grid, np.stack(limbs, axis=1), np.stack(seen, axis=1), lean, head, filled)
 
 
@@ -297,10 +321,10 @@ def _head(place: dict[str, Array], frame: Array) -> Array:
     return np.stack([np.zeros(len(frame)), np.arctan2(upward[:, 0], upward[:, 2])], axis=1)
 
 
-def _postures(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
-    """Return joint positions within the limits that are nearest to the person's [rad], shape (F, n)."""
+def _first_guess(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
+    """Return joint positions within the limits, some degrees off the person's [rad], shape (F, n)."""
     q = np.tile(pepper.posture("Stand"), (person.times.size, 1))
-    column = {name: k for k, name in enumerate(pepper.joint_names)}
+    column, period = {name: k for k, name in enumerate(pepper.joint_names)}, float(person.times[1])
     q[:, column["HeadYaw"]], q[:, column["HeadPitch"]] = person.head.T
     if lean:
         turned = [
@@ -314,29 +338,158 @@ def _postures(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
     for k, (side, letter) in enumerate(zip(SIDES, "LR", strict=True)):
         upper, fore = person.limbs[:, 2 * k], person.limbs[:, 2 * k + 1]
         sign = 1.0 if side == "left" else -1.0
-        roll, pitch = np.arcsin(np.clip(upper[:, 1], -1, 1)), np.arctan2(-upper[:, 2], upper[:, 0])
+        roll = np.arcsin(np.clip(upper[:, 1], -1, 1))
+        pitch = _steadied(np.arctan2(-upper[:, 2], upper[:, 0]), np.cos(roll), period)
         c, s, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
         # Of the forearm, in the axes of the upper arm: Rz(-roll) Ry(-pitch).
         ahead, down = c * fore[:, 0] - s * fore[:, 2], s * fore[:, 0] + c * fore[:, 2]
         along, across = cr * ahead + sr * fore[:, 1], cr * fore[:, 1] - sr * ahead
         bend = np.arccos(np.clip(along, -1, 1))
-        yaw = np.arctan2(-sign * down, -sign * across)
-        bent = bend > STRAIGHT
-        if bent.any():  # a straight arm has no yaw of its own
-            yaw = np.interp(person.times, person.times[bent], np.unwrap(yaw[bent]))
+        yaw = _steadied(np.arctan2(-sign * down, -sign * across), np.sin(bend), period)
         q[:, column[f"{letter}ShoulderPitch"]], q[:, column[f"{letter}ShoulderRoll"]] = pitch, roll
         q[:, column[f"{letter}ElbowYaw"]], q[:, column[f"{letter}ElbowRoll"]] = yaw, -sign * bend
-    start = np.clip(q, pepper.lower_limits, pepper.upper_limits)
-    torso = frame_pose(pepper, start, "torso")[:, :3, :3]
-    tasks = [
-        ik.AxisAlignment(frame, np.einsum("fij,fj->fi", torso, person.limbs[:, k]), axis)
-        for k, (frame, axis) in enumerate(_limb_axes(pepper))
-    ]
-    arms = [f"{letter}{part}" for letter in "LR" for part in _ARM]
-    found = ik.solve_batch(
-        pepper, tasks, start, joints=arms, collisions=False, restarts=0, max_iterations=STEPS, closest=False
+    return np.clip(q, pepper.lower_limits, pepper.upper_limits)
+
+
+class _Near:
+    """Distances of bodies that come near one another, and their gradients.
+
+    Args:
+        pepper: The robot.
+        scene: What stands around it.
+    """
+
+    def __init__(self, pepper: PepperModel, scene: Scene) -> None:
+        self._around, self._signals = Collisions(pepper, scene), interrupt_table()
+        self._tests = self._around.tests(self._signals)
+        four = [ctypes.c_int64] * 4
+        self._call = ctypes.CFUNCTYPE(ctypes.c_int64, *four)(self._tests.near)
+        self._rows = np.empty((MOST_NEAR, pepper.n + 2))
+
+    def at(self, q: Array) -> Array:
+        """Return gradients and shortages of pairs that are too near, shape (k, n + 1), at q, shape (n,)."""
+        q = np.ascontiguousarray(q)
+        count = self._call(q.ctypes.data, self._rows.ctypes.data, MOST_NEAR, self._tests.near_memory)
+        return self._rows[:count, :-1].copy()
+
+
+def _fitted(pepper: PepperModel, person: Person, q: Array, scene: Scene) -> Array:
+    """Return joint positions of all frames that have the limbs' directions with small accelerations.
+
+    Least over the arms' joints of all frames, within their limits, is
+        sum_f sum_k w_fk^2 |u_k(q_f) - d_fk|^2 + sum_fj (mu q''_fj / a_j)^2 + sum_fp (c s_fp)^2
+    with directions u_k and the person's d_k, accelerations q'' by second differences as parts of their limits
+    a, and shortages s_p of distance between bodies that are near; by damped Gauss-Newton steps, in which
+    joints at limits rest that the gradient pushes against (Bertsekas, Projected Newton methods for
+    optimization problems with simple constraints, 1982).  The matrix is banded: a frame meets the two before.
+
+    Args:
+        pepper: The robot.
+        person: The person.
+        q: Where to start, within the limits [rad], shape (F, n).
+        scene: What to keep clear of.
+    """
+    from scipy.linalg import solveh_banded
+
+    arms = np.array([pepper.joint_index(f"{letter}{part}") for letter in "LR" for part in _ARM])
+    low, high, count, m = pepper.lower_limits[arms], pepper.upper_limits[arms], len(q), len(arms)
+    period, near = float(person.times[1]), _Near(pepper, scene)
+    share = (MU / (pepper.acceleration_limits[arms] * period**2)) ** 2
+    weight = np.where(person.seen, 1.0, UNSEEN) ** 2
+    weights = np.repeat(FIRM, FITS)
+    firm = np.ones(count)
+    for step in range(len(weights) + ROUNDS * REFITS):
+        if step >= len(weights) and (step - len(weights)) % REFITS == 0:
+            touching = np.flatnonzero(in_collision(pepper, _rounded(q), scene))
+            if not touching.size:
+                break
+            hit = np.zeros(count, dtype=bool)
+            for back in range(-1, 3):
+                hit[np.clip(touching // FINE + back, 0, count - 1)] = True
+            firm[hit] = np.minimum(2.0 * firm[hit], MOST_FIRM)
+        matrix, slope = _of_limbs(pepper, person, weight, q, arms)
+        push = (weights[min(step, len(weights) - 1)] * firm) ** 2
+        for f in range(count):
+            for row in near.at(q[f]) if push[f] > 0 else ():
+                part = row[arms]
+                matrix[f] += push[f] * np.outer(part, part)
+                slope[f] -= push[f] * row[-1] * part
+        x = q[:, arms]
+        bends = np.diff(np.concatenate([x[:1], x, x[-1:]]), 2, axis=0) * share  # at rest before and after
+        slope += np.diff(np.concatenate([bends[:1], bends, bends[-1:]]), 2, axis=0)
+        rests = ((x <= low + 1e-9) & (slope > 0)) | ((x >= high - 1e-9) & (slope < 0))
+        band = _band(matrix + DAMPING * np.eye(m), share, rests)
+        change = solveh_banded(band, np.where(rests, 0.0, -slope).ravel()).reshape(count, m)
+        q[:, arms] = np.clip(x + np.clip(change, -LONGEST, LONGEST), low, high)
+    return q
+
+
+def _of_limbs(
+    pepper: PepperModel, person: Person, weight: Array, q: Array, arms: np.ndarray
+) -> tuple[Array, Array]:
+    """Return matrix, shape (F, m, m), and gradient, shape (F, m), of the limbs' part of `_fitted`'s cost.
+
+    Args:
+        pepper: The robot.
+        person: The person.
+        weight: w^2, shape (F, 4).
+        q: Joint positions [rad], shape (F, n).
+        arms: Places of the m joints.
+    """
+    matrix, slope = np.zeros((len(q), arms.size, arms.size)), np.zeros((len(q), arms.size))
+    torso = frame_pose(pepper, q, "torso")[:, :3, :3]
+    for k, (frame, axis) in enumerate(_limb_axes(pepper)):
+        along = frame_pose(pepper, q, frame)[:, :3, :3] @ axis
+        turning = frame_jacobian(pepper, q, frame)[:, 3:][:, :, arms]
+        jacobian = np.cross(turning, along[:, :, None], axis=1)
+        residual = along - np.einsum("fij,fj->fi", torso, person.limbs[:, k])
+        matrix += weight[:, k, None, None] * np.einsum("fci,fcj->fij", jacobian, jacobian)
+        slope += weight[:, k, None] * np.einsum("fci,fc->fi", jacobian, residual)
+    return matrix, slope
+
+
+def _band(matrix: Array, share: Array, rests: np.ndarray) -> Array:
+    """Return the upper band of the matrix of `_fitted` as `scipy.linalg.solveh_banded` takes it.
+
+    Args:
+        matrix: Of each frame by itself, shape (F, m, m).
+        share: Factor of the squared second differences of each joint, shape (m,).
+        rests: Joints that rest, shape (F, m).
+    """
+    count, m = rests.shape
+    band = np.zeros((2 * m + 1, count, m))
+    for i in range(m):
+        for j in range(i, m):
+            band[2 * m - (j - i), :, j] += matrix[:, i, j]
+    pattern = np.zeros((3, count))  # D^T D of second differences: its diagonal, and one and two frames off it
+    pattern[0], pattern[1, 1:], pattern[2, 2:] = 6.0, -4.0, 1.0
+    pattern[0, [0, -1]], pattern[1, [1, -1]] = 2.0, -3.0
+    for back in range(3):
+        band[2 * m - back * m] += pattern[back][:, None] * share
+    flat, still = band.reshape(2 * m + 1, count * m), rests.ravel()
+    for back in range(1, 2 * m + 1):  # element (i, j), j = i + back, stands in column j
+        flat[2 * m - back, back:][still[back:] | still[:-back]] = 0.0
+    flat[2 * m, still] = 1.0
+    return flat
+
+
+def _steadied(angle: Array, lever: Array, period: float) -> Array:
+    """Return an angle, shape (F,) [rad], averaged over time where it moves its limb but little.
+
+    Args:
+        angle: About an axis from which the limb points away by asin(lever).
+        lever: 0 to 1, shape (F,).
+        period: Time between two frames [s].
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    whole, weight = np.unwrap(angle), lever**2 + 1e-6
+    width = STEADIED / period
+    average = gaussian_filter1d(whole * weight, width, mode="nearest") / gaussian_filter1d(
+        weight, width, mode="nearest"
     )
-    return np.array(found.q)
+    share = np.clip(lever / LEVER, 0.0, 1.0) ** 2
+    return np.asarray((share * whole + (1.0 - share) * average + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 _ARM = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll")
@@ -361,14 +514,13 @@ def limb_directions(pepper: PepperModel, q: ArrayLike) -> Array:
 
 
 def _rounded(q: Array) -> Array:
-    """Return a uniform cubic B-spline at its knots and between them, shape (2 F - 1, n), of points (F, n)."""
-    around = np.concatenate([q[:1], q, q[-1:]])
-    knots = (around[:-2] + 4 * around[1:-1] + around[2:]) / 6
-    wider = np.concatenate([q[:1], q[:1], q, q[-1:], q[-1:]])
-    middle = (wider[1:-4] + 23 * wider[2:-3] + 23 * wider[3:-2] + wider[4:-1]) / 48
-    both = np.empty((2 * len(q) - 1, q.shape[1]))
-    both[::2], both[1::2] = knots, middle
-    return both
+    """Return a uniform cubic B-spline of points (F, n), FINE times a frame, shape (FINE (F - 1) + 1, n)."""
+    four = np.concatenate([q[:1], q, q[-1:], q[-1:]])
+    u = (np.arange(FINE) / FINE)[:, None]
+    basis = np.hstack([(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3]) / 6
+    windows = np.stack([four[i : len(q) + i] for i in range(4)])
+    fine = np.einsum("ui,ifn->fun", basis, windows).reshape(-1, q.shape[1])
+    return np.asarray(fine[: FINE * (len(q) - 1) + 1])
 
 
 def _moved_clear(pepper: PepperModel, asked: Array, scene: Scene) -> tuple[Array | None, Array]:
@@ -400,7 +552,7 @@ def _moved_clear(pepper: PepperModel, asked: Array, scene: Scene) -> tuple[Array
             touching = at[in_collision(pepper, alone, scene)]
             both = at if k == 0 else at[:0]
             hit = np.zeros(len(asked), dtype=bool)
-            hit[np.minimum((touching if touching.size else both) // 2, len(asked) - 1)] = True
+            hit[np.minimum((touching if touching.size else both) // FINE, len(asked) - 1)] = True
             near = maximum_filter1d(hit.astype(float), 2 * width + 1)
             back[:, k] = np.minimum(
                 back[:, k] + _BACK * gaussian_filter1d(near, width / 2.0, mode="nearest"), 1.0
