@@ -340,9 +340,7 @@ def draw_26_retarget() -> None:
         ("left upper arm", "left forearm", "right upper arm", "right forearm"), found.errors.T, strict=True
     ):
         plot.plot(found.times, np.degrees(error), label=limb)
-    plot.set(
-        xlim=(0, found.times[-1]), ylim=(0, None), title="angle between a limb and the person's [degrees]"
-    )
+    plot.set(xlim=(0, found.times[-1]), ylim=(0, 25), title="angle between a limb and the person's [degrees]")
     plot.set_xlabel("time of the person [s]", labelpad=0)
     plot.legend(ncols=2)
     sheet.save("example_26.png")
