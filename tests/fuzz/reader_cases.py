@@ -18,6 +18,7 @@ from reader_checks import (
     exports,
     mesh,
     motion,
+    points,
     policy,
     reach,
     recording,
@@ -45,6 +46,7 @@ from reader_files import (
     EXPORT,
     OBJ,
     PLY,
+    POINTS,
     PROJECT,
     ROBOT,
     SCENE,
@@ -54,6 +56,7 @@ from reader_files import (
     binary_stl,
     gltf_binary,
     packed,
+    point_arrays,
     policy_arrays,
     reach_arrays,
     recording_files,
@@ -79,6 +82,7 @@ from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.learning import load_policy
 from pepper_kin.model import audit, compare, load_pepper, load_robot, pepper_urdf
+from pepper_kin.motion import read_key_points
 from pepper_kin.ros_messages import Bag
 from pepper_kin.twin import load_run
 from pepper_kin.twin.recording_header import HEADER
@@ -277,6 +281,10 @@ READERS: dict[str, Reader] = {
     "policy": Reader(
         "policy.npz", with_path(load_policy, policy), archive_damage(lambda: packed(policy_arrays()))
     ),
+    "key points": Reader(
+        "points.npz", with_path(read_key_points, points), archive_damage(lambda: packed(point_arrays()))
+    ),
+    "key points CSV": Reader("points.csv", with_path(read_key_points, points), text_damage(POINTS)),
     "STL": Reader(
         "part.stl", with_path(read_mesh, mesh), lambda rng: changed_bytes(binary_stl(), rng, (STL.encode(),))
     ),
