@@ -61,6 +61,7 @@ class PlanOptions:
         balance: Distance of the center of mass from the edges of the wheels' triangle [m].
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
+        start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
     """
 
     planner: str = "rrt_connect"
@@ -75,6 +76,7 @@ class PlanOptions:
     balance: float | None = None
     payload: Mapping[str, float] | None = None
     smooth: bool = False
+    start_velocity: ArrayLike | None = None
 
     def keywords(self) -> dict[str, Any]:
         """Return the options as keywords of `plan`."""

@@ -19,6 +19,7 @@ from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
+from pepper_kin.motion.moving_plan import plan_in_motion
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import PathSearch, compared
@@ -60,6 +61,7 @@ def plan(
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
     smooth: bool = False,
+    start_velocity: ArrayLike | None = None,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -88,17 +90,20 @@ def plan(
         smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
             within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
             the retimed plan stays, and the message says so.
+        start_velocity: With which the motion begins [rad/s or m/s], shape (n,): the plan is a motion then,
+            within the limits of velocity, acceleration and torque; see `plan_in_motion`.
 
     Returns:
-        The plan, with `smooth` its trajectory; without a path, its status and message say why, and what was
-        most often in the way.
+        The plan, with `smooth` or `start_velocity` its trajectory; without a path, its status and message say
+        why, and what was most often in the way.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
             costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
-            another planner; for soft costs with `smooth`; there also for a joint without limit of
-            acceleration.
-        LimitError: for a start or goal outside the joint limits, naming the joint.
+            another planner; for soft costs with `smooth`; there and with `start_velocity` also for a joint
+            without limit of acceleration; for a `start_velocity` of joints that may not move, or together
+            with a base that may, constraints, costs, `smooth`, or obstacles that move.
+        LimitError: for a start or goal outside the joint limits, or a velocity, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
@@ -111,8 +116,10 @@ def plan(
     options = PlanOptions(
         planner=planner, joints=joints, constraints=constraints, costs=costs, margin=margin,
         least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
-        smooth=smooth,
+        smooth=smooth, start_velocity=start_velocity,
     )  # fmt: skip
+    if start_velocity is not None:
+        return plan_in_motion(pepper, start, goal, scene, options, _free_path)
     search = _free_path if not guided else costed_path if constraints is None else constrained_path
     found = search(pepper, start, goal, scene, options)
     return smoothed(pepper, found, scene, options) if smooth else found
