@@ -118,8 +118,9 @@ def plan_in_motion(
     free = np.union1d(free_joints(pepper, joints, request.start, goals), np.flatnonzero(velocity))
     ends = goals if len(goals) else request.start[None]
     kept, kept_self = request.checks.margins(request.start, ends, free, options.margin)
-    limits = {"balance": options.balance, "payload": options.payload}
-    least, plans = options.least_margin, []
+    limits: dict[str, Any] = {"balance": options.balance, "payload": options.payload}
+    least = options.least_margin
+    plans: list[Plan] = []
     world = request.checks.exact.scene
 
     def planned(q: Array) -> Plan:
