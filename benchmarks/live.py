@@ -232,7 +232,7 @@ def free_cycles(pepper):
     for name in map(str, range(10)):
         place, size = rng.uniform((0.9, -0.7, 0.4), (1.2, 0.7, 1.3)), rng.uniform(0.08, 0.24, 3)
         scene = scene.add_box(name, size, place, velocity=rng.uniform(-0.02, 0.02, 3))
-    live = pk.motion.LiveMotion(pepper, goals[0], patience=1.0)
+    live = pk.motion.LiveMotion(pepper, goals[0], budget=1.0)
     for k in range(600):
         if k % 40 == 0:
             live.set_goal(goals[(k // 40 + 1) % 2])
@@ -270,7 +270,7 @@ def among_boxes(pepper, rng, count, off):
         touching = pk.collision.in_collision(pepper, np.stack([start, goal])).any()
         if touching or pk.collision.in_collision(pepper, start, seen(0.0)):
             continue
-        runs, live = runs + 1, pk.motion.LiveMotion(careful, start, seen(0.0), patience=1.0)
+        runs, live = runs + 1, pk.motion.LiveMotion(careful, start, seen(0.0), budget=1.0)
         live.set_goal(goal)
         for now in np.arange(0.0, 6.0, cycle):
             live.set_scene(seen(now), now)

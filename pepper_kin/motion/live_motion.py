@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,16 +15,19 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker, Scene, in_collision
 from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
-from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.fast import FastChecker, fast_checker_for
 from pepper_kin.collision.motion_tree import motion_bounds
-from pepper_kin.collision.movers import movers_of
+from pepper_kin.collision.movers import Movers, movers_of
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
-from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
 from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.motion.planning import plan
+from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.plan_request import PlanOptions, moves_base, plan_request
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.planning import path_found
+from pepper_kin.planners.deadline import PausedClock, Slices
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory, retime
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
@@ -36,6 +39,7 @@ _STEP = 0.0025  # [s] between states that are compared
 _STILL = 0.003  # [m] kept from what stands, which states 2.5 ms apart stand for
 _BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
 _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
+_SEARCHED, _LONGEST = 20, 0.3  # budgets of cycles that a search may take, and time [s]
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
@@ -65,7 +69,8 @@ class LiveState:
         near: Names of the two that come too near, where that is the reason; else empty.
         stop: The stop in it; None at rest.
         clear: Whether all of it was found clear of the newest scene.
-        spent: Processor time of this thread in the cycle [s].
+        spent: Processor time of the cycle [s].
+        searching: Whether a search for a way was paused, to go on in the next cycle.
     """
 
     trajectory: Trajectory
@@ -76,6 +81,7 @@ class LiveState:
     stop: Stop | None
     clear: bool
     spent: float
+    searching: bool = False
 
     def at(self, now: float) -> State:
         """Return position, velocity and acceleration at a time of the caller's clock [s], shape (n,) each."""
@@ -88,11 +94,31 @@ class LiveState:
 
 
 class _Asked(NamedTuple):
-    """A plan that is being made: the way to where it begins, when that began, and the answer."""
+    """A plan that is being made: the way to where it begins, when that began, and the search for it."""
 
     before: Trajectory
     begin: float
-    answer: Future[Trajectory | None]
+    search: Slices[Trajectory | None]
+
+
+class _World:
+    """A scene, and what it is compared by, made once where it is needed."""
+
+    def __init__(self, pepper: PepperModel, scene: Scene) -> None:
+        self.pepper, self.scene = pepper, scene
+
+    @cached_property
+    def standing(self) -> FastChecker:
+        return fast_checker_for(self.pepper, self.scene.standing, _STILL, 0.0)
+
+    @cached_property
+    def movers(self) -> Movers | None:
+        return movers_of(self.pepper, self.scene)
+
+    @cached_property
+    def moving(self) -> FastChecker:
+        assert self.movers is not None
+        return fast_checker_for(self.movers.robot, self.movers.scene)
 
 
 class LiveMotion:
@@ -109,8 +135,9 @@ class LiveMotion:
     committed and a stop after them, at a distance that grows by the obstacles' uncertainty; and the way
     beyond, as far as the horizon, with where the obstacles are predicted.  Where the first is not clear, the
     robot is on the stop of the cycle before, which was.  The way is straight to the goal from the motion that
-    there is (`Trajectory.replaced`), or planned by another thread from where the robot can stop.  A robot
-    that stands does not step aside.  Contact with itself and what stands is looked for every 2.5 ms.
+    there is (`Trajectory.replaced`), or planned from where the robot can stop: a search pauses where a cycle
+    has spent its budget, and goes on in the next.  A robot that stands does not step aside.  Contact with
+    itself and what stands is looked for every 2.5 ms.
 
     Args:
         pepper: The robot, whose limits are kept: see `PepperModel.with_limits` for a careful one.
@@ -124,7 +151,7 @@ class LiveMotion:
         tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
         torque: Whether torques are kept within their limits.
         balance: As in `retime` [m]; None to leave it out.
-        patience: The longest time that a cycle waits for a plan [s]; None for a fifth of a cycle.
+        budget: Time that a cycle may search for a plan [s]; None for a tenth of a cycle.
 
     Attributes:
         pepper: The robot.
@@ -147,7 +174,7 @@ class LiveMotion:
         tolerance: float = 0.2,
         torque: bool = True,
         balance: float | None = None,
-        patience: float | None = None,
+        budget: float | None = None,
     ) -> None:
         self.pepper = pepper
         rest = np.array(as_joint_vector(pepper, start, "start"))
@@ -159,10 +186,10 @@ class LiveMotion:
         )
         self._delay = not_negative("delay", delay)
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
-        self._patience = self._cycle / 5.0 if patience is None else not_negative("patience", patience)
+        self._budget = self._cycle / 10.0 if budget is None else check_positive("budget", budget, "s")
         self._balance = balance
         self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
-        self._scene, self._seen, self._ages = self._world(scene), math.nan, False
+        self._world, self._seen, self._ages = self._checked(scene), math.nan, False
         self._reach = motion_bounds(pepper)
         self._goal: Array | None = None
         self._way, self._begin = _standing(pepper, rest), math.nan
@@ -170,10 +197,10 @@ class LiveMotion:
         self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
         self._near: tuple[str, ...] = ()
         self._past: list[tuple[float, Trajectory]] = []
-        self._threads = ThreadPoolExecutor(1, f"{OWN_THREADS}-live")
+        self._clock = PausedClock()
         self._asked: _Asked | None = None
         self._attempts = 0
-        if bool(in_collision(pepper, rest, self._scene)):
+        if bool(in_collision(pepper, rest, self._world.scene)):
             raise InvalidValueError("start", "a configuration in contact", "one that touches nothing")
 
     @property
@@ -207,16 +234,16 @@ class LiveMotion:
         seen = as_real(time)
         if not math.isfinite(seen):
             raise InvalidValueError("time", time, "a finite time [s]")
-        self._scene, self._seen, self._ages = self._world(scene), seen, True
+        self._world, self._seen, self._ages = self._checked(scene), seen, True
 
-    def _world(self, scene: Scene | None) -> Scene:
+    def _checked(self, scene: Scene | None) -> _World:
         """Return a scene as it is compared; its loads are not counted, and so refused."""
         world = checked_world(scene) or ROBOT_ALONE
         heavy = [name for name, held in world.attached.items() if held.mass] if self._limits["torque"] else []
         if heavy:
             expected = "attached objects without mass, which torques are not computed for; or torque=False"
             raise InvalidValueError("scene", f"{', '.join(heavy)} with mass", expected)
-        return world
+        return _World(self.pepper, world)
 
     def set_state(self, q: ArrayLike, time: float) -> None:
         """Report measured positions [rad or m], shape (n,), at a time of the caller's clock [s].
@@ -253,8 +280,9 @@ class LiveMotion:
         self._past = [*self._past[-40:], (instant, self._sent[0])]
         near = self._near if reason and reason == self._blocked else ()
         return LiveState(
-            self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began
-        )
+            self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began,
+            self._asked is not None,
+        )  # fmt: skip
 
     def _come_to(self, now: float) -> None:
         """Cut off what is past of the way, which is the stop where no cycle came in time."""
@@ -336,21 +364,24 @@ class LiveMotion:
         asked = self._asked
         if asked is None:
             return
-        wait([asked.answer], timeout=self._patience)
-        if not asked.answer.done():
-            return
-        self._asked, answer = None, asked.answer.result()
-        here = now - asked.begin
-        before = self._rest_of(asked.before, here)
+        self._clock.resume(self._budget)
+        try:
+            next(asked.search)
+            return  # it has not ended
+        except StopIteration as end:
+            self._asked, answer = None, end.value
+        finally:
+            self._clock.pause()
         if answer is None:
             return
+        before = self._rest_of(asked.before, now - asked.begin)
         if not _stands(self._way) and _is_plain(self._way):
             yield from self._replaced(answer)
         if _meet(before, self._way, COMMITTED * self._cycle):
             yield answer if _stands(before) else before.then(answer)
 
     def _ask(self, now: float) -> None:
-        """Let a plan be made from where the robot will stand, or could, by another thread."""
+        """Begin a search from where the robot will stand, or could."""
         if self._goal is None or self._asked is not None or not _is_plain(self._way):
             return
         before = self._way
@@ -361,26 +392,35 @@ class LiveMotion:
                 return
             before = before.between(0.0, _BRANCH).then(stop.trajectory)
         ahead = max(now - self._seen, 0.0) + _LOOKS_AHEAD[self._attempts % len(_LOOKS_AHEAD)]
-        scene, start, goal, seed = self._scene.at(ahead), before.end, self._goal, self._attempts
+        search = self._search(before.end, self._goal, self._world.scene.at(ahead), self._attempts)
         self._attempts += 1
-        answer = self._threads.submit(self._search, start, goal, scene, seed)
-        self._asked = _Asked(before, now, answer)
+        self._asked = _Asked(before, now, search)
 
-    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Trajectory | None:
-        """Return a motion from rest to rest; None where none is found.
+    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Slices[Trajectory | None]:
+        """Return a motion from rest to rest, None where none is found; with pauses where the budget is spent.
 
         Every other search moves all joints but those of a base, not only those in which the ends differ.
         """
         free = [name for name in self.pepper.joint_names if name not in BASE_JOINTS]
+        options = PlanOptions(
+            margin=self._margin, seed=seed, timeout=min(_SEARCHED * self._budget, _LONGEST),
+            joints=free if seed % 2 else None, balance=self._balance,
+        )  # fmt: skip
         try:
-            found = plan(
-                self.pepper, start, goal, scene, margin=self._margin, seed=seed, timeout=0.3,
-                joints=free if seed % 2 else None,
-                balance=self._balance,
-            )  # fmt: skip
-            return retime(self.pepper, found, **self._limits) if found.success else None
+            request = plan_request(self.pepper, start, goal, scene, options, now=self._clock.now)
+            if not request.checks.free(np.stack([start, goal])).all():
+                return None  # `ends_of` would look for the reason, for long
+            ends = ends_of(request)
+            if isinstance(ends, Plan) or moves_base(self.pepper, ends.free):
+                return None
+            found = yield from path_found(request, ends, self._clock)
+            if found.way is None:
+                return None
+            if self._clock.left <= 0.0:
+                yield
+            return retime(self.pepper, found.way.curve, **self._limits)
         except PepperKinError:
-            return None  # a start or goal in contact by then
+            return None
 
     def _send(self, way: Trajectory, now: float) -> bool:
         """Take a way, as far as it is committed, and a stop, if both are clear; return whether they are."""
@@ -424,14 +464,13 @@ class LiveMotion:
         return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
 
     def _meets_standing(self, q: Array) -> bool:
-        checker = fast_checker_for(self.pepper, self._scene.standing, _STILL, 0.0)
-        found = checker.in_collision(q)
+        found = self._world.standing.in_collision(q)
         if found.any():
-            self._note(checker.exact, q[int(found.argmax())])
+            self._note(self._world.standing.exact, q[int(found.argmax())])
         return bool(found.any())
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
-        movers = movers_of(self.pepper, self._scene)
+        movers = self._world.movers
         if movers is None:
             return False
         since = np.maximum(times + (now - self._seen), 0.0)
@@ -440,10 +479,9 @@ class LiveMotion:
         if growing:
             kept += movers.uncertainty * (since + self._delay)
         both = movers.states(states.position, since)
-        checker = fast_checker_for(movers.robot, movers.scene)
-        found = checker.nearer(both, kept)
+        found = self._world.moving.nearer(both, kept)
         if found.any():
-            self._note(checker.exact, both[int(found.argmax())])
+            self._note(self._world.moving.exact, both[int(found.argmax())])
         return bool(found.any())
 
     def _note(self, checker: CollisionChecker, q: Array) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any, NamedTuple, cast
@@ -101,6 +101,7 @@ class PlanRequest(NamedTuple):
         constraints: Tasks kept along the whole path, groups taken apart.
         costs: Soft costs; None without.
         ended: Makes the plan that is returned; its clock runs.
+        now: The clock [s].
     """
 
     checks: Checks
@@ -111,6 +112,7 @@ class PlanRequest(NamedTuple):
     constraints: tuple[Task, ...]
     costs: PathCosts | None
     ended: Ending
+    now: Callable[[], float] = time.perf_counter
 
     @property
     def deadline(self) -> float:
@@ -119,7 +121,7 @@ class PlanRequest(NamedTuple):
 
     def left(self, share: float = 1.0) -> float:
         """Return what is left of a share of the time budget [s], above zero."""
-        return max(self.ended.begin + share * self.options.timeout - time.perf_counter(), 1e-3)
+        return max(self.ended.begin + share * self.options.timeout - self.now(), 1e-3)
 
 
 def plan_request(
@@ -129,6 +131,7 @@ def plan_request(
     scene: Scene | None,
     options: PlanOptions,
     name: str | None = None,
+    now: Callable[[], float] = time.perf_counter,
 ) -> PlanRequest:
     """Check what was asked for, and load the code that it needs.
 
@@ -139,6 +142,7 @@ def plan_request(
         scene: The world around the robot.
         options: What was asked for.
         name: The planner's name in the plan; None: as in the options.
+        now: The clock of its time budget [s].
 
     Raises:
         InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
@@ -162,8 +166,8 @@ def plan_request(
     load_code_for(
         checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
     )
-    ended = Ending(pepper, time.perf_counter(), seed, name or options.planner, options.margin)
-    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended)
+    ended = Ending(pepper, now(), seed, name or options.planner, options.margin)
+    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended, now)
 
 
 @kept_for_robot(most=64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -25,14 +25,17 @@ from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import PathSearch, compared
 from pepper_kin.motion.plan_request import (
     PlanOptions,
+    PlanRequest,
     moves_base,
     plan_request,
     refuse_what_cannot_drive,
 )
 from pepper_kin.motion.plan_result import Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, RESOLUTION
+from pepper_kin.motion.problem import COARSE, RESOLUTION, Ends, PathProblem
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
+from pepper_kin.motion.waypoints import Way
 from pepper_kin.planners.aorrtc import checked_gap
+from pepper_kin.planners.deadline import PausedClock, Slices, whole
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -132,26 +135,62 @@ def _free_path(
     scene: Scene | None,
     options: PlanOptions,
 ) -> Plan:
-    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`.
-
-    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
-    """
+    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`."""
     request = plan_request(pepper, start, goal, scene, options)
-    checks, ended, planner = request.checks, request.ended, options.planner
+    checks, ended = request.checks, request.ended
     ends = ends_of(request)
     if isinstance(ends, Plan):
         return ends
     if moves_base(pepper, ends.free):
         made = plan_drive(request, ends)
         return made if ends.ik is None else replace(made, ik=ends.ik)
+    problem, result, way, states = whole(path_found(request, ends))
+    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
+    if result.path is None:
+        searched = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        return ended(*why_no_path(problem, searched, request.seed), **more)
+    if way is None:
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
+    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
+    message += relaxation_sentence(problem, way.curve, options.margin)
+    return ended.solved(checks.exact, way.points, message, way.curve, **more)
+
+
+class PathFound(NamedTuple):
+    """What the searches of a path found.
+
+    Attributes:
+        problem: The last problem that was searched.
+        result: What its search returned.
+        way: The examined way along its path; None where there is none.
+        states: How many configurations all searches asked about.
+    """
+
+    problem: PathProblem
+    result: planners.Result
+    way: Way | None
+    states: int
+
+
+def path_found(request: PlanRequest, ends: Ends, clock: PausedClock | None = None) -> Slices[PathFound]:
+    """Search at falling margins, with pauses where a clock says so and the planner is "rrt_connect".
+
+    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+
+    Args:
+        request: What is planned, whose base does not drive where it points.
+        ends: Of the path.
+        clock: That of the request; None where nothing pauses.
+    """
+    checks, options, planner = request.checks, request.options, request.options.planner
     own, coarse, compare, states = planner in PLANNERS, planner == PLANNERS[0], ends.ik is not None, 0
-    drives = any(pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
+    drives = any(checks.pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
     at_once = coarse and checks.compiled and not drives
     for problem, share in falling_problems(checks, ends, options.margins, COARSE if coarse else RESOLUTION):
         for closer in (False, True) if coarse else (False,):
             posed, left = problem.finer() if closer else problem, request.left(share if own else 1.0)
             if at_once:
-                result, way = PathSearch(posed, request.seed, left).searched(compare)
+                result, way = yield from PathSearch(posed, request.seed, left, clock).searching(compare)
             else:  # OMPL's planners take all of the time
                 result, way = find_path(
                     posed.search_problem, planner, seed=request.seed, timeout=left, compare=compare,
@@ -165,15 +204,7 @@ def _free_path(
         states += result.states_checked
         if way is not None or not own:
             break
-    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
-    if result.path is None:
-        whole = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
-        return ended(*why_no_path(problem, whole, request.seed), **more)
-    if way is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
-    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += relaxation_sentence(problem, way.curve, options.margin)
-    return ended.solved(checks.exact, way.points, message, way.curve, **more)
+    return PathFound(problem, result, way, states)
 
 
 def _how_short(result: planners.Result) -> str:
