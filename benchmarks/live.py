@@ -1,7 +1,8 @@
 """Stops from any instant of a motion, new goals without one, moved scenes: `python benchmarks/live.py [N]`.
 
 Times are processor time.  N instants of stops are examined, 1,000,000 if not given, and N / 100 splices;
-torques by `newton_euler`, which no stop is computed with.
+torques by `newton_euler`, which no stop is computed with.  `python benchmarks/live.py runs R [SEED]` makes R
+live motions among obstacles as predicted, and R among others, in simulated time, 0.3 s each.
 """
 
 import sys
@@ -250,9 +251,9 @@ def among_boxes(pepper, rng, count, off):
     careful, cycle = pepper.with_limits(**slower), 1.0 / 30.0
     lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
     lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
-    hits = reached = runs = 0
+    hits = reached = made = 0
     first, spent = [], []
-    while runs < count:
+    while made < count:
         start, goal = rng.uniform(lower, upper, (2, pepper.n))
         size = rng.uniform(0.08, 0.24, (10, 3))
         place = rng.uniform((0.25, -0.7, 0.4), (0.9, 0.7, 1.3), (10, 3))
@@ -270,7 +271,7 @@ def among_boxes(pepper, rng, count, off):
         touching = pk.collision.in_collision(pepper, np.stack([start, goal])).any()
         if touching or pk.collision.in_collision(pepper, start, seen(0.0)):
             continue
-        runs, live = runs + 1, pk.motion.LiveMotion(careful, start, seen(0.0), budget=1.0)
+        made, live = made + 1, pk.motion.LiveMotion(careful, start, seen(0.0), budget=1.0)
         live.set_goal(goal)
         for now in np.arange(0.0, 6.0, cycle):
             live.set_scene(seen(now), now)
@@ -285,7 +286,8 @@ def among_boxes(pepper, rng, count, off):
                 break
     line(f"live cycle, up to {off:g} m/s off", spent, 1e3, "ms")
     line("the first of each run, with new shapes", first, 1e3, "ms")
-    print(f"{'':44}{hits} hits in motion, {reached} goals, {runs} runs")
+    print(f"{'':44}{hits} hits in motion, {reached} goals, {made} runs")
+    return hits
 
 
 def line(name, values, scale, unit):
@@ -293,7 +295,19 @@ def line(name, values, scale, unit):
     print(f"{name:44}{middle:9.4g} / {slow:.4g} / {most:.4g} {unit}")
 
 
+def runs(count, seed):
+    """Make many live motions, a hundred at a time."""
+    pepper, rng, hits = pk.load_pepper(), np.random.default_rng(seed), 0
+    for done in range(0, count, 100):
+        for off in (0.0, 0.5):
+            print(f"runs {done} to {min(done + 100, count)}", flush=True)
+            hits += among_boxes(pepper, rng, min(100, count - done), off)
+    assert hits == 0
+
+
 def main():
+    if len(sys.argv) > 2 and sys.argv[1] == "runs":
+        return runs(int(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 0)
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     pepper, rng = pk.load_pepper(), np.random.default_rng(0)
     motions = fastest_motions(pepper, rng)

@@ -30,7 +30,9 @@ from pepper_kin.motion.planning import path_found
 from pepper_kin.planners.deadline import PausedClock, Slices
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory, retime
+from pepper_kin.trajectory.limits import motion_limits
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
+from pepper_kin.trajectory.stop import limits_of, stop_within
 
 COMMITTED = 2
 """Cycles that a robot goes on before the stop begins that it was sent."""
@@ -191,6 +193,7 @@ class LiveMotion:
         self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
         self._world, self._seen, self._ages = self._checked(scene), math.nan, False
         self._reach = motion_bounds(pepper)
+        self._bounds = limits_of(pepper, motion_limits(pepper, **self._limits))
         self._goal: Array | None = None
         self._way, self._begin = _standing(pepper, rest), math.nan
         self._sent: tuple[Trajectory, Stop | None] = (self._way, None)
@@ -437,7 +440,7 @@ class LiveMotion:
         if _stands(way) or way.duration <= at + _INSTANT or (self._braking and way is self._way):
             return way, None
         try:
-            stop = way.between(at, way.duration).stop(self.pepper, 0.0, **self._limits)
+            stop = stop_within(self.pepper, way.between(at, way.duration), 0.0, self._bounds)
         except InfeasibleError:
             return None
         return way.between(0.0, at).then(stop.trajectory), stop
