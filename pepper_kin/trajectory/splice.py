@@ -41,6 +41,7 @@ _SAME = 1e-9  # [rad or m]
 _LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
 _JOINS = 8  # instants of that motion at which it may arrive there
 _LONGEST = 2.0  # [s] on the way between the two
+_SPARE = 0.97  # of the acceleration with which a joint would do just enough
 _LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
 _LEAST = 0.04  # share of acceleration limits for a way between two motions
 _DOUBTFUL = 0.15  # share below which a stop and the way from there may end sooner
@@ -270,5 +271,6 @@ class MovingStart:
 
     def _slower(self, share: Array, used: Array) -> Array:
         """Return shares of accelerations, shape (n,), below those used, or for all joints where none is."""
-        blamed = np.isfinite(used) | np.isinf(used).all()
-        return np.where(blamed, _LESS * np.minimum(share, used / self.limits.acceleration), share)
+        if np.isinf(used).all():
+            return _LESS * share
+        return np.where(np.isfinite(used), np.minimum(share, _SPARE * used / self.limits.acceleration), share)
