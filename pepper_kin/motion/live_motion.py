@@ -30,7 +30,9 @@ from pepper_kin.motion.planning import path_found
 from pepper_kin.planners.deadline import PausedClock, Slices
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory, retime
+from pepper_kin.trajectory.limit_use import stretch_at_extremes
 from pepper_kin.trajectory.limits import motion_limits
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
 from pepper_kin.trajectory.stop import limits_of, stop_within
 
@@ -43,6 +45,8 @@ _BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be 
 _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
 _SEARCHED, _LONGEST = 20, 0.3  # budgets of cycles that a search may take, and time [s]
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
+_SLOWEST = 20.0  # times as slow, a way that is given
+_SAME = 1e-6  # [rad or m]
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
 _HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
@@ -200,6 +204,8 @@ class LiveMotion:
         self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
         self._near: tuple[str, ...] = ()
         self._past: list[tuple[float, Trajectory]] = []
+        self._unlimited = () if torque else ("torque",)
+        self._given: Trajectory | None = None
         self._clock = PausedClock()
         self._asked: _Asked | None = None
         self._attempts = 0
@@ -216,17 +222,37 @@ class LiveMotion:
         """What the last cycle returned; an instant of rest before the first."""
         return self._sent[0]
 
-    def set_goal(self, goal: ArrayLike | None) -> None:
+    def set_goal(self, goal: ArrayLike | None, way: Trajectory | None = None) -> None:
         """Set where to go [rad or m], shape (n,); None to stop.
 
+        Args:
+            goal: Where to go.
+            way: A motion that ends there, best one that begins where the robot is.  It is gone along, slower
+                where limits of velocity or acceleration ask for that, if it is clear in the next cycle and
+                keeps the other limits then; a robot in motion joins it.  Else, and after a stop, the live
+                motion finds its own way.
+
         Raises:
-            InvalidValueError: for a wrong shape or NaN.
+            InvalidValueError: for a wrong shape, NaN, or a way of other joints or that ends elsewhere.
             LimitError: for a goal outside the limits.
         """
         if goal is not None:
             goal = np.array(as_joint_vector(self.pepper, goal, "goal"))
             check_within_limits(self.pepper, goal, "goal", 1e-9)
+        self._given = None if way is None or goal is None else self._within_limits(way, goal)
         self._goal, self._attempts, self._asked = goal, 0, None
+
+    def _within_limits(self, way: Trajectory, goal: Array) -> Trajectory | None:
+        """Return a way to a goal, shape (n,), so slow that it keeps all limits; None where it never does."""
+        refuse_other_joints(self.pepper, way.joint_names)
+        if not _is_at(way.end, goal):
+            raise InvalidValueError("way", "one that ends elsewhere", "one that ends at the goal")
+        stretch = stretch_at_extremes(way, self._bounds)
+        if not stretch < _SLOWEST:
+            return None
+        slow = way.scaled(stretch)
+        found = slow.check(self.pepper, collisions=False, balance=self._balance)
+        return None if set(found.failures) - set(self._unlimited) else slow
 
     def set_scene(self, scene: Scene | None, time: float) -> None:
         """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
@@ -327,9 +353,10 @@ class LiveMotion:
                 self._way, self._braking = (self._way if sent is None else sent[0]), True
             yield self._way, "there is no goal"
             return
-        if _is_at(self._way.end, self._goal) and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
+        leads = self._given is None and _is_at(self._way.end, self._goal)
+        if leads and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
             yield self._way, ""
-        for candidates in (self._straight, self._planned):
+        for candidates in (self._along_given, self._straight, self._planned):
             for found in candidates(now):
                 if self._is_free(found) and self._ahead_is_clear(found, now):
                     yield found, ""
@@ -343,6 +370,14 @@ class LiveMotion:
         """Whether all of a way is free of what stands."""
         times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
         return not self._meets_standing(way(times).position)
+
+    def _along_given(self, now: float) -> Iterator[Trajectory]:
+        """Yield the way that was given with the goal, once."""
+        given, self._given = self._given, None
+        if given is not None and not _stands(self._way):
+            yield from self._replaced(given)
+        elif given is not None and np.abs(given.start - self._way.end).max() <= _SAME:
+            yield given
 
     def _straight(self, now: float) -> Iterator[Trajectory]:
         assert self._goal is not None

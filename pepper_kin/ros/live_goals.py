@@ -37,7 +37,7 @@ class LiveGoal(Task):
 
     Args:
         drive: What moves the joints.
-        trajectory: Of joints of the body; only its end and its duration count.
+        trajectory: Of joints of the body, to rest.
         path: Tolerance on the way, which is that of the live motion.
         goal: Tolerance at the end.
         goal_time: Time after the arrival in which the goal's tolerance must be met [s].
@@ -61,10 +61,11 @@ class LiveGoal(Task):
         patience: float,
     ) -> None:
         super().__init__("follow_joint_trajectory", trajectory.joint_names)
-        self._drive, self._end, self._duration = drive, trajectory.end, trajectory.duration
+        self._drive, self._trajectory, pepper = drive, trajectory, drive.body.pepper
         self._path, self._goal, self._goal_time = path, goal, goal_time
         self._names, self._until = trajectory.joint_names, trajectory.duration + patience
         self._rows = [drive.body.index[name] for name in trajectory.joint_names]
+        self._end = np.clip(trajectory.end, pepper.lower_limits[self._rows], pepper.upper_limits[self._rows])
         self._elapsed, self._arrived, self._aims = -delay, 0.0, False
         self.on_step: Callable[[float, State, State], object] | None = None
         self.outcome: tuple[ErrorCode | None, str] = (None, "it was replaced or stopped")
@@ -72,12 +73,12 @@ class LiveGoal(Task):
     @property
     def progress(self) -> float:
         """Share of the trajectory's duration that has passed, 0 to 1."""
-        return 1.0 if self._arrived else min(max(self._elapsed / self._duration, 0.0), 1.0)
+        return 1.0 if self._arrived else min(max(self._elapsed / self._trajectory.duration, 0.0), 1.0)
 
     def step(self, body: Body) -> bool:
         """Begin when it is time, then look where the joints are; the drive moves them."""
         if not self._aims:
-            self._aims = self._elapsed >= 0.0 and self._drive.aim(self._rows, self._end)
+            self._aims = self._elapsed >= 0.0 and self._drive.aim(self._rows, self._trajectory, self._end)
             self._elapsed += CYCLE if self._elapsed < 0.0 else 0.0
             return True
         self._drive.step()
@@ -201,8 +202,17 @@ class LiveDrive:
             raise TrajectoryRefusedError(ErrorCode.INVALID_GOAL, reason)
         return LiveGoal(self, trajectory, path, goal, goal_time, delay=delay, patience=patience)
 
-    def aim(self, rows: Sequence[int], end: Array) -> bool:
-        """Go to an end of some joints from the next cycle on; return whether all joints were ready to."""
+    def aim(self, rows: Sequence[int], trajectory: Trajectory, end: Array) -> bool:
+        """Go to where a trajectory of some joints ends, along it where no other joint moves.
+
+        Args:
+            rows: Places of the joints.
+            trajectory: Of these joints.
+            end: Its end, within the limits.
+
+        Returns:
+            Whether all joints were ready to.
+        """
         body, live = self.body, self._running()
         if live is None:
             self._live = None
@@ -218,9 +228,18 @@ class LiveDrive:
                 self.fault = str(error)
                 return True
             self._cycles, self._stepped = 0, body.time.now - CYCLE
-        goal = self._aimed(live)
+        goal, here = self._aimed(live), live.trajectory.start
         goal[rows] = end
-        live.set_goal(goal)
+        others = np.delete(np.arange(goal.size), rows)
+        way = None
+        if np.array_equal(goal[others], here[others]) and np.array_equal(trajectory.end, end):
+            count, order, _ = trajectory.coefficients.shape
+            coefficients = np.zeros((count, order, goal.size))
+            coefficients[:, 0], coefficients[:, :, rows] = here, trajectory.coefficients
+            units = self._pepper.joint_units
+            way = Trajectory(self._pepper.joint_names, trajectory.breaks, coefficients, units)
+            goal = way.end
+        live.set_goal(goal, way)
         return True
 
     def _running(self) -> LiveMotion | None:

@@ -141,6 +141,46 @@ def test_a_way_around_what_stands_is_planned(careful):
     assert moving_contacts(careful, found, lambda _: bar) == 0
 
 
+def test_a_way_that_is_given_is_gone_along(careful):
+    """At rest it is the motion, slower where limits ask for that; in motion it is joined."""
+    start, via, goal = (careful.joint_vector(x) for x in ({}, {"HeadYaw": 0.8, "LShoulderRoll": 0.4}, GOAL))
+    way = pk.retime(careful, [start, via, goal])
+    for given, factor in ((way, 1.0), (way.scaled(0.5), 2.0)):
+        live = LiveMotion(careful, start, budget=2.0)
+        live.set_goal(goal, given)
+        found = run(live, way.duration + 0.5)
+        assert found[-1][1].status is LiveStatus.REACHED
+        for now, state in found[1:-20]:
+            assert np.allclose(state.at(now).position, given(now / factor).position, rtol=0, atol=1e-6)
+    live = LiveMotion(careful, start, budget=2.0)
+    live.set_goal(careful.joint_vector({"RShoulderPitch": 0.8}))
+    now, state = run(live, 0.3)[-1]
+    live.set_goal(goal, way)
+    later = run(live, 5.0, began=now + CYCLE)
+    assert later[-1][1].status is LiveStatus.REACHED
+    joined = np.array([one.at(at).position for at, one in later])
+    assert np.abs(joined[:, None] - way(np.linspace(0, way.duration, 400)).position).max(axis=2).min() < 0.02
+    with pytest.raises(InvalidValueError, match="way"):
+        live.set_goal(start, way)
+    with pytest.raises(InvalidValueError):
+        live.set_goal(goal, pk.Trajectory(("HeadYaw",), [0.0, 1.0], np.zeros((1, 1, 1))))
+
+
+def test_a_given_way_that_is_not_clear_or_too_heavy_is_left(careful):
+    start, goal = careful.posture("Stand"), careful.joint_vector(GOAL)
+    hand = pk.kinematics.frame_pose(careful, careful.joint_vector({"LShoulderPitch": -0.5}), "l_gripper")
+    ball = pk.Scene().add_sphere("ball", 0.1, hand[:3, 3])
+    away = pk.retime(careful, [start, careful.joint_vector({"LShoulderPitch": -0.8}), goal])
+    assert away.check(careful, ball).clearance.value < 0.0
+    jumps = pk.Trajectory(careful.joint_names, [0.0, 1.0], np.stack([start, goal - start])[None])
+    for way in (away, jumps):
+        live = LiveMotion(careful, start, ball, budget=2.0)
+        live.set_goal(goal, way)
+        found = run(live, 4.0)
+        assert found[-1][1].status is LiveStatus.REACHED
+        assert moving_contacts(careful, found, lambda _: ball) == 0
+
+
 def test_a_search_pauses_where_its_budget_is_spent_and_goes_on(careful):
     """A wall with a slit: no cycle waits for the search, which takes some of them."""
     start = careful.joint_vector({"RShoulderPitch": 0.9, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})

@@ -96,6 +96,18 @@ def test_a_goal_is_reached_within_the_share_of_the_limits(node, commands):
     assert not list(node.body.tasks)
 
 
+def test_a_trajectory_within_the_limits_is_followed(node, commands):
+    via = [0.9, 0.6, -0.8, -0.9, 0.3]
+    still, count = [0.0] * 5, []
+    sent = goal(trajectory(ARM, (2.0, via, still, still), (4.0, UP, still, still)))
+    found = node.transport.send_goal(LEFT, ACTION, sent, lambda one: count.append(len(commands))).result(60)
+    assert found.status is GoalStatus.SUCCEEDED
+    rows = [node.body.index[name] for name in ARM]
+    assert np.abs(np.array(commands)[:, rows] - via).max(axis=1).min() < 1e-3
+    assert len(commands) - count[0] == pytest.approx(200, abs=8)
+    keep_limits(node.body, commands)
+
+
 def test_a_new_goal_is_spliced_into_the_motion(node, commands):
     second = []
 
