@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +22,9 @@ from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
-from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.plan_request import PlanOptions, moves_base, plan_request
-from pepper_kin.motion.plan_result import Plan
-from pepper_kin.motion.planning import path_found
-from pepper_kin.planners.deadline import PausedClock, Slices
+from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
-from pepper_kin.trajectory import Stop, Trajectory, retime
+from pepper_kin.trajectory import Stop, Trajectory
 from pepper_kin.trajectory.limit_use import stretch_at_extremes
 from pepper_kin.trajectory.limits import motion_limits
 from pepper_kin.trajectory.samples import refuse_other_joints
@@ -43,7 +38,6 @@ _STEP = 0.0025  # [s] between states that are compared
 _STILL = 0.003  # [m] kept from what stands, which states 2.5 ms apart stand for
 _BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
 _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
-_SEARCHED, _LONGEST = 20, 0.3  # budgets of cycles that a search may take, and time [s]
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
 _SLOWEST = 20.0  # times as slow, a way that is given
 _SAME = 1e-6  # [rad or m]
@@ -97,14 +91,6 @@ class LiveState:
             still = np.zeros_like(found.position)
             return State(found.position, still, still)
         return State(*found)
-
-
-class _Asked(NamedTuple):
-    """A plan that is being made: the way to where it begins, when that began, and the search for it."""
-
-    before: Trajectory
-    begin: float
-    search: Slices[Trajectory | None]
 
 
 class _World:
@@ -192,7 +178,7 @@ class LiveMotion:
         )
         self._delay = not_negative("delay", delay)
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
-        self._budget = self._cycle / 10.0 if budget is None else check_positive("budget", budget, "s")
+        budget = self._cycle / 10.0 if budget is None else check_positive("budget", budget, "s")
         self._balance = balance
         self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
         self._world, self._seen, self._ages = self._checked(scene), math.nan, False
@@ -206,8 +192,8 @@ class LiveMotion:
         self._past: list[tuple[float, Trajectory]] = []
         self._unlimited = () if torque else ("torque",)
         self._given: Trajectory | None = None
-        self._clock = PausedClock()
-        self._asked: _Asked | None = None
+        self._search = SlicedSearch(pepper, self._margin, budget, self._limits)
+        self._branch: tuple[Trajectory, float] | None = None  # way to where what is searched begins, and when
         self._attempts = 0
         if bool(in_collision(pepper, rest, self._world.scene)):
             raise InvalidValueError("start", "a configuration in contact", "one that touches nothing")
@@ -240,7 +226,7 @@ class LiveMotion:
             goal = np.array(as_joint_vector(self.pepper, goal, "goal"))
             check_within_limits(self.pepper, goal, "goal", 1e-9)
         self._given = None if way is None or goal is None else self._within_limits(way, goal)
-        self._goal, self._attempts, self._asked = goal, 0, None
+        self._goal, self._attempts, self._branch = goal, 0, None
 
     def _within_limits(self, way: Trajectory, goal: Array) -> Trajectory | None:
         """Return a way to a goal, shape (n,), so slow that it keeps all limits; None where it never does."""
@@ -310,7 +296,7 @@ class LiveMotion:
         near = self._near if reason and reason == self._blocked else ()
         return LiveState(
             self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began,
-            self._asked is not None,
+            self._branch is not None,
         )  # fmt: skip
 
     def _come_to(self, now: float) -> None:
@@ -337,7 +323,7 @@ class LiveMotion:
                 self._way = way
                 if why:
                     return LiveStatus.WAITING if _stands(way) else LiveStatus.STOPPING, why, True
-                self._attempts, self._asked = 0, None
+                self._attempts, self._branch = 0, None
                 return LiveStatus.REACHED if _stands(way) else LiveStatus.MOVING, "", True
         clear = self._brake(now)
         if self._fault:
@@ -397,22 +383,17 @@ class LiveMotion:
 
         Joined in motion first, then after the stop at whose end it begins.
         """
-        if self._asked is None:
+        if self._branch is None:
             self._ask(now)
-        asked = self._asked
-        if asked is None:
+        if self._branch is None:
             return
-        self._clock.resume(self._budget)
-        try:
-            next(asked.search)
-            return  # it has not ended
-        except StopIteration as end:
-            self._asked, answer = None, end.value
-        finally:
-            self._clock.pause()
+        (before, begin), answer = self._branch, self._search.go_on()
+        if self._search.running:
+            return
+        self._branch = None
         if answer is None:
             return
-        before = self._rest_of(asked.before, now - asked.begin)
+        before = self._rest_of(before, now - begin)
         if not _stands(self._way) and _is_plain(self._way):
             yield from self._replaced(answer)
         if _meet(before, self._way, COMMITTED * self._cycle):
@@ -420,7 +401,7 @@ class LiveMotion:
 
     def _ask(self, now: float) -> None:
         """Begin a search from where the robot will stand, or could."""
-        if self._goal is None or self._asked is not None or not _is_plain(self._way):
+        if self._goal is None or self._branch is not None or not _is_plain(self._way):
             return
         before = self._way
         if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
@@ -430,35 +411,8 @@ class LiveMotion:
                 return
             before = before.between(0.0, _BRANCH).then(stop.trajectory)
         ahead = max(now - self._seen, 0.0) + _LOOKS_AHEAD[self._attempts % len(_LOOKS_AHEAD)]
-        search = self._search(before.end, self._goal, self._world.scene.at(ahead), self._attempts)
-        self._attempts += 1
-        self._asked = _Asked(before, now, search)
-
-    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Slices[Trajectory | None]:
-        """Return a motion from rest to rest, None where none is found; with pauses where the budget is spent.
-
-        Every other search moves all joints but those of a base, not only those in which the ends differ.
-        """
-        free = [name for name in self.pepper.joint_names if name not in BASE_JOINTS]
-        options = PlanOptions(
-            margin=self._margin, seed=seed, timeout=min(_SEARCHED * self._budget, _LONGEST),
-            joints=free if seed % 2 else None, balance=self._balance,
-        )  # fmt: skip
-        try:
-            request = plan_request(self.pepper, start, goal, scene, options, now=self._clock.now)
-            if not request.checks.free(np.stack([start, goal])).all():
-                return None  # `ends_of` would look for the reason, for long
-            ends = ends_of(request)
-            if isinstance(ends, Plan) or moves_base(self.pepper, ends.free):
-                return None
-            found = yield from path_found(request, ends, self._clock)
-            if found.way is None:
-                return None
-            if self._clock.left <= 0.0:
-                yield
-            return retime(self.pepper, found.way.curve, **self._limits)
-        except PepperKinError:
-            return None
+        self._search.begin(before.end, self._goal, self._world.scene.at(ahead), self._attempts)
+        self._attempts, self._branch = self._attempts + 1, (before, now)
 
     def _send(self, way: Trajectory, now: float) -> bool:
         """Take a way, as far as it is committed, and a stop, if both are clear; return whether they are."""
