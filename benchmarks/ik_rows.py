@@ -3,7 +3,8 @@
 Reachable targets are where the left hand is in random postures clear of self-collision.  Others are drawn
 evenly in a box around the robot and kept where `solve_batch` finds no solution; they are mixed in between.
 Collisions are examined.  Each kind is measured in turn, a thousand rows at a time, in processor time.  Then
-all rows are solved with the search for the closest configuration too, and what is solved is compared.
+all rows are solved with the search for the closest configuration too, and what is solved is compared; and as
+many points of the box with few restarts and with all.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from pepper_kin.ik.batch import CODES, BatchResult
 
 LEAST, MOST = (-0.5, -1.0, 0.0), (1.0, 1.0, 1.7)
 PIECE, SHARE = 1000, 0.03
+FEW = 8
+"""Restarts of those kinds that have few."""
 
 
 def reachable(count: int, generator: np.random.Generator) -> np.ndarray:
@@ -38,8 +41,9 @@ def unsolvable(count: int, generator: np.random.Generator) -> np.ndarray:
     return points[~solve(points, closest=False).success][:count]
 
 
-def solve(points: np.ndarray, *, closest: bool) -> BatchResult:
-    return pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points), closest=closest)
+def solve(points: np.ndarray, *, closest: bool, restarts: int = 32) -> BatchResult:
+    task = pk.ik.HandPosition("left", points)
+    return pk.ik.solve_batch(PEPPER, task, closest=closest, restarts=restarts)
 
 
 def main() -> None:
@@ -55,19 +59,21 @@ def main() -> None:
     places = generator.permutation(arguments.rows)[: round(SHARE * arguments.rows)]
     mixed[places] = unsolvable(places.size, generator)
     kinds = {
-        "all reachable": (solvable, False, arguments.rows),
-        "3 % not, `closest=False`": (mixed, False, arguments.rows),
-        "3 % not, `closest=True`": (mixed, True, min(arguments.long, arguments.rows)),
+        "all reachable": (solvable, False, arguments.rows, 32),
+        "3 % not, `closest=False`": (mixed, False, arguments.rows, 32),
+        f"all reachable, `restarts={FEW}`": (solvable, False, arguments.rows, FEW),
+        f"3 % not, `closest=False, restarts={FEW}`": (mixed, False, arguments.rows, FEW),
+        "3 % not, `closest=True`": (mixed, True, min(arguments.long, arguments.rows), 32),
     }
     spent, reasons = dict.fromkeys(kinds, 0.0), Counter[str]()
     for begin in range(0, arguments.rows, PIECE):
-        for name, (points, closest, count) in kinds.items():
+        for name, (points, closest, count, restarts) in kinds.items():
             piece = points[begin : min(begin + PIECE, count)]
             if len(piece):
                 start = time.process_time()
-                found = solve(piece, closest=closest)
+                found = solve(piece, closest=closest, restarts=restarts)
                 spent[name] += time.process_time() - start
-                if points is mixed and not closest:
+                if points is mixed and not closest and restarts != FEW:
                     proven = np.any(found.shortfalls > 1e-3, axis=1)
                     reasons.update(
                         CODES[code].value + (", proven out of reach" if sure else "")
@@ -79,12 +85,20 @@ def main() -> None:
     for name, micro in each.items():
         print(f"| {name} | {kinds[name][2]} | {micro:.1f} | {micro / each['all reachable']:.2f} |")
     print(dict(reasons))
-    before, after = (solve(solvable, closest=closest) for closest in (True, False))
-    print(
-        f"of {len(solvable)} reachable rows {int(before.success.sum())} are solved with closest=True, "
-        f"{int(after.success.sum())} with False, {int(np.sum(before.success & ~after.success))} lost; "
-        f"{int(np.sum(np.all(before.q == after.q, axis=1)))} answers are the same to the last bit"
-    )
+    before = solve(solvable, closest=True)
+    print(f"of {len(solvable)} reachable rows {int(before.success.sum())} are solved with closest=True")
+    box = generator.uniform(LEAST, MOST, (arguments.rows, 3))
+    there = solve(box, closest=False)
+    for restarts in (32, FEW):
+        after = solve(solvable, closest=False, restarts=restarts)
+        few = there if restarts == 32 else solve(box, closest=False, restarts=restarts)
+        print(
+            f"closest=False, restarts={restarts}: {int(after.success.sum())} are solved, "
+            f"{int(np.sum(before.success & ~after.success))} lost, "
+            f"{int(np.sum(np.all(before.q == after.q, axis=1)))} answers the same to the last bit; "
+            f"of {len(box)} in the box {int(few.success.sum())} solved, "
+            f"{int(np.sum(there.success & ~few.success))} lost beside 32 restarts"
+        )
 
 
 if __name__ == "__main__":

@@ -115,6 +115,16 @@ def test_no_solution_is_given_up_and_every_other_row_has_a_reason():
     assert short.iterations[proven].max() < whole.iterations[proven].min()
 
 
+def test_few_restarts_give_up_nothing_reachable():
+    """Targets of postures clear of collisions: each has a solution, whatever the search."""
+    points, _ = rows(2000, 0.0, 10)
+    found = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points), closest=False, restarts=8)
+    assert found.success.all()
+    assert not pk.collision.in_collision(PEPPER, found.q).any()
+    reached = pk.kinematics.frame_pose(PEPPER, found.q, "LArm_effector")[:, :3, 3]
+    assert np.linalg.norm(reached - points, axis=1).max() <= 1e-3
+
+
 def test_what_touches_something_says_so():
     scene = pk.Scene().add_box("box", (0.3, 0.3, 0.3), (0.45, 0.2, 0.85))
     points = np.array([(0.45, 0.2, 0.85), (0.2, 0.3, 0.8)])
