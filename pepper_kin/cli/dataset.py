@@ -87,9 +87,7 @@ def show(
         about = found.about()
     else:
         values = found.row(row)
-        about = {
-            name: getattr(value, "tolist", lambda value=value: value)() for name, value in values.items()
-        }
+        about = {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
     if as_json:
         print_json(about)
         return
@@ -124,8 +122,9 @@ def _reported(silent: bool) -> Iterator[Callable[[Any], None]]:
         def tell(state: Any) -> None:
             report(state.done, state.total)
             now = time.monotonic()
-            if not silent and (now - last[0] >= _EVERY or state.done == state.total):
+            due = not terminal and now - last[0] >= _EVERY
+            if not silent and (due or state.done == state.total):
                 last[0] = now
-                print(f"  {state.sentence()}" + ("\r" if terminal else ""), file=sys.stderr, flush=True)
+                print(f"  {state.sentence()}", file=sys.stderr, flush=True)
 
         yield tell

@@ -82,7 +82,11 @@ def on_dask(
             yield shard, found
             for following in islice(waiting, 1):
                 running.add(submit(following))
-    except (OSError, TimeoutError, distributed.CancelledError, distributed.comm.CommClosedError) as error:
+    except PepperKinError:
+        raise
+    except Exception as error:  # Dask has many: closed clients, closed streams, cancelled futures
+        if client.status == "running":
+            raise
         raise InfeasibleError("data set", f"the scheduler is gone ({error})", advice) from error
     finally:
         for key in numbers:

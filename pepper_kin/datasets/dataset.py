@@ -1,4 +1,4 @@
-"""Data sets that are read: rows by their numbers or one after the other, as NumPy's arrays, Arrow's tables."""
+"""Data sets that are read: rows by number or one after the other, as NumPy's arrays or Arrow's tables."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ class Dataset:
     @cached_property
     def schema(self) -> pa.Schema:
         """Arrow's schema of the rows."""
-        return self.file(0).schema_arrow
+        some = next(iter(self._files.values()), None)  # if one is open: the first may be damaged
+        return (self.file(0) if some is None else some).schema_arrow
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:

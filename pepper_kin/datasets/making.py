@@ -111,6 +111,7 @@ def make(
                         on_progress(state)
             finally:
                 run.close()
+        store.clean(DATA)
         _finish(store, job, found)
     return open_dataset(folder)
 
