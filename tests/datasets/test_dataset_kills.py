@@ -149,10 +149,8 @@ def test_a_full_disk(job, undisturbed, tmp_path):
     command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", "dataset", "make"]
     command += [str(tmp_path / "job.yaml"), "-o", str(tmp_path / "data"), "--workers", "1"]
     # Python would leave cut files in place of its byte code.
-    env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        command, capture_output=True, text=True, preexec_fn=limit_files, check=False, env=env
-    )
+    options = {"env": {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}, "preexec_fn": limit_files}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     assert done.returncode == 2
     assert "shard-000000" in done.stderr
     assert "cannot be written: File too large" in done.stderr

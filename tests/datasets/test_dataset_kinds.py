@@ -108,7 +108,9 @@ def test_trajectories_keep_limits_and_come_to_rest(made):
         np.testing.assert_allclose(np.diff(row["time"]), 0.02, atol=1e-12)
         assert (np.abs(row["velocity"]) <= pepper.velocity_limits + 1e-6).all()
         middle = np.gradient(row["position"], row["time"], axis=0)[2:-2]
-        np.testing.assert_allclose(middle, row["velocity"][2:-2], atol=0.3)  # accelerations jump
+        # The mean velocity around a time differs from the one at it by h/2 of the acceleration at most.
+        most = 0.02 / 2 * 1.2 * np.abs(row["acceleration"]).max(axis=0) + 1e-6
+        assert (np.abs(middle - row["velocity"][2:-2]) <= most).all()
         assert not row["velocity"][[0, -1]].any()
 
 

@@ -94,9 +94,10 @@ def test_what_cannot_be_written_is_refused_and_nothing_complete_is_left(tmp_path
     features = {"observation.state": Feature(2)}
     with pytest.raises(InvalidValueError, match="whole number"):
         LeRobotWriter(tmp_path / "a", 12.5, features)
-    with pytest.raises(InvalidValueError, match=r"observation\.state: got NaN"):
-        with LeRobotWriter(tmp_path / "b", 50, features) as writer:
-            writer.add("x", **{"observation.state": [[0, 1], [np.nan, 1]]})
+    bad = {"observation.state": [[0, 1], [np.nan, 1]]}
+    refused = pytest.raises(InvalidValueError, match=r"observation\.state: got NaN")
+    with refused, LeRobotWriter(tmp_path / "b", 50, features) as writer:
+        writer.add("x", **bad)
     assert not (tmp_path / "b/meta").exists()
     with LeRobotWriter(tmp_path / "c", 50, features) as writer:
         with pytest.raises(InvalidValueError, match="shape"):
