@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -34,6 +35,7 @@ _REASON = Column("reason", "str")
 _TARGET = Column("target", "float64", (3,), unit="m", names=("x", "y", "z"))
 _SCENE = Column("scene", "int32")
 _TIME = Column("time", frames=True, unit="s")
+_TIMED = re.compile(r"\d m?s\b")
 _TIMEOUT = 60.0  # [s] of a plan: long, so that a slow machine finds what a fast one does
 _BALANCE = 0.01  # [m] from the edge of Pepper's wheels, unless a job has another
 _TOGETHER = 64  # robots that act at once
@@ -158,7 +160,7 @@ class PlanRows(Kind):
             if found.success:
                 yield self._made(row, found, scene, about)
             else:
-                yield self._ended(row, found.status.value, found.message, **about)
+                yield self._ended(row, found.status.value, _reason(found), **about)
 
     def _made(self, row: int, found: Plan, scene: Scene, about: dict[str, Any]) -> Values:
         """Return the row of a plan."""
@@ -348,6 +350,12 @@ ALL: dict[str, type[Kind]] = {
     "demonstrations": DemonstrationRows,
     "replays": ReplayRows,
 }
+
+
+def _reason(found: Plan) -> str:
+    """Return why there is no plan, without what differs from call to call: lines that state a time."""
+    lines = [line for line in found.message.splitlines() if not _TIMED.search(line)]
+    return "\n".join(lines) or found.status.advice
 
 
 def _randomization(ranges: Any) -> Any:

@@ -37,7 +37,7 @@ def small_job(kind: str, folder: Path, **more) -> DatasetJob:
             **motion, "targets": {**BOX, "start": "random"},
             "randomization": {"objects": {"table": [0.03, 0.03, 0.0]}},
         },
-        "trajectories": motion,
+        "trajectories": {**motion, "targets": {**BOX, "lower": [0.3, 0.0, 0.70]}},  # some below the table
         "runs": {
             **motion, "rows": 2, "rows_per_shard": 1, "fps": 10.0,
             "sensors": ["joint_encoders", "imu_torso_gyroscope", "camera_top"],

@@ -1,5 +1,6 @@
 """Each kind of data set at small size: its rows are held against laws, and read by others."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -104,6 +105,9 @@ def test_trajectories_keep_limits_and_come_to_rest(made):
     dataset, pepper = made("trajectories"), pk.load_pepper()
     solved = [row for row in dataset if row["status"] == "solved"]
     assert len(solved) >= 2
+    for row in dataset:
+        assert bool(row["reason"]) == (row["status"] != "solved")
+        assert not re.search(r"\d m?s\b", row["reason"])  # it would be another one in the next call
     for row in solved:
         np.testing.assert_allclose(np.diff(row["time"]), 0.02, atol=1e-12)
         assert (np.abs(row["velocity"]) <= pepper.velocity_limits + 1e-6).all()
