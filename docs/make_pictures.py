@@ -38,6 +38,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_23": motions.draw_23_follow_a_path,
     "example_24": motions.draw_24_imitate_reach,
     "example_25": motions.draw_25_policy_on_robots,
+    "example_26": motions.draw_26_make_data_set,
     "learning_frames": motions.draw_learning_frames,
     "learning_policy": motions.draw_learning_policy,
     "learning_tasks": motions.draw_learning_tasks,
