@@ -82,7 +82,7 @@ def show(
 
     Example: pepper-kin dataset show my_data --row 3
     """
-    found = datasets.open_dataset(folder)
+    found = datasets.open(folder)
     if row is None:
         about = found.about()
     else:

@@ -1,14 +1,15 @@
 """Data sets made by many processes or machines, no row lost or doubled: `pip install pepper_kin[datasets]`.
 
-DatasetJob, load_job          what a data set shall hold, as a value and as a YAML file
-make, resume, Progress        on processes of this machine, or on a Dask cluster
-check, DatasetCheck           the proof that no row is missing or double, with rows computed anew
-open, open_dataset, Dataset   rows as NumPy's arrays, tables of Arrow, pandas and polars
-run_shard                     the rows of one file: a pure function of the job
-Column                        what a column holds
-LeRobotWriter, Feature        LeRobotDataset v3.0 of any frames
-Moments                       statistics of parts, joined
-KINDS, FORMATS
+    DatasetJob, load_job          what a data set shall hold, as a value and as a YAML file
+    make, resume, Progress        on processes of this machine, or on a Dask cluster
+    check, DatasetCheck           the proof that no row is missing or double, with rows computed anew
+    open, Dataset                 rows as NumPy's arrays, tables of Arrow, pandas and polars
+    run_shard                     the rows of one file: a pure function of the job
+    Column, Moments               what a column holds; statistics of parts, joined
+    LeRobotWriter, Feature        LeRobotDataset v3.0 of any frames
+    KINDS, FORMATS                of jobs
+
+`pepper-kin dataset make | check | show | resume` does the same from a job's file.
 """
 
 from pepper_kin.exceptions import MissingDependencyError
@@ -45,7 +46,6 @@ __all__ = [
     "load_job",
     "make",
     "open",
-    "open_dataset",
     "resume",
     "run_shard",
 ]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from pepper_kin.file_access.reading import read_bytes, read_json, read_text
 from pepper_kin.model.joint_vectors import check_choice, check_positive, check_whole
 
 FORMAT = "pepper_kin data set job"
-VERSION = 1
+VERSION, MADE_BY = 1, "pepper_kin"
 KINDS = ("ik", "reach_maps", "plans", "trajectories", "runs", "demonstrations", "replays")
 FORMATS = ("parquet", "lerobot", "mcap")
 MOST_ROWS = 10**12
@@ -59,6 +60,8 @@ _USED: dict[str, dict[str, set[str]]] = {
 """Kind -> section -> what it may hold."""
 _WITH_SCENES = ("ik", "plans", "trajectories", "runs")
 _ROBOT = {"base", "hands", "head_limits", "urdf", "srdf"}
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_DEEPEST = 20
 _NOT_ROWS = ("name", "rows_per_shard", "format", "license")
 """Fields that do not change a row."""
 
@@ -133,13 +136,15 @@ class DatasetJob:
                     raise UnknownNameError(f"option of {section} for {self.kind}", option, sorted(allowed))
             object.__setattr__(self, section, _plain(dict(value), section))
         for section in ("scenes", "sensors"):
-            if isinstance(getattr(self, section), str | Mapping):
+            if not isinstance(getattr(self, section), list | tuple):
                 raise InvalidValueError(section, repr(getattr(self, section)), "a list")
         if self.scenes and self.kind not in _WITH_SCENES:
             raise InvalidValueError("scenes", len(self.scenes), f"none for {self.kind}")
         object.__setattr__(self, "scenes", tuple(_scene(s, k) for k, s in enumerate(self.scenes)))
         if self.sensors and self.kind != "runs":
-            raise InvalidValueError("sensors", ", ".join(self.sensors), f"none for {self.kind}")
+            raise InvalidValueError("sensors", self.sensors, f"none for {self.kind}")
+        if not all(isinstance(name, str) for name in self.sensors):
+            raise InvalidValueError("sensors", self.sensors, "names")
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "fps", check_positive("fps", self.fps))
         if self.kind == "replays" and not self.targets.get("logs"):
@@ -154,7 +159,7 @@ class DatasetJob:
         """Number of files."""
         return -(-self.rows // self.rows_per_shard)
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """SHA-256 of all that the rows depend on, the version of the library included."""
         value = {k: v for k, v in self.as_dict().items() if k not in _NOT_ROWS}
@@ -183,9 +188,9 @@ class DatasetJob:
         """
         return write_text(path, self.text())
 
-    def text(self) -> str:
-        """Return the content of the YAML file."""
-        content = {"job": FORMAT, "version": VERSION, **self.as_dict()}
+    def text(self, **more: str) -> str:
+        """Return the content of the YAML file, with `pepper_kin`, the version that made rows, if given."""
+        content = {"job": FORMAT, "version": VERSION, **more, **self.as_dict()}
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
 
 
@@ -200,14 +205,9 @@ def load_job(path: PathName) -> DatasetJob:
 
 def job_of_text(text: str, source: PathName) -> DatasetJob:
     """Return the job in the text of a YAML file, which `source` names; see `load_job`."""
-    if "&" in text and "*" in text:  # a few lines of references to references would fill the memory
-        for event in yaml.parse(text, Loader=yaml.SafeLoader) if _is_yaml(text) else ():
-            if isinstance(event, yaml.AliasEvent):
-                raise FileFormatError(
-                    source, "has an alias (*), which is not read", event.start_mark.line + 1
-                )
     try:
-        content = yaml.safe_load(text)
+        _check_nesting(text, source)
+        content = yaml.load(text, Loader=_LOADER)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = None if mark is None else mark.line + 1
@@ -218,6 +218,7 @@ def job_of_text(text: str, source: PathName) -> DatasetJob:
         raise FileFormatError(source, f"is not a job: it lacks 'job: {FORMAT}'")
     if content.pop("version", None) != VERSION:
         raise FileFormatError(source, f"is of another version, expected 'version: {VERSION}'")
+    content.pop(MADE_BY, None)
     known = [f.name for f in fields(DatasetJob)]
     for name in content:
         if name not in known:
@@ -233,18 +234,15 @@ def job_of_text(text: str, source: PathName) -> DatasetJob:
         raise FileFormatError(source, str(error)) from error
 
 
-def with_rows(job: DatasetJob, rows: int) -> DatasetJob:
-    """Return a job with another number of rows: its rows are the same as far as both go."""
-    return replace(job, rows=rows)
-
-
-def _is_yaml(text: str) -> bool:
-    try:
-        for _ in yaml.parse(text, Loader=yaml.SafeLoader):
-            pass
-    except (yaml.YAMLError, ValueError):
-        return False
-    return True
+def _check_nesting(text: str, source: PathName) -> None:
+    """Refuse references, a few lines of which would fill the memory, and what is nested without end."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            raise FileFormatError(source, "has an alias (*), which is not read", event.start_mark.line + 1)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise FileFormatError(source, "is nested too deep", event.start_mark.line + 1)
 
 
 def _beside(content: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from pepper_kin import __version__
 from pepper_kin.datasets.card import write_card
 from pepper_kin.datasets.cluster import on_dask
 from pepper_kin.datasets.dataset import JOB, MANIFEST, VERSION, Dataset, open_dataset
 from pepper_kin.datasets.export import export
-from pepper_kin.datasets.job import DatasetJob, job_of_text
+from pepper_kin.datasets.job import MADE_BY, DatasetJob, job_of_text
 from pepper_kin.datasets.pool import on_pool
 from pepper_kin.datasets.shard import DATA, kind_of, name_of, summary_of, write_shard
 from pepper_kin.datasets.store import Store
@@ -133,7 +135,13 @@ def read_job(store: Store) -> DatasetJob:
     """
     if not store.exists(JOB):
         raise FileFormatError(store.place, f"holds no data set that was begun: it has no {JOB}")
-    return job_of_text(store.read_text(JOB), store.path(JOB))
+    text = store.read_text(JOB)
+    made_by = re.search(rf"^{MADE_BY}: (.+)$", text, re.MULTILINE)
+    if made_by is None or made_by[1].strip("'") != __version__:
+        found = "no version" if made_by is None else made_by[1]
+        reason = f"was begun by pepper_kin {found}, whose rows may be others: this is {__version__}"
+        raise FileFormatError(store.path(JOB), reason)
+    return job_of_text(text, store.path(JOB))
 
 
 def _runner(
@@ -156,7 +164,7 @@ def _claim(store: Store, job: DatasetJob) -> None:
     others = [name for name in store.names("") if name != ".lock"]
     if others:
         raise InvalidValueError("folder", store.place, f"an empty one: it holds {', '.join(others[:3])}")
-    store.write_text(JOB, job.text())
+    store.write_text(JOB, job.text(**{MADE_BY: __version__}))
 
 
 def _finish(store: Store, job: DatasetJob, found: dict[int, dict[str, Any]]) -> None:

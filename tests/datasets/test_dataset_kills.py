@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -170,6 +171,11 @@ def test_another_job_in_the_folder_and_a_folder_with_other_things(job, tmp_path)
         datasets.make(job, tmp_path / "mine")
     with pytest.raises(FileFormatError, match="holds no data set"):
         datasets.resume(tmp_path / "mine")
+    text = (tmp_path / "data/job.yaml").read_text()
+    (tmp_path / "data/job.yaml").write_text(re.sub("pepper_kin: .*", "pepper_kin: 0.0.9", text))
+    with pytest.raises(FileFormatError, match=r"was begun by pepper_kin 0\.0\.9"):
+        datasets.resume(tmp_path / "data")
+    assert len(datasets.open(tmp_path / "data")) == 240
 
 
 def test_damage_is_refused_by_name_and_mended_by_resume(job, undisturbed, tmp_path):
