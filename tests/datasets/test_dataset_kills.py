@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pepper_kin import datasets
+from pepper_kin.datasets import cluster as cluster_module
 from pepper_kin.datasets import pool
 from pepper_kin.datasets.shard import name_of
 from pepper_kin.datasets.store import Store
@@ -107,6 +108,27 @@ def test_a_scheduler_that_is_gone(job, undisturbed, tmp_path):
         datasets.make(job, tmp_path / "data", client="tcp://127.0.0.1:1")
     datasets.resume(tmp_path / "data", workers=0)
     assert contents(tmp_path / "data") == undisturbed
+
+
+def test_workers_of_dask_that_do_not_come_back(job, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE", 1.0)
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
+    stopped = pytest.raises(InfeasibleError, match=r"no worker was seen for 1 s; start it again and resume")
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client, stopped:
+        datasets.make(job, tmp_path / "a", client=client, on_progress=lambda _: cluster.scale(0))
+
+
+def test_an_error_on_a_worker_of_dask_is_that_of_the_row(job, tmp_path):
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+
+        def obstruct(_):
+            for shard in range(40):
+                if not (tmp_path / "a" / name_of(job, shard)).exists():
+                    (tmp_path / "a" / name_of(job, shard)).mkdir()
+
+        with pytest.raises(FileFormatError, match=r"shard-.*cannot be written: it is a folder"):
+            datasets.make(job, tmp_path / "a", client=client, on_progress=obstruct)
 
 
 DRIVER = """
