@@ -152,9 +152,13 @@ def kills(folder, shards, count=50):
     assert same
     with dask(2) as client:
 
-        def find():  # none while one starts: a nanny gives up whose worker is killed before it has started
-            found = list(client.run(os.getpid, on_error="ignore").values())
-            return found if len(found) == 2 else []
+        def find():  # both run: a nanny gives up whose worker is killed before it has started
+            for _ in range(200):
+                found = list(client.run(os.getpid, on_error="ignore").values())
+                if len(found) == 2:
+                    return found
+                time.sleep(0.1)
+            return []
 
         done, kill = killer(find, job.rows / (count + 4))
         datasets.make(job, folder / "dask", client=client, on_progress=kill)

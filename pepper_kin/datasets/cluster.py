@@ -6,7 +6,7 @@ import contextlib
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from typing import Any
 
 from pepper_kin.datasets.job import DatasetJob
@@ -85,7 +85,7 @@ class _Run:
 
 def on_dask(
     job: DatasetJob, shards: Iterable[int], store: Store, client: Any
-) -> Iterator[tuple[int, dict[str, Any]]]:
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
     """Yield the number and the summary of each shard as soon as it is written, by a cluster.
 
     Args:

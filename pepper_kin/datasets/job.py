@@ -28,7 +28,7 @@ VERSION, MADE_BY = 1, "pepper_kin"
 KINDS = ("ik", "reach_maps", "plans", "trajectories", "runs", "demonstrations", "replays")
 FORMATS = ("parquet", "lerobot", "mcap")
 MOST_ROWS = 10**12
-MOST_IN_SHARD = 1_000_000
+MOST_IN_SHARD = 100_000
 
 _POINTS = {"hand", "by", "lower", "upper", "look"}
 _MOTION: dict[str, set[str]] = {
@@ -178,7 +178,7 @@ class DatasetJob:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, of which `DatasetJob(**values)` is the same job."""
-        return json.loads(json.dumps({f.name: getattr(self, f.name) for f in fields(self)}))  # type: ignore[no-any-return]
+        return json.loads(json.dumps({f.name: getattr(self, f.name) for f in fields(self)}))
 
     def save(self, path: PathName) -> Path:
         """Write the job as a YAML file, with the scenes in it; return its path.
@@ -273,7 +273,8 @@ def _take_files(section: Mapping[str, Any], option: str) -> None:
 
 
 def _hashed(value: Any) -> dict[str, str]:
-    path, known = (value.get("path"), value.get("sha256")) if isinstance(value, Mapping) else (value, None)
+    path: Any = value.get("path") if isinstance(value, Mapping) else value
+    known = value.get("sha256") if isinstance(value, Mapping) else None
     found = hashlib.sha256(read_bytes(path)).hexdigest()
     if known not in (None, found):
         raise FileFormatError(path, f"has changed: its SHA-256 is {found}, the job has {known}")
@@ -291,7 +292,7 @@ def _scene(value: Any, number: int) -> Mapping[str, Any]:
         raise InvalidValueError(place, repr(value), "a scene, its file, or the content of one")
     content = _plain({"format": SCENE_FORMAT, "version": SCENE_VERSION, **value}, place)
     scene_from_dict(content, place)
-    return content  # type: ignore[no-any-return]
+    return content
 
 
 def _plain(value: Any, place: str) -> Any:

@@ -362,7 +362,7 @@ def _tasks_table(tasks: Sequence[str]) -> pa.Table:
     about = {
         "index_columns": [index],
         "column_indexes": [
-            {**column(None, "None", "unicode", "object"), "metadata": {"encoding": "UTF-8"}}  # type: ignore[dict-item]
+            {**column(None, "None", "unicode", "object"), "metadata": {"encoding": "UTF-8"}}
         ],
         "columns": [
             column("task_index", "task_index", "int64", "int64"), column(None, index, "unicode", "object")

@@ -8,7 +8,7 @@ import os
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -146,7 +146,7 @@ def read_job(store: Store) -> DatasetJob:
 
 def _runner(
     job: DatasetJob, missing: list[int], store: Store, workers: int, client: Any
-) -> Iterator[tuple[int, dict[str, Any]]]:
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
     if client is not None:
         return on_dask(job, missing, store, client)
     if workers == 0:

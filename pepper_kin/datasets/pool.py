@@ -8,7 +8,7 @@ import selectors
 import subprocess
 import sys
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -62,7 +62,7 @@ class _Worker:
 
 def on_pool(
     job: DatasetJob, shards: Iterable[int], store: Store, workers: int
-) -> Iterator[tuple[int, dict[str, Any]]]:
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
     """Yield the number and the summary of each shard as soon as it is written, by several processes.
 
     A process that is killed is replaced, and its shard computed again.  When the caller ends, however, the

@@ -115,7 +115,7 @@ class Store:
             FileFormatError: where it cannot be.
         """
         with self._named(name, "read"):
-            return open(self._at(name), "rb") if self._fs is None else self._fs.open(self._at(name), "rb")  # type: ignore[no-any-return]
+            return open(self._at(name), "rb") if self._fs is None else self._fs.open(self._at(name), "rb")
 
     def read_text(self, name: str) -> str:
         """Return the text of a file.
