@@ -30,6 +30,7 @@ class _Worker:
             [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for the driver, which ends them
             env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": path},
         )
         self.shard: int | None = None
@@ -132,8 +133,9 @@ def serve() -> None:
         try:
             job = DatasetJob(**first["job"]) if job is None else job
             answer = write_shard(job, shard, store)
-        except (PepperKinError, OSError, MemoryError, ValueError) as error:
-            answer = {"error": str(error) or type(error).__name__}
+        except Exception as error:
+            kind = "" if isinstance(error, PepperKinError) else f"{type(error).__name__}: "
+            answer = {"error": f"{kind}{error}"}
         with suppress(BrokenPipeError):
             answers.write(json.dumps(answer).encode() + b"\n")
             answers.flush()
