@@ -22,6 +22,7 @@ from twin import MujocoRobot
 import pepper_kin as pk
 from pepper_kin.collision import Scene
 from pepper_kin.learning import TASKS, Oracle, PepperVectorEnv
+from pepper_kin.learning.episode import _TwinBody as TwinBody
 from pepper_kin.learning.task import REACH, STEPS
 from pepper_kin.model.export_mjcf import mjcf_text
 from pepper_kin.twin import Twin, TwinBatch
@@ -213,7 +214,7 @@ class SingleEnv(gymnasium.Env):
         twins.q[0], twins.v[0] = robot.data.qpos, robot.data.qvel
         places = env.task.places(env)
         score = env.task.score(env, places, env.task.goals(env))
-        return env._observations(places)[0], float(env._rewards(score)[0]), False, False, {}
+        return env._observations(places)[0], -float((score.distance + score.cost)[0]), False, False, {}
 
 
 def rate(env, steps, rng):
@@ -300,30 +301,49 @@ def rates():
 
 def rows(count=1000, steps=10):
     """Print by how much rows of batches differ from single twins that are sent the same targets."""
-    rng = np.random.default_rng(0)
-    pepper = pk.load_pepper()
-    worlds = {"nothing": None, "parcel": parcel_world(pepper)}
-    for name, world in worlds.items():
-        stiffness = rng.uniform(0.5, 2.0, (count, 1)) * pk.twin.actuator_parameters(pepper).stiffness
-        batch = TwinBatch(pepper, count, world=world, vary={"stiffness": stiffness})
-        low, high = pepper.lower_limits, pepper.upper_limits
-        targets = np.clip(pepper.neutral() + rng.uniform(-0.3, 0.3, (steps, count, pepper.n)), low, high)
-        for target in targets:
-            batch.step(target, STEPS, commands="linear")
+    for name in TASKS:
+        env = PepperVectorEnv(count, name, autoreset_mode="Disabled")
+        env.reset(seed=0)
+        rng, task, start, batch = np.random.default_rng(0), env.task, env.twins.position, env.twins
+        boxes = batch.body("box").position if name == "Push" else None
+        sent, step = [], batch.step
+
+        def recorded(targets, steps, *, sent=sent, step=step, **options):
+            sent.append((targets.copy(), options))
+            return step(targets, steps, **options)
+
+        batch.step = recorded
+        for _ in range(steps):
+            env.step(rng.uniform(-1.0, 1.0, env.action_space.shape))
         worst = 0.0
         for row in range(count):
-            own = None if world is None else parcel_world(pepper)
-            actuators = pk.twin.actuator_parameters(pepper).changed(
-                stiffness=dict(zip(pepper.joint_names, stiffness[row], strict=True))
-            )
-            twin, before = Twin(pepper, world=own, actuators=actuators), pepper.neutral()
-            for target in targets[:, row]:
-                way = target - before
-                for k in range(STEPS):
-                    twin.step(before + (k + 1) / STEPS * way, way / (STEPS * H))
-                before = target
-            worst = max(worst, np.abs(twin.state.position - batch.position[row]).max())
-        print(f"{count} rows with {name}: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
+            twin = task.twin(env.pepper)
+            if name == "Carry":
+                twin = Twin(env.pepper, payload={task.hands[0]: float(task.extra(env)[row, 2])})
+            own = TwinBody(twin, env.pepper)
+            own.reset(start[row])
+            if boxes is not None:
+                own.place("box", boxes[[row]], rows=None)
+            for targets, options in sent:
+                load = options.get("load")
+                options = options | {"load": None if load is None else load[[row]]}
+                own.step(targets[[row]], STEPS, **options)
+            worst = max(worst, np.abs(own.position[0] - batch.position[row]).max())
+        print(f"{name:10} {count} rows: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
+    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    low, high = pepper.lower_limits, pepper.upper_limits
+    batch = TwinBatch(pepper, count, world=parcel_world(pepper))
+    targets = np.clip(pepper.neutral() + rng.uniform(-0.3, 0.3, (steps, count, pepper.n)), low, high)
+    for target in targets:
+        batch.step(target, STEPS)
+    worst = 0.0
+    for row in range(count):
+        own = TwinBody(Twin(pepper, world=parcel_world(pepper)), pepper)
+        own.reset()
+        for target in targets[:, [row]]:
+            own.step(target, STEPS)
+        worst = max(worst, np.abs(own.position[0] - batch.position[row]).max())
+    print(f"a parcel   {count} rows: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
 
 
 def memory(steps=10_000_000, count=1000):

@@ -49,7 +49,7 @@ def kept_read_only(array: ArrayLike) -> Array:
     if (
         type(array) is np.ndarray
         and array.dtype == np.float64
-        and (array.base is None or type(array.base) is bytes)
+        and (array.base is None or isinstance(array.base, bytes))
         and not array.flags.writeable
     ):
         return array

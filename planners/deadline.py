@@ -3,13 +3,58 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from time import perf_counter
+from typing import TypeAlias, TypeVar, cast
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import CompiledFunction
 
 TIME_SLICE = 0.25
 """How long machine code may run before Python listens to an interrupt from the keyboard again [s]."""
+
+
+LEAST_SLICE = 1e-4
+"""The same where a pause is due already [s]."""
+
+Result = TypeVar("Result")
+
+Slices: TypeAlias = Generator[None, None, Result]
+"""A computation that pauses where its `PausedClock` says so, and returns a result at its end."""
+
+
+def whole(slices: Slices[Result]) -> Result:
+    """Return the result of a computation, in one go."""
+    while True:
+        try:
+            next(slices)
+        except StopIteration as end:
+            return cast("Result", end.value)
+
+
+class PausedClock:
+    """A clock that goes on only between `resume` and `pause`, and says how long it may."""
+
+    def __init__(self) -> None:
+        self._away, self._paused, self._until = 0.0, perf_counter(), -math.inf
+
+    def now(self) -> float:
+        """Return the time [s]."""
+        return perf_counter() - self._away
+
+    @property
+    def left(self) -> float:
+        """Seconds until a pause is due; none or less once it is."""
+        return self._until - self.now()
+
+    def resume(self, seconds: float) -> None:
+        """Go on for so long [s]."""
+        self._away += perf_counter() - self._paused
+        self._until = self.now() + seconds
+
+    def pause(self) -> None:
+        """Stand still."""
+        self._paused = perf_counter()
 
 
 class Deadline:
@@ -19,11 +64,12 @@ class Deadline:
         timeout: Budget [s]; infinite if there is none.
     """
 
-    def __init__(self, timeout: float = math.inf) -> None:
+    def __init__(self, timeout: float = math.inf, clock: PausedClock | None = None) -> None:
         """Start the clock.
 
         Args:
             timeout: Budget [s], above zero; ``math.inf`` for none.
+            clock: What measures it, and says when a pause is due; None for time that nothing stops.
 
         Raises:
             InvalidValueError: The budget is NaN, or not above zero.
@@ -35,12 +81,13 @@ class Deadline:
             self.timeout = float(timeout)
         except OverflowError:
             raise InvalidValueError("timeout", timeout, allowed) from None
-        self._started = perf_counter()
+        self._clock, self._now = clock, perf_counter if clock is None else clock.now
+        self._started = self._now()
 
     @property
     def elapsed(self) -> float:
         """Seconds since the start."""
-        return perf_counter() - self._started
+        return self._now() - self._started
 
     @property
     def left(self) -> float:
@@ -49,8 +96,13 @@ class Deadline:
 
     @property
     def time_slice(self) -> float:
-        """Seconds that machine code may run before Python listens to an interrupt from the keyboard again."""
-        return min(self.left, TIME_SLICE)
+        """Seconds that machine code may run before a pause or an interrupt is looked for."""
+        return min(self.left, TIME_SLICE if self._clock is None else max(self._clock.left, LEAST_SLICE))
+
+    @property
+    def pauses(self) -> bool:
+        """Whether a pause is due."""
+        return self._clock is not None and self._clock.left <= 0.0
 
     @property
     def expired(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_kin.kernels.signatures import Ints1
 
-from .deadline import Deadline, load_code
+from .deadline import Deadline, Slices, load_code, whole
 from .frontier import spread
 from .motion_validator import CompiledMotionValidator, machine_code_of
 from .path import Path
@@ -176,8 +176,12 @@ class Search:
 
     def resumed(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:
         """Go on with trees that `first_round` has planted and grown."""
+        return whole(self.resuming(deadline, max_iterations))
+
+    def resuming(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Slices[Status]:
+        """Do what `resumed` does, with pauses."""
         self._round, self._round_end, self._width = 1, ROUND, math.inf
-        return self._status(self.grow(max_iterations, deadline), False)
+        return self._status((yield from self.growing(max_iterations, deadline)), False)
 
     def _status(self, ended: int, endless: bool) -> Status:
         if ended == FOUND:
@@ -205,6 +209,10 @@ class Search:
 
     def grow(self, iterations: int, deadline: Deadline) -> int:
         """Grow both trees up to a number of iterations in all; return how it ended."""
+        return whole(self.growing(iterations, deadline))
+
+    def growing(self, iterations: int, deadline: Deadline) -> Slices[int]:
+        """Do what `grow` does, with pauses."""
         if self._round_end == 0:
             self._next_round()
         trees = self._trees
@@ -212,6 +220,8 @@ class Search:
             until = min(iterations, self._round_end)
             ended = grow(self._space, trees, deadline.time_slice, self._key, until)
             if ended == TIME_UP and not (deadline.expired or trees.counters[STOP]):
+                if deadline.pauses:
+                    yield
                 continue
             if ended == GOING_ON and until < iterations:
                 self._note_trees()
@@ -219,7 +229,7 @@ class Search:
                 trees = self._trees
                 continue
             if ended != FULL:
-                return ended
+                return int(ended)
             spare = int(self._problem.diagonal / self._space.reach) + 4
             trees = self._trees = with_room(trees, spare)
 

@@ -89,6 +89,7 @@ FUNCTIONS = {
     "pepper_kin.motion.optimization.minimum_torque": pk.motion.minimum_torque_trajectory,
     "pepper_kin.motion.optimization.optimized": pk.motion.optimize,
     "pepper_kin.motion.plan_result": pk.motion.plan,
+    "pepper_kin.motion.retargeting": pk.motion.retarget,
     "pepper_kin.motion.validation": pk.motion.validate,
     "pepper_kin.planners.optimization.descend": planners.optimization.descend,
     "pepper_kin.planners.optimization.general": planners.optimization.minimum_effort,

@@ -315,6 +315,37 @@ def draw_23_follow_a_path() -> None:
     sheet.save("example_23.png")
 
 
+def draw_26_retarget() -> None:
+    """The person's key points beside the robot at three times, and how far its limbs are off."""
+    example = variables_of("26")
+    pepper, found, points = example["pepper"], example["found"], example["points"]
+    place = dict(zip(example["place"], 0.75 * np.moveaxis(points, 1, 0) + [0.0, 0.75, 0.0], strict=True))
+    bones = [("RShoulder", "LShoulder"), ("RHip", "LHip"), ("right_ear", "nose"), ("left_ear", "nose")]
+    for side in "RL":
+        bones += [(side + "Hip", side + "Shoulder"), (side + "Shoulder", side + "Elbow")]
+        bones += [(side + "Elbow", side + "Wrist")]
+    around = np.array([[x, y, z] for x in (-0.1, 0.3) for y in (-0.45, 1.15) for z in (0.55, 1.35)])
+    size, sheet = (266, 235), Sheet()
+    clock = np.concatenate([[0.0], np.cumsum(np.diff(found.times) / found.speed[1:])]) + found.times[1]
+    for column, time in enumerate((1.2, 3.0, 3.6)):
+        frame = int(np.searchsorted(example["times"], time))
+        q = found.trajectory(float(np.interp(time, found.times, clock))).position
+        stage = Stage().robot(pepper, q)
+        for ends in bones:
+            stage.tube([place[name][frame] for name in ends], ORANGE, 0.015)
+        sheet.image(stage.picture(framing(around, size, 12, 8, margin=1.0)), 266 * column, 20)
+        sheet.text(266 * column + 133, 4, f"{time} s", ha="center")
+    plot = sheet.axes(60, 300, 710, 150)
+    for limb, error in zip(
+        ("left upper arm", "left forearm", "right upper arm", "right forearm"), found.errors.T, strict=True
+    ):
+        plot.plot(found.times, np.degrees(error), label=limb)
+    plot.set(xlim=(0, found.times[-1]), ylim=(0, 25), title="angle between a limb and the person's [degrees]")
+    plot.set_xlabel("time of the person [s]", labelpad=0)
+    plot.legend(ncols=2)
+    sheet.save("example_26.png")
+
+
 def draw_24_imitate_reach() -> None:
     """Shares of goals reached in each round, in which the network acts ever more, and after them."""
     example = variables_of("24")
@@ -351,9 +382,9 @@ def draw_25_policy_on_robots() -> None:
     sheet.save("example_25.png")
 
 
-def draw_26_make_data_set() -> None:
+def draw_27_make_data_set() -> None:
     """The ways of the hand in all motions, two postures at their ends, and one of the tables."""
-    example = variables_of("26", "--rows", "96")
+    example = variables_of("27", "--rows", "96")
     pepper, motions = pk.load_pepper(), example["solved"]
     stage = Stage().scene(pk.collision.scene_file.scene_from_dict(example["job"].scenes[0], "job"))
     paths = [pk.kinematics.frame_pose(pepper, row["position"], HAND)[:, :3, 3] for row in motions]
@@ -365,7 +396,7 @@ def draw_26_make_data_set() -> None:
     sheet = Sheet().image(stage.picture(camera))
     sheet.text(20, 20, f"{len(motions)} of {len(example['motions'])} motions made and certified", fontsize=12)
     sheet.text(20, 44, "ways of the left hand, past a table\nthat stands elsewhere in each")
-    sheet.save("example_26.png")
+    sheet.save("example_27.png")
 
 
 def draw_learning_frames() -> None:

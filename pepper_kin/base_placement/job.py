@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.base_placement.moving_base import BASE_JOINTS, moving_base, wrapped
+from pepper_kin.base_placement.moving_base import moving_base, wrapped
 from pepper_kin.base_placement.score import PlacementWeights, Scorer
 from pepper_kin.base_placement.task_sets import Given, task_sets
 from pepper_kin.base_placement.trial import CandidateEvaluator
@@ -26,6 +26,7 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
+from pepper_kin.model.wheels import BASE_JOINTS
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

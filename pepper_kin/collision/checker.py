@@ -65,7 +65,7 @@ class CollisionChecker:
         for geometry in (*geometries, *(item.geometry for item in self.scene.attached.values())):
             if isinstance(geometry, Mesh):
                 coal_geometry(geometry)  # a file that cannot be read is reported now
-        self._local = threading.local()
+        self._local, self._joints = threading.local(), threading.local()
         self._like = self
 
     @cached_property
@@ -173,10 +173,10 @@ class CollisionChecker:
         data = getattr(self._local, "data", None)
         if data is None:
             model = self.pepper.inner_model
-            data = self._local.data = (
-                working_memory(model),
-                pair_queries(model, self._shapes, self._margins),
-            )
+            joints = getattr(self._joints, "data", None)  # the same at all margins
+            if joints is None:
+                joints = self._joints.data = working_memory(model)
+            data = self._local.data = joints, pair_queries(model, self._shapes, self._margins)
         return data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:

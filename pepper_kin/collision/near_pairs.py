@@ -218,7 +218,7 @@ def _core(geometry: Any) -> float:
     return 2.0 * float(geometry.aabb_radius)
 
 
-def _frozen(array: NDArray) -> NDArray:
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array, of any shape, after it was made read-only."""
     array.setflags(write=False)
     return array

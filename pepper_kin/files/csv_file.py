@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from pepper_kin.exceptions import FileFormatError
+from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.sampled_motion import points_of_file
 from pepper_kin.files.table_file import (
     COLUMNS_FILE,
     TIME,
-    PathName,
     load_columns,
     load_table,
     read_lines,

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -17,15 +18,18 @@ from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.fast.search import BatchSearch
+from pepper_kin.ik.fast.search import BatchSearch, solutions_from
+from pepper_kin.ik.nearby import nearby, resting_of
 from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
+from pepper_kin.ik.reach_bound import shortfalls
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.structure import known_structures
-from pepper_kin.ik.tasks.task import Task, TaskGroup
+from pepper_kin.ik.tasks.task import Task, TaskGroup, words_for_length
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
@@ -45,6 +49,13 @@ Arrays: TypeAlias = tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]
 
 CODES = tuple(IKStatus)
 """The status of each code in `BatchResult.codes`."""
+
+_REASONS = {
+    IKStatus.CLOSEST_UNREACHABLE: "no posture was found that reaches it, even without joint limits",
+    IKStatus.CLOSEST_LIMITS: "only postures beyond the joint limits were found that reach it",
+    IKStatus.CLOSEST_COLLISION: "only postures that touch something were found that reach it",
+    IKStatus.TIMED_OUT: "time ran out",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +105,27 @@ class BatchResult(FrozenArrays):
         limits = np.array([self._tasks[k].tolerance for k in hard])
         return np.asarray(np.all(self.errors[:, hard] <= limits, axis=1))
 
+    @cached_property
+    def shortfalls(self) -> Array:
+        """By how much each task is missed at least, whatever the posture within the limits [m].
+
+        Proven, see `pepper_kin.ik.reach_bound`: 0 within the convex hull of what a frame reaches, and for all
+        tasks but those on positions.  Shape (N, tasks).
+        """
+        return read_only(shortfalls(self._pepper, self._tasks, self._starts, self._movable))
+
+    def reason(self, row: int) -> str:
+        """Return in a clause why a row was not solved; empty where it was."""
+        status = self.status(row)
+        if status is IKStatus.SOLVED:
+            return ""
+        beyond = self.shortfalls[row] - [task.tolerance for task in self._tasks]
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > 0:
+            missing = words_for_length(self.shortfalls[row, worst])
+            return f"{self._tasks[worst].label} is out of reach by {missing} at least"
+        return _REASONS[status]
+
     def status(self, row: int) -> IKStatus:
         """Return how the search of one row ended."""
         return CODES[int(self.codes[row])]
@@ -125,6 +157,9 @@ class BatchResult(FrozenArrays):
         """Return how many rows ended how, in plain words."""
         counts = {status: int(np.sum(self.codes == k)) for k, status in enumerate(CODES)}
         ends = ", ".join(f"{count} {status.value}" for status, count in counts.items() if count)
+        proven = int(np.sum(_out_of_reach(self.shortfalls, self._tasks)))
+        if proven:
+            ends += f" ({proven} of them proven out of reach)"
         if any(task.hard for task in self._tasks):
             ends += f"; hard tasks met in {int(self.hard_met.sum())}"
         if self._scene is None:
@@ -148,12 +183,19 @@ def solve_batch(
     restarts: int = 32,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    closest: bool = True,
 ) -> BatchResult:
     """Do for N sets of targets what `solve` does for one.
 
     Tasks take N targets in place of one: `HandPosition("left", points)` with points of shape (N, 3).  Every
     row is searched as `solve` would with the same seed, so results depend neither on the other rows nor on
     the number of threads.
+
+    A row that cannot be solved takes `solve` a hundred times as long as others, nearly all of it in search of
+    the closest configuration.  For data sets, which need the reason only, `closest=False` leaves that out:
+    rows whose target is beyond reach by proof (`BatchResult.shortfalls`) end after one descent, and those
+    that are met only in collision after one round among obstacles of twelve and from postures that have the
+    hand near its target.  Solutions that need no more are the same; of the others nearly all are found.
 
     Args:
         pepper: The robot.
@@ -170,6 +212,8 @@ def solve_batch(
         restarts: Further starts.
         threads: Threads that share the rows; the other solvers than "fast" use one.
         progress: Called with the number of rows done and N, from the calling thread.
+        closest: Whether rows that are not solved end as close to their targets as `solve` comes; False for
+            any place clear of collisions, which may be the start.  For "fast" only.
 
     Returns:
         Arrays of what `solve` returns.
@@ -193,7 +237,7 @@ def solve_batch(
     check_whole("max_iterations", max_iterations, 1)
     check_whole("threads", threads, 1)
     options: dict[str, Any] = {"seed": seed, "restarts": restarts, "max_iterations": max_iterations}
-    budget = SearchBudget(deadline=math.inf, **options)
+    budget = SearchBudget(deadline=math.inf, closest=bool(closest), **options)
     compiled = solver == "fast" and known_structures(parts) is not None
     if compiled:
         load_search(pepper, balanced(parts), world)
@@ -227,17 +271,69 @@ def _solve_fast(
     progress: Callable[[int, int], None] | None,
 ) -> Arrays:
     """Solve all rows in machine code, from starts [rad or m], shape (N, n); `movable` has shape (n,)."""
-    tasks = balanced(tasks)
-    rows = BatchSearch(world.pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin)
+    tasks, pepper, hopeless = balanced(tasks), world.pepper, np.zeros(len(starts), dtype=bool)
+    if not budget.closest and not is_ordered(tasks):  # what is met of tasks in order still counts
+        hopeless = _out_of_reach(shortfalls(pepper, tasks, starts, movable), tasks)
+    rows = BatchSearch(
+        pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin, hopeless=hopeless
+    )
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
     answers = q, codes, errors, iterations, restarts
+    if not budget.closest:
+        _try_nearby(world, tasks, starts, movable, budget, answers)
     if is_ordered(tasks) or not all(map(operator.is_, equally_weighted(tasks), tasks)):
-        for row in np.flatnonzero(~np.isin(codes, [CODES.index(status) for status in DONE])):
+        for row in np.flatnonzero(~np.isin(codes, [CODES.index(status) for status in DONE]) & ~hopeless):
             ones = tuple(task.at(int(row)) for task in tasks)
             _search_on(Request(world.pepper, ones, starts[row], movable, world, budget), int(row), answers)
     return answers
+
+
+def _out_of_reach(missing: Array, tasks: Sequence[Task]) -> np.ndarray:
+    """Whether lower bounds of errors, shape (N, tasks), prove that rows are not solved, shape (N,)."""
+    proven: np.ndarray = np.any(missing > np.array([task.tolerance for task in tasks]), axis=1)
+    return proven
+
+
+def _try_nearby(
+    world: Collisions,
+    tasks: tuple[Task, ...],
+    starts: Array,
+    movable: np.ndarray | None,
+    budget: SearchBudget,
+    answers: Arrays,
+) -> None:
+    """Solve rows that are met only in collision so far from postures that have the frame near its target.
+
+    Arguments as of `_solve_fast`; what is found is written into the answers.
+    """
+    q, codes, errors, _, restarts = answers
+    rows = np.flatnonzero(codes == CODES.index(IKStatus.CLOSEST_COLLISION))
+    place = next((k for k, task in enumerate(tasks) if isinstance(task, FramePosition)), None)
+    if not rows.size or place is None:
+        return
+    pepper, frame, rest = world.pepper, tasks[place].frame, resting_of(world.pepper, starts, movable)
+    if rest is None or frame is None:
+        return
+    near = nearby(pepper, frame, *rest)
+    for row in rows:
+        ones = tuple(task.at(int(row)) for task in tasks)
+        tried = near.starts(ones[place].target)  # type: ignore[attr-defined]
+        found = solutions_from(
+            pepper,
+            ones,
+            starts[row],
+            movable,
+            tried,
+            budget.max_iterations,
+            scene=world.scene,
+            margin=world.margin,
+        )
+        restarts[row] += len(tried)
+        if found:
+            q[row], codes[row] = found[0], CODES.index(IKStatus.SOLVED)
+            errors[row] = [task.error(pepper, found[0]) for task in ones]
 
 
 def _search_on(request: Request, row: int, answers: Arrays) -> None:

@@ -30,6 +30,7 @@ class SearchBudget(NamedTuple):
         max_iterations: Steps from each start.
         deadline: When to stop, on the clock of `time.perf_counter` [s].
         thorough: Whether to search on where what was found touches something; else it is only moved clear.
+        closest: Whether to search for the closest configuration where the tasks are not met.
     """
 
     seed: int
@@ -37,6 +38,7 @@ class SearchBudget(NamedTuple):
     max_iterations: int
     deadline: float
     thorough: bool = True
+    closest: bool = True
 
 
 @dataclass(frozen=True, eq=False)

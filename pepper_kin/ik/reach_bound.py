@@ -1,13 +1,25 @@
-"""Proof that a point is beyond reach, by the lengths of the links."""
+"""Proof that a point is beyond reach, by the lengths of the links and by the limits of the joints."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
+from pepper_kin.arrays import Array, read_only
+from pepper_kin.core.inverse_kinematics.reach_hull import CELLS, add_joint, write_point, write_shortfalls
+from pepper_kin.ik.nearby import resting_of
 from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.tasks.frame_position import FramePosition
-from pepper_kin.ik.tasks.task import words_for_length
+from pepper_kin.ik.tasks.task import Task, words_for_length
+from pepper_kin.model import PepperModel
+from pepper_kin.model.digest import kept_for_robot
 from pepper_kin.model.dynamics_model import working_memory
+from pepper_kin.model.moving_tree import moving_tree
+
+ROUNDING = 1e-9
+"""Allowed for rounding [m]."""
 
 
 def why_beyond_reach(problem: Problem) -> str:
@@ -59,3 +71,77 @@ def _may_move(problem: Problem, joint: str) -> bool:
     """Whether a joint of Pinocchio's may move; those that follow others, as fingers do, count as free."""
     names = problem.pepper.joint_names
     return joint not in names or bool(problem.movable[names.index(joint)])
+
+
+def shortfalls(
+    pepper: PepperModel, tasks: Sequence[Task], starts: Array, movable: np.ndarray | None
+) -> Array:
+    """Return lower bounds on how far frames stay from their targets, over all postures within the limits [m].
+
+    They are distances to planes that what a frame reaches lies behind, see
+    `pepper_kin.core.inverse_kinematics.reach_hull`: distances to the convex hull of these points, but for
+    millimeters, and 0 within it.
+
+    Args:
+        pepper: The robot.
+        tasks: The tasks, with one target or N; those on positions count.
+        starts: Where joints that may not move stay [rad or m], shape (N, n).
+        movable: Joints that may move, shape (n,); None for all.
+
+    Returns:
+        Shape (N, tasks), 0 where nothing is proven.
+    """
+    found = np.zeros((len(starts), len(tasks)))
+    if not len(starts):
+        return found
+    rest = resting_of(pepper, starts, movable)
+    if rest is None:  # every row would need a hull of its own
+        return found
+    for k, task in enumerate(tasks):
+        if isinstance(task, FramePosition) and math.isfinite(task.tolerance):
+            hull = _hull(pepper, task.frame, *rest)
+            points = np.ascontiguousarray(np.broadcast_to(task.target, (len(starts), 3)))
+            if hull is not None:
+                write_shortfalls.native(hull, points, bound := np.empty(len(starts)))
+                found[:, k] = bound
+    return found
+
+
+@kept_for_robot(most=8)
+def _hull(
+    pepper: PepperModel, frame: str, moves: tuple[bool, ...], resting: tuple[float, ...]
+) -> Array | None:
+    """Return the support function of the points that a frame reaches; None where there is no bound.
+
+    Joints that follow others count as free within the positions that they can be led to.
+
+    Args:
+        pepper: The robot.
+        frame: Name of the frame.
+        moves: Which joints may move.
+        resting: Positions of the others [rad or m].
+    """
+    tree, free = moving_tree(pepper), np.array(moves)
+    least = np.where(free, pepper.lower_limits, resting)
+    most = np.where(free, pepper.upper_limits, resting)
+    with np.errstate(invalid="ignore"):  # 0 times infinity: joints that do not lead
+        ends = np.nan_to_num(pepper.full_map[:, :, None] * np.stack([least, most], axis=1), nan=0.0)
+    ranges = pepper.full_offset[:, None] + np.sort(ends, axis=2).sum(axis=1)
+    point = np.ascontiguousarray(tree.frame_poses[frame][:3, 3])
+    heights = np.empty((6 * (CELLS + 1), CELLS + 1))
+    write_point.native(point, heights)
+    radius = float(np.linalg.norm(point))
+    for joint in reversed(tree.path(tree.frame_joints[frame])):
+        low, high = ranges[joint - 1].tolist()
+        if tree.slides[joint]:
+            if not math.isfinite(high - low):
+                return None
+            radius += max(abs(low), abs(high))
+        elif not high - low < 2 * math.pi:
+            low, high = -math.pi, math.pi
+        place = np.column_stack([tree.rotations[joint], tree.positions[joint]])
+        add_joint.native(
+            place, tree.axes[joint], np.array([low, high]), radius, bool(tree.slides[joint]), heights
+        )
+        radius += float(np.linalg.norm(tree.positions[joint]))
+    return read_only(heights + ROUNDING)

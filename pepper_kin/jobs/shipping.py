@@ -141,7 +141,7 @@ def portable_code() -> PortableCode:
 def unit_keys() -> dict[str, str]:
     """Return key -> name of all modules with compiled functions, by name."""
     names = sorted(compiled_modules())
-    return {unit_of(name).key(): name for name in names if importlib.import_module(name)}
+    return {unit_of(name).key(): name for name in names if importlib.import_module(name) is not None}
 
 
 def shipped_parts(

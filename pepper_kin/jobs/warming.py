@@ -59,7 +59,7 @@ def warm_up(native: bool = False, progress: Callable[[int, int], None] = lambda 
     if native and can_write():
         prefer_native()
     names = compiled_modules()
-    missing = [name for name in names if importlib.import_module(name) and not _is_found(name)]
+    missing = [name for name in names if importlib.import_module(name) is not None and not _is_found(name)]
     make_all(missing, lambda done: progress(done, len(missing)))
     everyday_calls()
     seconds = time.perf_counter() - begin

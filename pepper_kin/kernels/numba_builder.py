@@ -167,7 +167,7 @@ class _Cache:
         return compiler.compile_result(
             typing_context=context.typing_context,
             target_context=context,
-            signature=typing.signature(returned, *arguments),
+            signature=typing.templates.signature(returned, *arguments),
             library=library,
             fndesc=described,
             environment=environment,

@@ -64,7 +64,7 @@ def make_all(modules: Sequence[str], report: Callable[[int], None] | None = None
     Raises:
         RuntimeError: A process failed; with the last line that it printed.
     """
-    keys = {name: unit_of(name).key() for name in modules if importlib.import_module(name)}
+    keys = {name: unit_of(name).key() for name in modules if importlib.import_module(name) is not None}
     workers = _start_workers([name for name, key in keys.items() if not is_kept(key)], silent=False)
     while workers:
         if report:
@@ -124,7 +124,7 @@ _helped = False
 
 
 @cache
-def _helpers() -> list[subprocess.Popen]:
+def _helpers() -> list[subprocess.Popen[str]]:
     """The processes that work ahead of this one; they end with it."""
     modules = compiled_modules()
     expect(len(modules))
@@ -133,13 +133,13 @@ def _helpers() -> list[subprocess.Popen]:
     return workers
 
 
-def _end(workers: Sequence[subprocess.Popen]) -> None:
+def _end(workers: Sequence[subprocess.Popen[str]]) -> None:
     for worker in workers:
         with contextlib.suppress(OSError):
             worker.terminate()
 
 
-def _start_workers(modules: Sequence[str], *, silent: bool, spared: int = 0) -> list[subprocess.Popen]:
+def _start_workers(modules: Sequence[str], *, silent: bool, spared: int = 0) -> list[subprocess.Popen[str]]:
     """Start one process for each core, but those that are spared; they share the work among themselves."""
     count = min((os.cpu_count() or 1) - spared, len(modules))
     return [

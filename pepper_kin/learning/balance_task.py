@@ -9,8 +9,9 @@ import numpy as np
 
 from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import BANK, STEPS, RobotTask, Score, places_of, towards
+from pepper_kin.learning.task import BANK, STEPS, RobotTask, places_of, towards
 from pepper_kin.learning.task import REACH as FAR
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin.base import BalanceMonitor, BatchTipping

@@ -11,9 +11,10 @@ import numpy as np
 from pepper_kin import collision
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.reach_task import ReachTask, postures_of
-from pepper_kin.learning.task import Score, planned_path, touching, towards, with_goals
+from pepper_kin.learning.task import planned_path, touching, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 
 if TYPE_CHECKING:

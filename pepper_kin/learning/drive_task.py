@@ -11,8 +11,9 @@ import numpy as np
 from pepper_kin import collision
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
+from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import STEPS, RobotTask, Score, by_kind, places_of, planned_path, touching
+from pepper_kin.learning.task import STEPS, RobotTask, by_kind, places_of, planned_path, touching
 from pepper_kin.model import PepperModel, kept_for_robot, load_pepper
 from pepper_kin.twin.base import BaseController, OmniBase
 from pepper_kin.twin.sensors.batch import BatchRanges

@@ -11,9 +11,10 @@ from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
+from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.task import Task
-from pepper_kin.learning.task import BANK, RobotTask, Score, duration_of, places_of, towards, with_goals
+from pepper_kin.learning.task import BANK, RobotTask, duration_of, places_of, towards, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin import Twin, TwinBatch
 

@@ -16,6 +16,8 @@
     minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
     LiveMotion, LiveState, LiveStatus         to goals that change, among obstacles that move
     gesture, gesture_names, gesture_meaning
+    retarget, Retargeted, RetargetStatus      a person's motion
+    KeyPoints, read_key_points                such a motion, as points over time
 
 Where nothing is found, `status` and `message` say why, and `report()` says what to try.
 """
@@ -29,6 +31,7 @@ from pepper_kin.motion.curves import CIRC, LIN, SPLINE, Arc, HandCurve, Line, Ro
 from pepper_kin.motion.follow_result import Followed, FollowStatus
 from pepper_kin.motion.following import follow
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
+from pepper_kin.motion.key_points import KeyPoints, read_key_points
 from pepper_kin.motion.legs import Leg, PlanInLegs, plan_legs
 from pepper_kin.motion.live_motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.motion.optimization.cost import Cost, Figures
@@ -44,6 +47,7 @@ from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 from pepper_kin.motion.replanning import replan
+from pepper_kin.motion.retargeting import Retargeted, RetargetStatus, retarget
 from pepper_kin.motion.sequence import PTP, sequence
 from pepper_kin.motion.validation import Validation, ValidationStatus, validate
 
@@ -61,6 +65,7 @@ __all__ = [
     "FollowStatus",
     "Followed",
     "HandCurve",
+    "KeyPoints",
     "Leg",
     "Line",
     "LiveMotion",
@@ -76,6 +81,8 @@ __all__ = [
     "PlanInLegs",
     "PlanProblem",
     "PlanStatus",
+    "RetargetStatus",
+    "Retargeted",
     "Route",
     "Validation",
     "ValidationStatus",
@@ -93,7 +100,9 @@ __all__ = [
     "plan_constrained",
     "plan_costed",
     "plan_legs",
+    "read_key_points",
     "replan",
+    "retarget",
     "sequence",
     "simplify_path",
     "validate",

@@ -51,7 +51,7 @@ class PlanProblem(PlanOptions, FrozenArrays):
 
     def __post_init__(self) -> None:
         """Copy arrays; `plan` examines them."""
-        for name in ("start", "goal"):
+        for name in ("start", "goal", "start_velocity"):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
                 copy = value.copy()  # whatever it holds

@@ -541,8 +541,8 @@ class TaskGoalSearch:
         self._begin = time.perf_counter()
         self._deadline = self._begin + self._timeout
         first = SearchOptions(
-            further.tolerance, further.first, further.advance, NEAR_RESTARTS, STEPS, False, finite,
-            further.clock, self._deadline, further.signals,
+            further.tolerance, further.first, further.advance, NEAR_RESTARTS, STEPS, False, True,
+            finite, further.clock, self._deadline, further.signals,
         )  # fmt: skip
         bounds = ready.bounds if self._movable is None else ready.bounds_of(self._movable)
         search = GoalSearch(

@@ -91,7 +91,7 @@ def ends_of(request: PlanRequest) -> Ends | Plan:
 def _sound(request: PlanRequest) -> Ends | None:
     """Return the ends of a path to configurations if one call says that none is at fault, else None."""
     checks, start = request.checks, request.start
-    goals = _candidates(checks.pepper, request.goal)
+    goals = candidates_of(checks.pepper, request.goal)
     try:
         free = free_joints(checks.pepper, request.options.joints, start, goals)
     except InvalidValueError:  # which a goal at fault may have caused
@@ -110,8 +110,13 @@ def _clear_goals(request: PlanRequest, tasks: Sequence[Task]) -> TaskGoals | Non
     )
 
 
-def _candidates(pepper: PepperModel, goal: Any) -> Array:
-    """Return configurations that are given as goals, shape (m, n)."""
+def candidates_of(pepper: PepperModel, goal: Any) -> Array:
+    """Return configurations that are given as goals, shape (m, n).
+
+    Raises:
+        InvalidValueError: for a wrong shape, NaN, or none.
+        LimitError: for one outside the position limits.
+    """
     candidates = as_joint_vectors(pepper, goal, "goal")
     if candidates.ndim > 2:
         raise InvalidValueError(
@@ -137,7 +142,7 @@ def goals_of(request: PlanRequest, *, tried: bool = False) -> _Goals:
     checks, least = request.checks, request.options.least_margin
     if are_tasks(request.goal):
         return _far_enough(checks, *_goals_of_tasks(request, tried), least)
-    candidates = _candidates(checks.pepper, request.goal)
+    candidates = candidates_of(checks.pepper, request.goal)
     return _far_enough(checks, *_good_ones(checks, candidates, None), least)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,19 +15,21 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker, Scene, in_collision
 from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
-from pepper_kin.collision.fast import fast_checker_for
+from pepper_kin.collision.fast import FastChecker, fast_checker_for
 from pepper_kin.collision.motion_tree import motion_bounds
-from pepper_kin.collision.movers import movers_of
+from pepper_kin.collision.movers import Movers, movers_of
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
-from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
-from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.motion.planning import plan
+from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
-from pepper_kin.trajectory import Stop, Trajectory, retime
+from pepper_kin.trajectory import Stop, Trajectory
+from pepper_kin.trajectory.limit_use import stretch_at_extremes
+from pepper_kin.trajectory.limits import motion_limits
+from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
+from pepper_kin.trajectory.stop import limits_of, stop_within
 
 COMMITTED = 2
 """Cycles that a robot goes on before the stop begins that it was sent."""
@@ -37,6 +39,8 @@ _STILL = 0.003  # [m] kept from what stands, which states 2.5 ms apart stand for
 _BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
 _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
+_SLOWEST = 20.0  # times as slow, a way that is given
+_SAME = 1e-6  # [rad or m]
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
 _HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
@@ -65,7 +69,8 @@ class LiveState:
         near: Names of the two that come too near, where that is the reason; else empty.
         stop: The stop in it; None at rest.
         clear: Whether all of it was found clear of the newest scene.
-        spent: Processor time of this thread in the cycle [s].
+        spent: Processor time of the cycle [s].
+        searching: Whether a search for a way was paused, to go on in the next cycle.
     """
 
     trajectory: Trajectory
@@ -76,6 +81,7 @@ class LiveState:
     stop: Stop | None
     clear: bool
     spent: float
+    searching: bool = False
 
     def at(self, now: float) -> State:
         """Return position, velocity and acceleration at a time of the caller's clock [s], shape (n,) each."""
@@ -87,12 +93,24 @@ class LiveState:
         return State(*found)
 
 
-class _Asked(NamedTuple):
-    """A plan that is being made: the way to where it begins, when that began, and the answer."""
+class _World:
+    """A scene, and what it is compared by, made once where it is needed."""
 
-    before: Trajectory
-    begin: float
-    answer: Future[Trajectory | None]
+    def __init__(self, pepper: PepperModel, scene: Scene) -> None:
+        self.pepper, self.scene = pepper, scene
+
+    @cached_property
+    def standing(self) -> FastChecker:
+        return fast_checker_for(self.pepper, self.scene.standing, _STILL, 0.0)
+
+    @cached_property
+    def movers(self) -> Movers | None:
+        return movers_of(self.pepper, self.scene)
+
+    @cached_property
+    def moving(self) -> FastChecker:
+        assert self.movers is not None
+        return fast_checker_for(self.movers.robot, self.movers.scene)
 
 
 class LiveMotion:
@@ -109,8 +127,9 @@ class LiveMotion:
     committed and a stop after them, at a distance that grows by the obstacles' uncertainty; and the way
     beyond, as far as the horizon, with where the obstacles are predicted.  Where the first is not clear, the
     robot is on the stop of the cycle before, which was.  The way is straight to the goal from the motion that
-    there is (`Trajectory.replaced`), or planned by another thread from where the robot can stop.  A robot
-    that stands does not step aside.  Contact with itself and what stands is looked for every 2.5 ms.
+    there is (`Trajectory.replaced`), or planned from where the robot can stop: a search pauses where a cycle
+    has spent its budget, and goes on in the next.  A robot that stands does not step aside.  Contact with
+    itself and what stands is looked for every 2.5 ms.
 
     Args:
         pepper: The robot, whose limits are kept: see `PepperModel.with_limits` for a careful one.
@@ -124,7 +143,7 @@ class LiveMotion:
         tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
         torque: Whether torques are kept within their limits.
         balance: As in `retime` [m]; None to leave it out.
-        patience: The longest time that a cycle waits for a plan [s]; None for a fifth of a cycle.
+        budget: Time that a cycle may search for a plan [s]; None for a tenth of a cycle.
 
     Attributes:
         pepper: The robot.
@@ -147,7 +166,7 @@ class LiveMotion:
         tolerance: float = 0.2,
         torque: bool = True,
         balance: float | None = None,
-        patience: float | None = None,
+        budget: float | None = None,
     ) -> None:
         self.pepper = pepper
         rest = np.array(as_joint_vector(pepper, start, "start"))
@@ -159,21 +178,24 @@ class LiveMotion:
         )
         self._delay = not_negative("delay", delay)
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
-        self._patience = self._cycle / 5.0 if patience is None else not_negative("patience", patience)
+        budget = self._cycle / 10.0 if budget is None else check_positive("budget", budget, "s")
         self._balance = balance
         self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
-        self._scene, self._seen, self._ages = self._world(scene), math.nan, False
+        self._world, self._seen, self._ages = self._checked(scene), math.nan, False
         self._reach = motion_bounds(pepper)
+        self._bounds = limits_of(pepper, motion_limits(pepper, **self._limits))
         self._goal: Array | None = None
         self._way, self._begin = _standing(pepper, rest), math.nan
         self._sent: tuple[Trajectory, Stop | None] = (self._way, None)
         self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
         self._near: tuple[str, ...] = ()
         self._past: list[tuple[float, Trajectory]] = []
-        self._threads = ThreadPoolExecutor(1, f"{OWN_THREADS}-live")
-        self._asked: _Asked | None = None
+        self._unlimited = () if torque else ("torque",)
+        self._given: Trajectory | None = None
+        self._search = SlicedSearch(pepper, self._margin, budget, self._limits)
+        self._branch: tuple[Trajectory, float] | None = None  # way to where what is searched begins, and when
         self._attempts = 0
-        if bool(in_collision(pepper, rest, self._scene)):
+        if bool(in_collision(pepper, rest, self._world.scene)):
             raise InvalidValueError("start", "a configuration in contact", "one that touches nothing")
 
     @property
@@ -186,17 +208,37 @@ class LiveMotion:
         """What the last cycle returned; an instant of rest before the first."""
         return self._sent[0]
 
-    def set_goal(self, goal: ArrayLike | None) -> None:
+    def set_goal(self, goal: ArrayLike | None, way: Trajectory | None = None) -> None:
         """Set where to go [rad or m], shape (n,); None to stop.
 
+        Args:
+            goal: Where to go.
+            way: A motion that ends there, best one that begins where the robot is.  It is gone along, slower
+                where limits of velocity or acceleration ask for that, if it is clear in the next cycle and
+                keeps the other limits then; a robot in motion joins it.  Else, and after a stop, the live
+                motion finds its own way.
+
         Raises:
-            InvalidValueError: for a wrong shape or NaN.
+            InvalidValueError: for a wrong shape, NaN, or a way of other joints or that ends elsewhere.
             LimitError: for a goal outside the limits.
         """
         if goal is not None:
             goal = np.array(as_joint_vector(self.pepper, goal, "goal"))
             check_within_limits(self.pepper, goal, "goal", 1e-9)
-        self._goal, self._attempts, self._asked = goal, 0, None
+        self._given = None if way is None or goal is None else self._within_limits(way, goal)
+        self._goal, self._attempts, self._branch = goal, 0, None
+
+    def _within_limits(self, way: Trajectory, goal: Array) -> Trajectory | None:
+        """Return a way to a goal, shape (n,), so slow that it keeps all limits; None where it never does."""
+        refuse_other_joints(self.pepper, way.joint_names)
+        if not _is_at(way.end, goal):
+            raise InvalidValueError("way", "one that ends elsewhere", "one that ends at the goal")
+        stretch = stretch_at_extremes(way, self._bounds)
+        if not stretch < _SLOWEST:
+            return None
+        slow = way.scaled(stretch)
+        found = slow.check(self.pepper, collisions=False, balance=self._balance)
+        return None if set(found.failures) - set(self._unlimited) else slow
 
     def set_scene(self, scene: Scene | None, time: float) -> None:
         """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
@@ -207,16 +249,16 @@ class LiveMotion:
         seen = as_real(time)
         if not math.isfinite(seen):
             raise InvalidValueError("time", time, "a finite time [s]")
-        self._scene, self._seen, self._ages = self._world(scene), seen, True
+        self._world, self._seen, self._ages = self._checked(scene), seen, True
 
-    def _world(self, scene: Scene | None) -> Scene:
+    def _checked(self, scene: Scene | None) -> _World:
         """Return a scene as it is compared; its loads are not counted, and so refused."""
         world = checked_world(scene) or ROBOT_ALONE
         heavy = [name for name, held in world.attached.items() if held.mass] if self._limits["torque"] else []
         if heavy:
             expected = "attached objects without mass, which torques are not computed for; or torque=False"
             raise InvalidValueError("scene", f"{', '.join(heavy)} with mass", expected)
-        return world
+        return _World(self.pepper, world)
 
     def set_state(self, q: ArrayLike, time: float) -> None:
         """Report measured positions [rad or m], shape (n,), at a time of the caller's clock [s].
@@ -253,8 +295,9 @@ class LiveMotion:
         self._past = [*self._past[-40:], (instant, self._sent[0])]
         near = self._near if reason and reason == self._blocked else ()
         return LiveState(
-            self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began
-        )
+            self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began,
+            self._branch is not None,
+        )  # fmt: skip
 
     def _come_to(self, now: float) -> None:
         """Cut off what is past of the way, which is the stop where no cycle came in time."""
@@ -280,7 +323,7 @@ class LiveMotion:
                 self._way = way
                 if why:
                     return LiveStatus.WAITING if _stands(way) else LiveStatus.STOPPING, why, True
-                self._attempts, self._asked = 0, None
+                self._attempts, self._branch = 0, None
                 return LiveStatus.REACHED if _stands(way) else LiveStatus.MOVING, "", True
         clear = self._brake(now)
         if self._fault:
@@ -296,9 +339,10 @@ class LiveMotion:
                 self._way, self._braking = (self._way if sent is None else sent[0]), True
             yield self._way, "there is no goal"
             return
-        if _is_at(self._way.end, self._goal) and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
+        leads = self._given is None and _is_at(self._way.end, self._goal)
+        if leads and (_stands(self._way) or self._ahead_is_clear(self._way, now)):
             yield self._way, ""
-        for candidates in (self._straight, self._planned):
+        for candidates in (self._along_given, self._straight, self._planned):
             for found in candidates(now):
                 if self._is_free(found) and self._ahead_is_clear(found, now):
                     yield found, ""
@@ -312,6 +356,14 @@ class LiveMotion:
         """Whether all of a way is free of what stands."""
         times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
         return not self._meets_standing(way(times).position)
+
+    def _along_given(self, now: float) -> Iterator[Trajectory]:
+        """Yield the way that was given with the goal, once."""
+        given, self._given = self._given, None
+        if given is not None and not _stands(self._way):
+            yield from self._replaced(given)
+        elif given is not None and np.abs(given.start - self._way.end).max() <= _SAME:
+            yield given
 
     def _straight(self, now: float) -> Iterator[Trajectory]:
         assert self._goal is not None
@@ -331,27 +383,25 @@ class LiveMotion:
 
         Joined in motion first, then after the stop at whose end it begins.
         """
-        if self._asked is None:
+        if self._branch is None:
             self._ask(now)
-        asked = self._asked
-        if asked is None:
+        if self._branch is None:
             return
-        wait([asked.answer], timeout=self._patience)
-        if not asked.answer.done():
+        (before, begin), answer = self._branch, self._search.go_on()
+        if self._search.running:
             return
-        self._asked, answer = None, asked.answer.result()
-        here = now - asked.begin
-        before = self._rest_of(asked.before, here)
+        self._branch = None
         if answer is None:
             return
+        before = self._rest_of(before, now - begin)
         if not _stands(self._way) and _is_plain(self._way):
             yield from self._replaced(answer)
         if _meet(before, self._way, COMMITTED * self._cycle):
             yield answer if _stands(before) else before.then(answer)
 
     def _ask(self, now: float) -> None:
-        """Let a plan be made from where the robot will stand, or could, by another thread."""
-        if self._goal is None or self._asked is not None or not _is_plain(self._way):
+        """Begin a search from where the robot will stand, or could."""
+        if self._goal is None or self._branch is not None or not _is_plain(self._way):
             return
         before = self._way
         if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
@@ -361,26 +411,8 @@ class LiveMotion:
                 return
             before = before.between(0.0, _BRANCH).then(stop.trajectory)
         ahead = max(now - self._seen, 0.0) + _LOOKS_AHEAD[self._attempts % len(_LOOKS_AHEAD)]
-        scene, start, goal, seed = self._scene.at(ahead), before.end, self._goal, self._attempts
-        self._attempts += 1
-        answer = self._threads.submit(self._search, start, goal, scene, seed)
-        self._asked = _Asked(before, now, answer)
-
-    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Trajectory | None:
-        """Return a motion from rest to rest; None where none is found.
-
-        Every other search moves all joints but those of a base, not only those in which the ends differ.
-        """
-        free = [name for name in self.pepper.joint_names if name not in BASE_JOINTS]
-        try:
-            found = plan(
-                self.pepper, start, goal, scene, margin=self._margin, seed=seed, timeout=0.3,
-                joints=free if seed % 2 else None,
-                balance=self._balance,
-            )  # fmt: skip
-            return retime(self.pepper, found, **self._limits) if found.success else None
-        except PepperKinError:
-            return None  # a start or goal in contact by then
+        self._search.begin(before.end, self._goal, self._world.scene.at(ahead), self._attempts)
+        self._attempts, self._branch = self._attempts + 1, (before, now)
 
     def _send(self, way: Trajectory, now: float) -> bool:
         """Take a way, as far as it is committed, and a stop, if both are clear; return whether they are."""
@@ -397,7 +429,7 @@ class LiveMotion:
         if _stands(way) or way.duration <= at + _INSTANT or (self._braking and way is self._way):
             return way, None
         try:
-            stop = way.between(at, way.duration).stop(self.pepper, 0.0, **self._limits)
+            stop = stop_within(self.pepper, way.between(at, way.duration), 0.0, self._bounds)
         except InfeasibleError:
             return None
         return way.between(0.0, at).then(stop.trajectory), stop
@@ -424,14 +456,13 @@ class LiveMotion:
         return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
 
     def _meets_standing(self, q: Array) -> bool:
-        checker = fast_checker_for(self.pepper, self._scene.standing, _STILL, 0.0)
-        found = checker.in_collision(q)
+        found = self._world.standing.in_collision(q)
         if found.any():
-            self._note(checker.exact, q[int(found.argmax())])
+            self._note(self._world.standing.exact, q[int(found.argmax())])
         return bool(found.any())
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
-        movers = movers_of(self.pepper, self._scene)
+        movers = self._world.movers
         if movers is None:
             return False
         since = np.maximum(times + (now - self._seen), 0.0)
@@ -440,10 +471,9 @@ class LiveMotion:
         if growing:
             kept += movers.uncertainty * (since + self._delay)
         both = movers.states(states.position, since)
-        checker = fast_checker_for(movers.robot, movers.scene)
-        found = checker.nearer(both, kept)
+        found = self._world.moving.nearer(both, kept)
         if found.any():
-            self._note(checker.exact, both[int(found.argmax())])
+            self._note(self._world.moving.exact, both[int(found.argmax())])
         return bool(found.any())
 
     def _note(self, checker: CollisionChecker, q: Array) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +156,7 @@ class PathCosts:
         others = [item for item in items if not isinstance(item, PathCost)]
         if not items:
             raise InvalidValueError("costs", "none", "at least one PathCost or task")
-        tasks = as_constraints(pepper, cast("list[Task | TaskGroup]", others)) if others else ()
+        tasks = as_constraints(pepper, others) if others else ()
         return cls(pepper, costs, tasks)
 
     @property

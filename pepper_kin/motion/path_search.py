@@ -27,6 +27,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 from pepper_kin.motion.problem import PathProblem
 from pepper_kin.motion.waypoints import Way, way_near, way_through
+from pepper_kin.planners.deadline import PausedClock, Slices, whole
 from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rejoin import Route, shortest_end
 from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
@@ -308,11 +309,14 @@ class PathSearch:
         problem: The planning problem.
         seed: Seed of all random choices.
         timeout: Time budget of search and short-cuts [s]; the latter may take a twentieth more.
+        clock: What measures it, and says when to pause; None for time that nothing stops.
     """
 
-    def __init__(self, problem: PathProblem, seed: int, timeout: float) -> None:
-        self._problem, self._seed, self._timeout = problem, seed, timeout
-        self._deadline = planners.Deadline(timeout)
+    def __init__(
+        self, problem: PathProblem, seed: int, timeout: float, clock: PausedClock | None = None
+    ) -> None:
+        self._problem, self._seed, self._timeout, self._clock = problem, seed, timeout, clock
+        self._deadline = planners.Deadline(timeout, clock)
         self._keys = stream_key(seed, 0), stream_key(seed, STREAM)
 
     def searched(self, compare: bool) -> tuple[planners.Result, Way | None]:
@@ -321,19 +325,27 @@ class PathSearch:
         Args:
             compare: Whether the path may end at another goal where that is nearer.
         """
+        return whole(self.searching(compare))
+
+    def searching(self, compare: bool) -> Slices[tuple[planners.Result, Way | None]]:
+        """Do what `searched` does, with pauses."""
         problem = self._problem
         with _workspace(problem.start.size, problem.free.size) as workspace:
             workspace.trees.counters[:] = 0
-            status, state = self._run(self._state(workspace, compare), SEARCH)
+            status, state = yield from self._run(self._state(workspace, compare), SEARCH)
             if status != SEARCH_ENDED:
                 return self._result(state), self._rounded(state, status)
-            result = self._elsewhere(state.trees)
+            result = yield from self._elsewhere(state.trees)
         if compare:
             result = compared(problem.search_problem, result, self._seed, self._timeout)
-        return result, None if result.path is None else self.along(result.path)
+        return result, None if result.path is None else (yield from self.shortening(result.path))
 
     def along(self, path: planners.Path) -> Way | None:
         """Shorten and round a valid path; return None where no spline was found that is clear."""
+        return whole(self.shortening(path))
+
+    def shortening(self, path: planners.Path) -> Slices[Way | None]:
+        """Do what `along` does, with pauses."""
         problem, short, stage = self._problem, path, SHORTEN
         if not problem.checks.compiled:
             stage = ROUNDING
@@ -348,7 +360,7 @@ class PathSearch:
                 workspace = workspace._replace(line=new_polyline(points))
             state = self._state(workspace, False)
             state.line.points[:size], state.line.counters[SIZE] = short.points, size
-            status, state = self._run(state, stage)
+            status, state = yield from self._run(state, stage)
             return self._rounded(state, status, path)
 
     def _state(self, workspace: _Workspace, compare: bool) -> PlanningState:
@@ -377,8 +389,11 @@ class PathSearch:
             problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
         )  # fmt: skip
 
-    def _run(self, state: PlanningState, stage: int) -> tuple[int, PlanningState]:
-        """Run to the end, whatever stops it meanwhile; return how it ended, and the state."""
+    def _run(self, state: PlanningState, stage: int) -> Slices[tuple[int, PlanningState]]:
+        """Run to the end, whatever stops it meanwhile; return how it ended, and the state.
+
+        What this thread keeps for checks may serve other motions in a pause, and is made ready again.
+        """
         checks, extended = self._problem.checks, False
         while True:
             status = int(checks.run(run, state, stage, self._deadline.time_slice, *self._keys))
@@ -386,7 +401,11 @@ class PathSearch:
             if status == OUT_OF_TIME:
                 if self._deadline.expired:
                     stage = ROUNDING if extended else SHORTEN_ON
-                    self._deadline, extended = planners.Deadline(self._timeout / 20), True
+                    self._deadline, extended = planners.Deadline(self._timeout / 20, self._clock), True
+                if self._deadline.pauses:
+                    yield
+                    check = checks.of_motion(self._problem.start, self._problem.free)
+                    state = state._replace(check=check, space=state.space._replace(memory=check.moving))
             elif status == TOO_MANY_POINTS:
                 line = new_polyline(grown(state.line.points, 2 * len(state.line.points)))
                 line.counters[:] = state.line.counters
@@ -428,14 +447,16 @@ class PathSearch:
             int(found.goal[0]), cost=float(found.cost[0]),
         )  # fmt: skip
 
-    def _elsewhere(self, trees: Trees) -> planners.Result:
+    def _elsewhere(self, trees: Trees) -> Slices[planners.Result]:
         """Return the result of a search that goes on for longer, or of one that cannot begin."""
         problem, deadline = self._problem.search_problem, self._deadline
+        if deadline.pauses:
+            yield
         if not trees.counters[ITERATIONS]:
             return planners.rrt_connect(problem, seed=self._seed, timeout=max(deadline.left, 1e-3))
         with machine_code_of(problem, deadline, counters=trees.counters) as code:
             search = Search(problem, code, trees, self._seed, None)
-            status = search.resumed(deadline)
+            status = yield from search.resuming(deadline)
         return search.ended(status, deadline, self._seed)
 
 

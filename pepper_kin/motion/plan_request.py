@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any, NamedTuple, cast
@@ -30,14 +30,14 @@ from pepper_kin.motion.plan_result import Ending
 from pepper_kin.motion.problem import check_robot, checked_start
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.planners.cbirrt import grow as grow_on_manifold
-from pepper_kin.planners.cbirrt import measure_rows, walk
-from pepper_kin.planners.constraint_manifold import edges_hold, project_rows
-from pepper_kin.planners.cost_descent import descend, measure_costs, shorten_by_cost
+from pepper_kin.planners.cbirrt import walk
+from pepper_kin.planners.constraint_manifold import edges_hold, measure_rows, project_rows
+from pepper_kin.planners.cost_descent import descend, measure_costs, price_at, shorten_by_cost
 from pepper_kin.planners.deadline import load_code
 from pepper_kin.planners.rejoin import shortest_end
+from pepper_kin.planners.search_space import last_valid_step
 from pepper_kin.planners.shortcut import drop_flat, shorten
 from pepper_kin.planners.transition_rrt import grow as grow_by_cost
-from pepper_kin.planners.transition_rrt import last_valid_step, price_at
 from pepper_kin.planners.tree import trace
 from pepper_kin.planners.tree_growth import first_round, grow
 from pepper_kin.planners.vectors import seed_number
@@ -61,6 +61,7 @@ class PlanOptions:
         balance: Distance of the center of mass from the edges of the wheels' triangle [m].
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
+        start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
     """
 
     planner: str = "rrt_connect"
@@ -75,6 +76,7 @@ class PlanOptions:
     balance: float | None = None
     payload: Mapping[str, float] | None = None
     smooth: bool = False
+    start_velocity: ArrayLike | None = None
 
     def keywords(self) -> dict[str, Any]:
         """Return the options as keywords of `plan`."""
@@ -99,6 +101,7 @@ class PlanRequest(NamedTuple):
         constraints: Tasks kept along the whole path, groups taken apart.
         costs: Soft costs; None without.
         ended: Makes the plan that is returned; its clock runs.
+        now: The clock [s].
     """
 
     checks: Checks
@@ -109,6 +112,7 @@ class PlanRequest(NamedTuple):
     constraints: tuple[Task, ...]
     costs: PathCosts | None
     ended: Ending
+    now: Callable[[], float] = time.perf_counter
 
     @property
     def deadline(self) -> float:
@@ -117,7 +121,7 @@ class PlanRequest(NamedTuple):
 
     def left(self, share: float = 1.0) -> float:
         """Return what is left of a share of the time budget [s], above zero."""
-        return max(self.ended.begin + share * self.options.timeout - time.perf_counter(), 1e-3)
+        return max(self.ended.begin + share * self.options.timeout - self.now(), 1e-3)
 
 
 def plan_request(
@@ -127,6 +131,7 @@ def plan_request(
     scene: Scene | None,
     options: PlanOptions,
     name: str | None = None,
+    now: Callable[[], float] = time.perf_counter,
 ) -> PlanRequest:
     """Check what was asked for, and load the code that it needs.
 
@@ -137,6 +142,7 @@ def plan_request(
         scene: The world around the robot.
         options: What was asked for.
         name: The planner's name in the plan; None: as in the options.
+        now: The clock of its time budget [s].
 
     Raises:
         InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
@@ -160,8 +166,8 @@ def plan_request(
     load_code_for(
         checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
     )
-    ended = Ending(pepper, time.perf_counter(), seed, name or options.planner, options.margin)
-    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended)
+    ended = Ending(pepper, now(), seed, name or options.planner, options.margin)
+    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended, now)
 
 
 @kept_for_robot(most=64)

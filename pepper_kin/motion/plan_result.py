@@ -26,7 +26,7 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.optimized import Optimized
     from pepper_kin.motion.path_costs import CostAlong
-    from pepper_kin.trajectory import Trajectory
+    from pepper_kin.trajectory import Splice, Trajectory
 
 
 class PlanStatus(ResultStatus):
@@ -43,6 +43,7 @@ class PlanStatus(ResultStatus):
         "Start with the center of mass nearer to the middle of the wheels, carry less, or reduce balance.",
     )
     START_TOO_NEAR = "start_too_near", "Move the robot or the obstacle apart, or reduce least_margin."
+    START_TOO_FAST = "start_too_fast", "Begin more slowly, or farther away from what is named."
     GOAL_IN_COLLISION = (
         "goal_in_collision",
         "Give another goal, or IK tasks: collision-free goals are then searched.",
@@ -90,7 +91,8 @@ class Plan:
         joint_names: Order of the joints.
         path: Way-points, shape (k, n), read-only [rad or m]; None unless solved.
         curve: The curve through the way-points that was examined against the scene all along, not only at
-            the way-points; `retime` times exactly it.  None unless solved, or where the start is the goal.
+            the way-points; `retime` times exactly it.  None unless solved, where the start is the goal, and
+            with `start_velocity`: the trajectory was examined then.
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
         search: What the planner returned: its path before it was smoothed, length and lower bound in its own
@@ -100,9 +102,11 @@ class Plan:
         constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
         costs: Soft costs along the curve, one after the other; empty where there are none.
-        trajectory: With `smooth=True` the motion to execute, from rest to rest: optimized, and then path and
-            curve are its own, or retimed where that is not better.  None otherwise, and where no timing is
-            within the limits: the message says why.
+        trajectory: With `start_velocity` the motion to execute, with `smooth=True` that from rest to rest:
+            optimized, and then path and curve are its own, or retimed where that is not better.  None
+            otherwise, and where no timing is within the limits: the message says why.
+        splice: With `start_velocity` how the motion goes on: straight, joined to the planned one, or after a
+            stop.  None otherwise.
         optimized: What the optimization returned; None where there was none.
         loads: What hung on the robot with a mass in the scene of the plan; `retime` counts it.
         states_checked: Number of configurations asked about.
@@ -126,6 +130,7 @@ class Plan:
     costs: tuple[CostAlong, ...] = ()
     search: Result | None = None
     trajectory: Trajectory | None = None
+    splice: Splice | None = None
     optimized: Optimized | None = None
     loads: Loads = ()
     evidence: Callable[[], float] | None = field(default=None, repr=False)
@@ -138,7 +143,7 @@ class Plan:
 
     @cached_property
     def margin(self) -> float:
-        """What the whole curve is proven to keep from the scene, up to the margin asked for [m].
+        """What the whole curve is proven to keep from the scene, up to the margin asked for [m]; nan without.
 
         Worked out when first asked for, by the compiled check and bounds on how far the body moves; see
         `pepper_kin.motion.margins.proven_margin`.  nan unless solved.
@@ -158,9 +163,9 @@ class Plan:
     @property
     def advice(self) -> str:
         """What to try, in a sentence."""
-        if self.success and self.curve is None:
-            return RESTS
-        return self.status.advice if self.trajectory is None else TIMED
+        if self.trajectory is not None:
+            return TIMED
+        return RESTS if self.success and self.curve is None else self.status.advice
 
     def report(self) -> str:
         """Say in plain words what was found, or why nothing was and what to try."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -19,19 +19,23 @@ from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
+from pepper_kin.motion.moving_plan import plan_in_motion
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import PathSearch, compared
 from pepper_kin.motion.plan_request import (
     PlanOptions,
+    PlanRequest,
     moves_base,
     plan_request,
     refuse_what_cannot_drive,
 )
 from pepper_kin.motion.plan_result import Plan, PlanStatus
-from pepper_kin.motion.problem import COARSE, RESOLUTION
+from pepper_kin.motion.problem import COARSE, RESOLUTION, Ends, PathProblem
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
+from pepper_kin.motion.waypoints import Way
 from pepper_kin.planners.aorrtc import checked_gap
+from pepper_kin.planners.deadline import PausedClock, Slices, whole
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -60,6 +64,7 @@ def plan(
     balance: float | None = None,
     payload: Mapping[str, float] | None = None,
     smooth: bool = False,
+    start_velocity: ArrayLike | None = None,
 ) -> Plan:
     """Plan a collision-free path.
 
@@ -88,17 +93,20 @@ def plan(
         smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
             within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
             the retimed plan stays, and the message says so.
+        start_velocity: With which the motion begins [rad/s or m/s], shape (n,): the plan is a motion then,
+            within the limits of velocity, acceleration and torque; see `plan_in_motion`.
 
     Returns:
-        The plan, with `smooth` its trajectory; without a path, its status and message say why, and what was
-        most often in the way.
+        The plan, with `smooth` or `start_velocity` its trajectory; without a path, its status and message say
+        why, and what was most often in the way.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
             costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
-            another planner; for soft costs with `smooth`; there also for a joint without limit of
-            acceleration.
-        LimitError: for a start or goal outside the joint limits, naming the joint.
+            another planner; for soft costs with `smooth`; there and with `start_velocity` also for a joint
+            without limit of acceleration; for a `start_velocity` of joints that may not move, or together
+            with a base that may, constraints, costs, `smooth`, or obstacles that move.
+        LimitError: for a start or goal outside the joint limits, or a velocity, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
     """
@@ -111,8 +119,10 @@ def plan(
     options = PlanOptions(
         planner=planner, joints=joints, constraints=constraints, costs=costs, margin=margin,
         least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
-        smooth=smooth,
+        smooth=smooth, start_velocity=start_velocity,
     )  # fmt: skip
+    if start_velocity is not None:
+        return plan_in_motion(pepper, start, goal, scene, options, _free_path)
     search = _free_path if not guided else costed_path if constraints is None else constrained_path
     found = search(pepper, start, goal, scene, options)
     return smoothed(pepper, found, scene, options) if smooth else found
@@ -125,26 +135,62 @@ def _free_path(
     scene: Scene | None,
     options: PlanOptions,
 ) -> Plan:
-    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`.
-
-    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
-    """
+    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`."""
     request = plan_request(pepper, start, goal, scene, options)
-    checks, ended, planner = request.checks, request.ended, options.planner
+    checks, ended = request.checks, request.ended
     ends = ends_of(request)
     if isinstance(ends, Plan):
         return ends
     if moves_base(pepper, ends.free):
         made = plan_drive(request, ends)
         return made if ends.ik is None else replace(made, ik=ends.ik)
+    problem, result, way, states = whole(path_found(request, ends))
+    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
+    if result.path is None:
+        searched = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        return ended(*why_no_path(problem, searched, request.seed), **more)
+    if way is None:
+        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
+    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
+    message += relaxation_sentence(problem, way.curve, options.margin)
+    return ended.solved(checks.exact, way.points, message, way.curve, **more)
+
+
+class PathFound(NamedTuple):
+    """What the searches of a path found.
+
+    Attributes:
+        problem: The last problem that was searched.
+        result: What its search returned.
+        way: The examined way along its path; None where there is none.
+        states: How many configurations all searches asked about.
+    """
+
+    problem: PathProblem
+    result: planners.Result
+    way: Way | None
+    states: int
+
+
+def path_found(request: PlanRequest, ends: Ends, clock: PausedClock | None = None) -> Slices[PathFound]:
+    """Search at falling margins, with pauses where a clock says so and the planner is "rrt_connect".
+
+    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+
+    Args:
+        request: What is planned, whose base does not drive where it points.
+        ends: Of the path.
+        clock: That of the request; None where nothing pauses.
+    """
+    checks, options, planner = request.checks, request.options, request.options.planner
     own, coarse, compare, states = planner in PLANNERS, planner == PLANNERS[0], ends.ik is not None, 0
-    drives = any(pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
+    drives = any(checks.pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
     at_once = coarse and checks.compiled and not drives
     for problem, share in falling_problems(checks, ends, options.margins, COARSE if coarse else RESOLUTION):
         for closer in (False, True) if coarse else (False,):
             posed, left = problem.finer() if closer else problem, request.left(share if own else 1.0)
             if at_once:
-                result, way = PathSearch(posed, request.seed, left).searched(compare)
+                result, way = yield from PathSearch(posed, request.seed, left, clock).searching(compare)
             else:  # OMPL's planners take all of the time
                 result, way = find_path(
                     posed.search_problem, planner, seed=request.seed, timeout=left, compare=compare,
@@ -158,15 +204,7 @@ def _free_path(
         states += result.states_checked
         if way is not None or not own:
             break
-    more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
-    if result.path is None:
-        whole = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
-        return ended(*why_no_path(problem, whole, request.seed), **more)
-    if way is None:
-        return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
-    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += relaxation_sentence(problem, way.curve, options.margin)
-    return ended.solved(checks.exact, way.points, message, way.curve, **more)
+    return PathFound(problem, result, way, states)
 
 
 def _how_short(result: planners.Result) -> str:

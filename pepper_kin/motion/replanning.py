@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
+from pepper_kin.motion.moving_plan import way_on
+from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
-from pepper_kin.trajectory import Splice, Trajectory, retime
+from pepper_kin.trajectory import Splice, Trajectory
 from pepper_kin.trajectory.splice import MovingStart
 
 
@@ -56,18 +59,13 @@ def replan(
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
     moving = MovingStart(pepper, trajectory, at, world, torque, balance)
-    found = moving.straight(goal, [], 1.0)
-    if found is not None:
-        return found
-    begin = moving.state[0] if moving.stopped is None else moving.stopped.end
-    way = plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=balance)
-    if way.success and way.curve is None:
-        found = moving.after_stop(goal)
-    elif way.success:
-        found = moving.onto(retime(pepper, way, torque=torque, balance=balance))
-    if found is None or found.how == "after a stop":
-        found = moving.straight(goal, []) or found
-    if found is None and not way.success:
+    limits = {"torque": torque, "balance": balance}
+
+    def search(begin: Array) -> Plan:
+        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=balance)
+
+    found, way = way_on(moving, goal[None], search, **limits)
+    if found is None and way is not None and not way.success:
         raise InfeasibleError("splice", way.message, way.advice)
     if found is None:
         reason = "something is in the way of a stop, and no way past it was found"

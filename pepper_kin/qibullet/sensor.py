@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pepper_kin.qibullet.errors import SimulationError
 from pepper_kin.qibullet.robot_module import RobotModule
-from pepper_kin.qibullet.simulation import SimulationError, finite
+from pepper_kin.qibullet.simulation import finite
 
 
 class Sensor(RobotModule):

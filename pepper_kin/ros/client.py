@@ -101,7 +101,7 @@ class RobotClient(Closable):
         self._states: dict[str, _JointState] = {}
         self._trouble = ""
         self._last_trouble = (float("-inf"), "")
-        self._motions: set[Supervisor] = set()
+        self._motions: set[Supervisor[Any]] = set()
         self._subscription = transport.subscribe(
             topic, "sensor_msgs/msg/JointState", RELIABLE, self._on_joint_states
         )

@@ -54,6 +54,12 @@ def serve(
     stamped: Annotated[
         bool, typer.Option("--stamped", help="Take TwistStamped on /cmd_vel, which Nav2 sends by default.")
     ] = False,
+    live: Annotated[
+        float | None,
+        typer.Option(
+            help="Go to the ends of trajectories, clear of what moves, at this share of the limits."
+        ),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the robot in the browser meanwhile.")] = False,
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let other machines reach it.")
@@ -77,7 +83,9 @@ def serve(
             page.open()
         try:
             with (
-                ros.RobotNode(robot, carrier, cameras=chosen, resolution=resolution, stamped=stamped) as node,
+                ros.RobotNode(
+                    robot, carrier, cameras=chosen, resolution=resolution, stamped=stamped, live=live
+                ) as node,
                 _recorded(node, record if log is None else None),
             ):
                 _print_start(transport, where, as_json)

@@ -19,6 +19,7 @@ from pepper_kin.ros.joint_trajectory import (
     tolerance_of,
     trajectory_of,
 )
+from pepper_kin.ros.live_goals import LiveGoal
 from pepper_kin.ros.message_parts import duration_message, header
 from pepper_kin.ros.transport import ActionServer, ServerGoal
 from pepper_kin.ros_messages import message_type
@@ -69,9 +70,9 @@ class Controller(ActionServer):
 
     def __init__(self, node: RobotNode, name: str, joints: Sequence[str]) -> None:
         self.node, self.name, self.joints = node, name, tuple(joints)
-        self.task: FollowTask | None = None
+        self.task: FollowTask | LiveGoal | None = None
         self._rows = [node.body.index[joint] for joint in joints]
-        self._goals: dict[bytes, FollowTask] = {}
+        self._goals: dict[bytes, FollowTask | LiveGoal] = {}
         self._canceled: set[bytes] = set()
         node.listen(f"/{name}/joint_trajectory", TRAJECTORY, self.on_trajectory)
         node.offer_action(f"/{name}/follow_joint_trajectory", ACTION, self)
@@ -84,8 +85,8 @@ class Controller(ActionServer):
         except TrajectoryRefusedError as error:
             logger.warning("%s: refused: %s", self.name, error)
 
-    def follow(self, message: Any, handle: ServerGoal | None = None) -> FollowTask:
-        """Follow a trajectory from now, or from the time in its header.
+    def follow(self, message: Any, handle: ServerGoal | None = None) -> FollowTask | LiveGoal:
+        """Follow a trajectory, or go to its end by a live motion, from now or the time in its header.
 
         Args:
             message: `trajectory_msgs/msg/JointTrajectory`.
@@ -100,14 +101,20 @@ class Controller(ActionServer):
         check_joints(names, self.joints, self.name)
         path = tolerance_of(goal.path_tolerance if goal is not None else (), names, float("inf"))
         end = tolerance_of(goal.goal_tolerance if goal is not None else (), names, GOAL_TOLERANCE)
-        late = (seconds(goal.goal_time_tolerance) if goal is not None else 0.0) or GOAL_TIME
+        stated = seconds(goal.goal_time_tolerance) if goal is not None else 0.0
+        late, live = stated or GOAL_TIME, self.node.live
         with body.time.lock:
             rows = [body.index[name] for name in names]
             lower, upper = body.pepper.lower_limits[rows], body.pepper.upper_limits[rows]
             rates = np.array([body.command_rate(name) for name in names])
             trajectory = trajectory_of(message, StartState(body.command[rows], rates, lower, upper))
             delay = self._delay(message, trajectory.duration)
-            task = FollowTask(trajectory, path, end, late, delay=delay)
+            task: FollowTask | LiveGoal
+            if live is None:
+                task = FollowTask(trajectory, path, end, late, delay=delay)
+            else:
+                patience = stated or float("inf")
+                task = live.goal(trajectory, path, end, late, delay=delay, patience=patience)
             if handle is not None:
                 task.on_step = _feedback_to(handle, names)
                 self._goals[handle.goal_id] = task

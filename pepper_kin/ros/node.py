@@ -19,6 +19,7 @@ from pepper_kin.ros.driver_services import DriverServices
 from pepper_kin.ros.errors import NotCarriedError
 from pepper_kin.ros.following import BrakeTask, FollowTask
 from pepper_kin.ros.kinematics_services import KinematicsServices
+from pepper_kin.ros.live_goals import LiveBrake, LiveDrive
 from pepper_kin.ros.message_parts import time_message
 from pepper_kin.ros.pictures import Pictures
 from pepper_kin.ros.planning import PlanningService
@@ -51,14 +52,17 @@ class RobotNode(Closable):
         command_timeout: A velocity command holds this long [s].
         stamped: Whether `/cmd_vel` is a TwistStamped, as Nav2 sends by default, not naoqi_driver2's Twist,
             over rclpy and Cyclone DDS; other transports take both.
+        live: Share of the limits of velocity and acceleration with which trajectories are not followed, but
+            their ends gone to by one live motion, clear of what moves; None to follow them.
 
     Attributes:
         topics: Name -> type of the topics that it publishes.
+        live: What moves the joints in place of trajectories; None where these are followed.
         epoch: Time of the clock at the body's start [s]: seconds since 1970 in real time, otherwise 0.
 
     Raises:
         UnknownNameError: for another camera.
-        InvalidValueError: for a command_timeout that is not above 0.
+        InvalidValueError: for a command_timeout that is not above 0, or a share that is not in (0, 1].
         TransportError: where the transport cannot carry something of it.
     """
 
@@ -73,6 +77,7 @@ class RobotNode(Closable):
         noise: bool = True,
         command_timeout: float = COMMAND_TIMEOUT,
         stamped: bool = False,
+        live: float | None = None,
     ) -> None:
         if not 0.0 < command_timeout < float("inf"):
             raise InvalidValueError("command_timeout", command_timeout, "a time above 0 s")
@@ -80,6 +85,7 @@ class RobotNode(Closable):
             if camera not in CAMERAS:
                 raise UnknownNameError("camera", camera, CAMERAS)
         self.body, self.transport, self.robot = body, transport, robot
+        self.live = None if live is None else LiveDrive(body, live)
         self.epoch = time.time() - body.time.now if body.time.real_time else 0.0
         self.topics: dict[str, str] = {}
         self._open: list[Closable] = []
@@ -176,7 +182,7 @@ class RobotNode(Closable):
                 if rest:
                     self.body.tasks.add(BrakeTask(rest))
             self.kill([task])
-        brakes = [t for t in self.body.tasks.using(resources) if isinstance(t, BrakeTask)]
+        brakes = [t for t in self.body.tasks.using(resources) if isinstance(t, BrakeTask | LiveBrake)]
         for brake in brakes:
             brake.resources.difference_update(resources)
 

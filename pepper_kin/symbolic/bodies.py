@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class Body:
     inertia: Inertia
 
 
-def numbers(array: NDArray[np.float64]) -> tuple:
+def numbers(array: NDArray[np.float64]) -> tuple[Any, ...]:
     """Return an array of any shape as nested tuples of Python floats."""
     return tuple(numbers(row) if np.ndim(row) else float(row) for row in array)
 

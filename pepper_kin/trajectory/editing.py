@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
+from pepper_kin.trajectory.samples import known
 from pepper_kin.trajectory.sampling import TIME_TOLERANCE
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def joined(first: Trajectory, second: Trajectory) -> Trajectory:
     order = max(first.coefficients.shape[1], second.coefficients.shape[1])
     breaks = np.concatenate([first.breaks, first.duration + second.breaks[1:]])
     parts = [_padded(one.coefficients, order) for one in (first, second)]
-    return _like(first, breaks, np.concatenate(parts))
+    return _sound(first, breaks, np.concatenate(parts))
 
 
 def blended(first: Trajectory, second: Trajectory, overlap: float) -> Trajectory:
@@ -105,6 +106,12 @@ def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Traject
     return type(trajectory)(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
 
+def _sound(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+    """Return the same of new arrays that are right where those of another trajectory were."""
+    arrays = {"breaks": read_only(breaks), "coefficients": read_only(coefficients)}
+    return known(type(trajectory), trajectory.joint_names, trajectory.joint_units, **arrays)
+
+
 def _padded(coefficients: Array, order: int) -> Array:
     """Return coefficients, shape (m, k, n), with zeros for higher powers, shape (m, order, n)."""
     count, known, n = coefficients.shape
@@ -123,7 +130,7 @@ def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
     segments, by = _places(trajectory, knots)
     kept = trajectory.coefficients[segments]
     order = int(np.flatnonzero(kept.any(axis=(0, 2))).max(initial=0)) + 1
-    return _like(trajectory, knots - knots[0], shifted(kept[:, :order], by))
+    return _sound(trajectory, knots - knots[0], shifted(kept[:, :order], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:

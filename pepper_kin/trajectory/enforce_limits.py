@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -70,6 +70,33 @@ def enforce_limits(
         InfeasibleError: where the robot could not even stand still in a position on the way, or where a joint
             moves whose limit of velocity or acceleration is zero.
     """
+    return rounded_and_slowed(pepper, trajectory, rounding, scene, payload).trajectory
+
+
+class Slowed(NamedTuple):
+    """A motion within the limits, and where it is slower than it was given.
+
+    Attributes:
+        trajectory: The motion.
+        curve: The rounded motion at full speed.
+        time: Times on the curve, evenly spaced [s], shape (T,).
+        speed: sigma there, 0 to 1, shape (T,).
+    """
+
+    trajectory: Trajectory
+    curve: Trajectory
+    time: Array
+    speed: Array
+
+
+def rounded_and_slowed(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    rounding: float,
+    scene: Scene | None = None,
+    payload: Mapping[str, float] | None = None,
+) -> Slowed:
+    """Do what `enforce_limits` does, with its arguments, and say where the motion is slowed down."""
     refuse_other_joints(pepper, trajectory.joint_names)
     h, loads = check_positive("rounding", rounding, "s"), loads_of(pepper, scene, payload)
     if h > trajectory.duration:
@@ -80,7 +107,7 @@ def enforce_limits(
     curve = _rounded(pepper, trajectory, h)
     s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
     speed = _speed(pepper, s, curve(s), loads)
-    return _run(curve, s, speed)
+    return Slowed(_run(curve, s, speed), curve, s, speed(s))
 
 
 def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajectory:

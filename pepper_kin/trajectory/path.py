@@ -220,10 +220,12 @@ def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
 
     Raises:
         InfeasibleError: with the plan's reason, where planning failed.
-        InvalidValueError: for a plan that leads nowhere.
+        InvalidValueError: for a plan that leads nowhere, or that is a motion already.
     """
     if not plan.success:
         raise _failed(plan)
+    if plan.curve is None and getattr(plan, "trajectory", None) is not None:
+        raise InvalidValueError("plan", "one that begins in motion", "its trajectory, which is timed")
     if plan.curve is None:
         raise InvalidValueError("plan", "a start that equals the goal", "a path longer than zero")
     return plan.curve

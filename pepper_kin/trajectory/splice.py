@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heapify, heappop, heappush
@@ -40,6 +41,7 @@ _SAME = 1e-9  # [rad or m]
 _LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
 _JOINS = 8  # instants of that motion at which it may arrive there
 _LONGEST = 2.0  # [s] on the way between the two
+_SPARE = 0.97  # of the acceleration with which a joint would do just enough
 _LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
 _LEAST = 0.04  # share of acceleration limits for a way between two motions
 _DOUBTFUL = 0.15  # share below which a stop and the way from there may end sooner
@@ -111,6 +113,8 @@ class MovingStart:
         scene: The world; None: nothing is said about what touches.
         torque: Whether torque is limited.
         balance: As in `retime`.
+        payload: As in `retime`.
+        margins: To the scene and to the robot itself, kept by all ways on but the stop [m].
     """
 
     def __init__(
@@ -119,19 +123,23 @@ class MovingStart:
         trajectory: Trajectory,
         at: float,
         scene: Scene | None,
-        torque: bool,
-        balance: float | None,
+        torque: bool = True,
+        balance: float | None = None,
+        *,
+        payload: Mapping[str, float] | None = None,
+        margins: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         refuse_other_joints(pepper, trajectory.joint_names)
         self.pepper, self.trajectory, self.scene = pepper, trajectory, scene
         if scene is not None and scene.movers:
             still = "obstacles that stand, as of scene.at(time); or `motion.LiveMotion`"
             raise InvalidValueError("scene", f"{scene.movers[0].name!r} moving", still)
-        self.at = checked_instant(trajectory, at)
-        self.limits = limits_of(pepper, motion_limits(pepper, torque=torque, balance=balance, scene=scene))
+        self.at, self._margins = checked_instant(trajectory, at), margins
+        allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
+        self.limits = limits_of(pepper, allowed)
         if not np.isfinite([self.limits.velocity, self.limits.acceleration]).all():
-            allowed = "finite limits of velocity and acceleration"
-            raise InvalidValueError("limits", "none for some joint", allowed)
+            expected = "finite limits of velocity and acceleration"
+            raise InvalidValueError("limits", "none for some joint", expected)
         now = trajectory(self.at)
         self.state: Array = np.stack([now.position, now.velocity])
 
@@ -139,10 +147,17 @@ class MovingStart:
     def stopped(self) -> Trajectory | None:
         """The stop along the motion; None where it touches something at a millisecond.
 
+        Where that leads beyond position limits, as a line may, joints go to where it meets them instead.
+
         Raises:
             InfeasibleError: as `stop` does.
         """
-        found = stop_within(self.pepper, self.trajectory, self.at, self.limits).trajectory
+        pepper, motion = self.pepper, self.trajectory
+        found = stop_within(pepper, motion, self.at, self.limits).trajectory
+        end = np.clip(found.end, pepper.lower_limits, pepper.upper_limits)
+        if np.abs(end - found.end).max() > _SAME:
+            steered = self._steered(self.state, end, [])
+            return None if steered is None else steered[0]
         if self.scene is None:
             return found
         states = found(sample_times(found.duration, EXAMINED_EVERY)).position
@@ -249,10 +264,13 @@ class MovingStart:
         names, used = first_exceeded(self.pepper, motion, self.limits)
         if not names and self.scene is not None:
             checks = curve_checks_for(self.pepper, checked_world(self.scene))
-            names = () if is_clear_along(checks, motion, held=False) else ("clearance",)
+            strictly = max(self._margins) > 0.0
+            clear = is_clear_along(checks, motion, self._margins, held=False, strictly=strictly)
+            names = () if clear else ("clearance",)
         return names, used
 
     def _slower(self, share: Array, used: Array) -> Array:
         """Return shares of accelerations, shape (n,), below those used, or for all joints where none is."""
-        blamed = np.isfinite(used) | np.isinf(used).all()
-        return np.where(blamed, _LESS * np.minimum(share, used / self.limits.acceleration), share)
+        if np.isinf(used).all():
+            return _LESS * share
+        return np.where(np.isfinite(used), np.minimum(share, _SPARE * used / self.limits.acceleration), share)

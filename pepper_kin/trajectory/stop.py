@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 _STEP = 0.005  # [s] greatest length of an interval
 _AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
 _SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
+_FEWEST = 0.4  # of an acceleration that is too great, left in one step
 _BLAMED = 0.5  # of the greatest contribution to what is exceeded
 _LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
 _ROUNDING = 1e-9  # of a limit
@@ -314,8 +315,9 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
     joint's acceleration.
 
     Returns:
-        As `exceeded_effects`; and the size of the acceleration there of each joint that contributes half as
-        much as any other or more, inf for others, shape (n,) [rad/s^2 or m/s^2].
+        As `exceeded_effects`; and of each joint that contributes half as much as any other or more the size
+        of its acceleration there with which the limit would just be kept, if all of these had as much less,
+        0.4 of what it is at least; inf for others, shape (n,) [rad/s^2 or m/s^2].
     """
     quantities, n = quantities_of(pepper, limits), pepper.n
     for state in _examined(quantities, motion):
@@ -328,8 +330,9 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
             left = _excess(quantities, without)[:, over].reshape(-1, n, over.size)
             gain = excess[worst, over][:, None] - left[each, :, each]
             blamed = gain > _BLAMED * np.maximum(gain.max(axis=1, keepdims=True), _ROUNDING)
-            used = np.where(blamed, np.abs(state[2, worst]), np.inf).min(axis=0)
-            return _names(quantities, over), used
+            enough = 1.0 - excess[worst, over] / np.maximum((gain * blamed).sum(axis=1), _ROUNDING)
+            kept = np.clip(enough, _FEWEST, 1.0)[:, None] * np.abs(state[2, worst])
+            return _names(quantities, over), np.where(blamed, kept, np.inf).min(axis=0)
     return (), np.full(n, np.inf)
 
 

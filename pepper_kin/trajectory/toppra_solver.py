@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows
+from pepper_kin.core.timing.whole_timing import CHECK_STEP
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.sampling import sample_times
-from pepper_kin.trajectory.time_optimal import CHECK_STEP, refuse_long
+from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.timing_problem import TimingProblem
 from pepper_kin.trajectory.trajectory import Trajectory
 

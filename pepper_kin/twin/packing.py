@@ -7,6 +7,7 @@ import math
 import zlib
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,7 +68,7 @@ def _bits(words: NDArray[np.int64]) -> NDArray[np.float64]:
     return np.log2(1.0 + np.abs(words.astype(np.float64))).sum(axis=0)
 
 
-def unpack(packed: NDArray[np.uint8]) -> NDArray:
+def unpack(packed: NDArray[np.uint8]) -> NDArray[Any]:
     """Return the array that was packed, to the last bit.
 
     Args:

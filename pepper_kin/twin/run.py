@@ -14,7 +14,8 @@ from pepper_kin.arrays import Array, FrozenArrays, kept_read_only
 from pepper_kin.collision.loads import checked_loads
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.files.table_file import TIME, PathName, load_table, save_table
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.files.table_file import TIME, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.status import ResultStatus
 

@@ -123,7 +123,7 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
         more.append(casadi.SX.sym("loads", PARAMETERS * len(variant.load_frames)))
     q, v = x["position"], x["velocity"]
     bias, gravity, mass = _terms(pepper, variant)(q, v, *more)
-    friction, stick, rotor, reading = 0, 0, 0, q
+    friction, stick, rotor, reading = casadi.SX(0), casadi.SX(0), casadi.SX(0), q
     if variant.motor:
         friction, stick = _traced(friction_segment)(x["coulomb"], v)
         stick, rotor = stick + x["viscous"], x["rotor"]

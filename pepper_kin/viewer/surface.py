@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def _smooth_surface(
     return split_at_creases(places, faces[~flat], crease_angle)
 
 
-def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> Surface:
+def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: float) -> Surface:
     """Give each vertex on a sharp edge one copy per smooth patch that meets there.
 
     Two corners at the same vertex belong together when their triangles share an edge at that vertex and bend
@@ -128,7 +128,7 @@ def split_at_creases(vertices: NDArray, faces: NDArray, crease_angle: float) -> 
     return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3).astype(np.uint32))
 
 
-def _least_connected(count: int, first: NDArray, second: NDArray) -> NDArray:
+def _least_connected(count: int, first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
     """Return the least node that each of `count` nodes is connected with, by edges from first to second.
 
     Each round lets the least of two joined nodes stand for what stood for both, and halves the ways there.
@@ -187,7 +187,7 @@ def capsule_surface(radius: float, length: float, segments: int = 24, rings: int
     return Surface(np.concatenate([ring, poles]), np.concatenate(faces))
 
 
-def balls_surface(points: NDArray, radius: float, most: int = 40_000) -> Surface:
+def balls_surface(points: NDArray[Any], radius: float, most: int = 40_000) -> Surface:
     """Make a little octahedron for each of many balls.
 
     Args:

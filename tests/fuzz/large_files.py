@@ -20,11 +20,13 @@ from reader_files import (
     COLLADA,
     DATASET_JOB,
     PLY,
+    POINTS,
     PROJECT,
     ROBOT,
     SCENE,
     arrays_of,
     packed,
+    point_arrays,
     policy_arrays,
     reach_arrays,
     recording_files,
@@ -182,6 +184,13 @@ def layer(size: int) -> bytes:
     hidden = 1000 * size // 28
     drawn = np.random.default_rng(0).normal(0.0, 1e-3, (4, hidden)).astype(np.float32)
     return packed({**policy_arrays(hidden), "weight_0": drawn})
+
+
+def frames(size: int) -> bytes:
+    """Return key points over many frames."""
+    count = 1000 * size // 60
+    points = np.random.default_rng(0).random((count, 2, 3))
+    return packed({**point_arrays(count), "points": points})
 
 
 def header(size: int) -> bytes:
@@ -463,6 +472,8 @@ FILES: dict[str, dict[str, Build]] = {
     "reach map": {"voxels": grid, "members of a map": members},
     "data set job": {"points of a job": scene_of_job, "brackets of a job": filled("", "[")},
     "policy": {"weights": layer, "members of a policy": members},
+    "key points": {"frames": frames, "members of key points": members},
+    "key points CSV": {"rows of points": filled(POINTS, lambda i: f"{i + 1},1,2,3\n")},
     "STL": {"triangles": triangles},
     "Pepper's meshes": {"triangles of a head": triangles},
     "audit of meshes": {"triangles that are shown": triangles},
@@ -494,7 +505,8 @@ REFUSED = {
     "brackets in YAML", "brackets of a job", "dashes", "a sum", "statements", "parentheses", "signs",
     "messages without data",
     "states without data", "a long definition", "a list in a header", "brackets in a header",
-    "members of a chunk", "members of a map", "members of a policy", "spaces", "slashes",
+    "members of a chunk", "members of a map", "members of a policy",
+    "members of key points", "spaces", "slashes",
     "3 billion vertices", "properties", "nodes twice in one another", "nodes in one another",
     "billion of vertices", "nodes",
 }  # fmt: skip

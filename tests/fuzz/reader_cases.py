@@ -20,6 +20,7 @@ from reader_checks import (
     exports,
     mesh,
     motion,
+    points,
     policy,
     reach,
     recording,
@@ -48,6 +49,7 @@ from reader_files import (
     EXPORT,
     OBJ,
     PLY,
+    POINTS,
     PROJECT,
     ROBOT,
     SCENE,
@@ -58,6 +60,7 @@ from reader_files import (
     dataset_files,
     gltf_binary,
     packed,
+    point_arrays,
     policy_arrays,
     reach_arrays,
     recording_files,
@@ -84,6 +87,7 @@ from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.learning import load_policy
 from pepper_kin.model import audit, compare, load_pepper, load_robot, pepper_urdf
+from pepper_kin.motion import read_key_points
 from pepper_kin.ros_messages import Bag
 from pepper_kin.twin import load_run
 from pepper_kin.twin.recording_header import HEADER
@@ -297,6 +301,10 @@ READERS: dict[str, Reader] = {
         lambda rng: changed_bytes(dataset_files()[SHARD], rng),
         beside=lambda: {k: v for k, v in dataset_files().items() if k != SHARD},
     ),
+    "key points": Reader(
+        "points.npz", with_path(read_key_points, points), archive_damage(lambda: packed(point_arrays()))
+    ),
+    "key points CSV": Reader("points.csv", with_path(read_key_points, points), text_damage(POINTS)),
     "STL": Reader(
         "part.stl", with_path(read_mesh, mesh), lambda rng: changed_bytes(binary_stl(), rng, (STL.encode(),))
     ),

@@ -16,6 +16,7 @@ from pepper_kin.kinematics import ReachMap
 from pepper_kin.learning import Policy
 from pepper_kin.model import FORMATS, load_robot
 from pepper_kin.model.dynamics_model import MOST_COMPUTED
+from pepper_kin.motion import KeyPoints
 from pepper_kin.ros_messages import Bag, decode, encode
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import load_recording
@@ -168,6 +169,14 @@ def dataset(folder: Path) -> None:
     rows = found.numpy()
     require(rows["row"].tolist() == list(range(len(found))), "rows")
     finite(rows["q"])
+
+
+def points(found: KeyPoints) -> None:
+    """Require places that are numbers or were not seen, at times that rise."""
+    finite(found.times)
+    require(bool(np.all(np.diff(found.times) > 0)), "times")
+    require(not np.isinf(found.points).any(), "places")
+    require(found.points.shape == (len(found.times), len(found.names), 3), "shape")
 
 
 def recording(folder: Path) -> None:

@@ -249,6 +249,16 @@ def policy_arrays(hidden: int = 3) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def point_arrays(frames: int = 3) -> dict[str, Any]:
+    """Return the arrays of key points over so many frames."""
+    points = np.ones((frames, 2, 3))
+    points[0, 1] = np.nan
+    return {"points": points, "names": np.array(["LWrist", "nose"]), "times": np.arange(frames) / 30.0}
+
+
+POINTS = "time,nose.x,nose.y,nose.z\n0,1,2,3\n0.1,,,\n0.2,1.5,nan,3\n"
+
+
 def packed(arrays: dict[str, Any]) -> bytes:
     """Return a NumPy archive."""
     content = io.BytesIO()

@@ -29,10 +29,10 @@ READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
     "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
-    "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run", "motion",
-    "recording header", "recording", "reach map", "policy", "data set job",
-    "manifest", "shard", "STL", "STL text", "OBJ", "COLLADA", "PLY",
-    "glTF", "Pepper's meshes",
+    "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run",
+    "motion", "recording header", "recording", "reach map", "policy", "data set job",
+    "manifest", "shard", "key points", "key points CSV", "STL",
+    "STL text", "OBJ", "COLLADA", "PLY", "glTF", "Pepper's meshes",
 )  # fmt: skip
 WITHOUT_LARGE = {
     "manifest",
@@ -59,7 +59,8 @@ FUNCTIONS = {
     "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
     "files.read_joint_states", "files.read_naoqi_export", "identification.read_log", "jobs.load_motion",
     "kinematics.ReachMap.load", "learning.load_policy",
-    "model.audit", "model.compare", "model.load_pepper", "model.load_robot", "twin.load_recording",
+    "model.audit", "model.compare", "model.load_pepper", "model.load_robot",
+    "motion.read_key_points", "twin.load_recording",
     "twin.load_run",
 }  # fmt: skip
 """Public functions that read files, all of which `reader_cases.py` and `reader_checks.py` call."""

@@ -50,7 +50,7 @@ def moving_contacts(pepper, found, see):
 
 def test_a_goal_is_reached_and_another_taken_on_the_way(careful):
     start, goal = careful.posture("Stand"), careful.joint_vector(GOAL)
-    with_live = LiveMotion(careful, start, patience=2.0)
+    with_live = LiveMotion(careful, start, budget=2.0)
     with_live.set_goal(goal)
     found = run(with_live, 0.5)
     with_live.set_goal(start)
@@ -74,7 +74,7 @@ def test_a_robot_stops_for_what_crosses_and_goes_on(careful):
         place = hand + np.array([-0.02, 0.5, 0.0]) + now * speed
         return pk.Scene().add_sphere("ball", 0.12, place, velocity=speed)
 
-    live = LiveMotion(careful, start, see(0.0), patience=2.0)
+    live = LiveMotion(careful, start, see(0.0), budget=2.0)
     live.set_goal(goal)
     found = run(live, 6.0, see)
     assert found[-1][1].status is LiveStatus.REACHED
@@ -101,7 +101,7 @@ def test_nothing_is_hit_while_obstacles_keep_to_their_uncertainty(careful, seed)
         return boxes
 
     boxes = see(0.0)
-    live = LiveMotion(careful, start, boxes, patience=2.0)
+    live = LiveMotion(careful, start, boxes, budget=2.0)
     live.set_goal(careful.joint_vector(GOAL))
     found = run(live, 3.0, see)
     assert moving_contacts(careful, found, see) == 0
@@ -119,7 +119,7 @@ def test_a_robot_that_is_behind_hits_nothing_either(careful):
                 place = hand + np.array([apart - 0.4 * now, 0.0, 0.0])
                 return pk.Scene().add_sphere("ball", 0.08, place, velocity=(-0.4, 0.0, 0.0))
 
-            live = LiveMotion(careful, start, see(0.0), patience=2.0, delay=known)
+            live = LiveMotion(careful, start, see(0.0), budget=2.0, delay=known)
             live.set_goal(goal)
             found = run(live, 1.5, see)
             hits[known] += moving_contacts(careful, found, lambda at, see=see: see(at + 0.3))
@@ -134,16 +134,74 @@ def test_a_way_around_what_stands_is_planned(careful):
     bar = pk.Scene().add_box("bar", (0.06, 0.3, 0.06), (a + b) / 2 + np.array([0.1, 0.0, 0.0]))
     straight = pk.retime(careful, [start, goal])
     assert straight.check(careful, bar).clearance.value < 0.0
-    live = LiveMotion(careful, start, bar, patience=5.0)
+    live = LiveMotion(careful, start, bar, budget=5.0)
     live.set_goal(goal)
     found = run(live, 12.0)
     assert found[-1][1].status is LiveStatus.REACHED
     assert moving_contacts(careful, found, lambda _: bar) == 0
 
 
+def test_a_way_that_is_given_is_gone_along(careful):
+    """At rest it is the motion, slower where limits ask for that; in motion it is joined."""
+    start, via, goal = (careful.joint_vector(x) for x in ({}, {"HeadYaw": 0.8, "LShoulderRoll": 0.4}, GOAL))
+    way = pk.retime(careful, [start, via, goal])
+    for given, factor in ((way, 1.0), (way.scaled(0.5), 2.0)):
+        live = LiveMotion(careful, start, budget=2.0)
+        live.set_goal(goal, given)
+        found = run(live, way.duration + 0.5)
+        assert found[-1][1].status is LiveStatus.REACHED
+        for now, state in found[1:-20]:
+            assert np.allclose(state.at(now).position, given(now / factor).position, rtol=0, atol=1e-6)
+    live = LiveMotion(careful, start, budget=2.0)
+    live.set_goal(careful.joint_vector({"RShoulderPitch": 0.8}))
+    now, state = run(live, 0.3)[-1]
+    live.set_goal(goal, way)
+    later = run(live, 5.0, began=now + CYCLE)
+    assert later[-1][1].status is LiveStatus.REACHED
+    joined = np.array([one.at(at).position for at, one in later])
+    assert np.abs(joined[:, None] - way(np.linspace(0, way.duration, 400)).position).max(axis=2).min() < 0.02
+    with pytest.raises(InvalidValueError, match="way"):
+        live.set_goal(start, way)
+    with pytest.raises(InvalidValueError):
+        live.set_goal(goal, pk.Trajectory(("HeadYaw",), [0.0, 1.0], np.zeros((1, 1, 1))))
+
+
+def test_a_given_way_that_is_not_clear_or_too_heavy_is_left(careful):
+    start, goal = careful.posture("Stand"), careful.joint_vector(GOAL)
+    hand = pk.kinematics.frame_pose(careful, careful.joint_vector({"LShoulderPitch": -0.5}), "l_gripper")
+    ball = pk.Scene().add_sphere("ball", 0.1, hand[:3, 3])
+    away = pk.retime(careful, [start, careful.joint_vector({"LShoulderPitch": -0.8}), goal])
+    assert away.check(careful, ball).clearance.value < 0.0
+    jumps = pk.Trajectory(careful.joint_names, [0.0, 1.0], np.stack([start, goal - start])[None])
+    for way in (away, jumps):
+        live = LiveMotion(careful, start, ball, budget=2.0)
+        live.set_goal(goal, way)
+        found = run(live, 4.0)
+        assert found[-1][1].status is LiveStatus.REACHED
+        assert moving_contacts(careful, found, lambda _: ball) == 0
+
+
+def test_a_search_pauses_where_its_budget_is_spent_and_goes_on(careful):
+    """A wall with a slit: no cycle waits for the search, which takes some of them."""
+    start = careful.joint_vector({"RShoulderPitch": 0.9, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})
+    goal = careful.joint_vector({"RShoulderPitch": -0.5, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})
+    a, b = (pk.kinematics.frame_pose(careful, q, "r_gripper")[:3, 3] for q in (start, goal))
+    bar = pk.Scene().add_box("bar", (0.06, 0.3, 0.06), (a + b) / 2 + np.array([0.1, 0.0, 0.0]))
+    live = LiveMotion(careful, start, bar, budget=2e-4)
+    live.set_goal(goal)
+    found = run(live, 12.0)
+    searching = [state for _, state in found if state.searching]
+    assert len(searching) > 2
+    assert all(state.status is not LiveStatus.REACHED for state in searching)
+    assert all(state.status is not LiveStatus.HALTED for _, state in found)
+    assert moving_contacts(careful, found, lambda _: bar) == 0
+    live.set_goal(None)
+    assert not run(live, 0.1, began=found[-1][0] + CYCLE)[-1][1].searching
+
+
 @pytest.mark.parametrize("gap", [0.1, 0.3, 1.0, 10.0])
 def test_a_loop_that_is_starved_finds_the_robot_on_its_stop(careful, gap):
-    live = LiveMotion(careful, careful.posture("Stand"), patience=2.0)
+    live = LiveMotion(careful, careful.posture("Stand"), budget=2.0)
     live.set_goal(careful.joint_vector(GOAL))
     now, state = run(live, 0.4)[-1]
     assert state.status is LiveStatus.MOVING
@@ -157,7 +215,7 @@ def test_a_loop_that_is_starved_finds_the_robot_on_its_stop(careful, gap):
 
 
 def a_moment_on(careful):
-    live = LiveMotion(careful, careful.posture("Stand"), patience=2.0)
+    live = LiveMotion(careful, careful.posture("Stand"), budget=2.0)
     live.set_goal(careful.joint_vector(GOAL))
     now, state = run(live, 0.4)[-1]
     return live, now + CYCLE, state
@@ -205,7 +263,7 @@ def test_what_is_refused(careful):
     stand = careful.posture("Stand")
     with pytest.raises(InvalidValueError, match="in contact"):
         LiveMotion(careful, stand, pk.Scene().add_sphere("ball", 0.3, (0.0, 0.0, 0.9)))
-    for option in ("rate", "horizon", "margin", "delay", "tolerance", "patience"):
+    for option in ("rate", "horizon", "margin", "delay", "tolerance", "budget"):
         with pytest.raises(InvalidValueError, match=option):
             LiveMotion(careful, stand, **{option: -1.0})
     live = LiveMotion(careful, stand)

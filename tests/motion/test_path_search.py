@@ -10,9 +10,14 @@ from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.motion import path_search
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
+from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.path_search import PathSearch
+from pepper_kin.motion.plan_request import PlanOptions, plan_request
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.planning import path_found
 from pepper_kin.motion.problem import COARSE, path_problem
 from pepper_kin.planners import tree
+from pepper_kin.planners.deadline import PausedClock, whole
 from pepper_kin.trajectory.path import as_cubic_path
 
 PEPPER = pk.load_pepper()
@@ -42,6 +47,39 @@ def test_the_path_is_that_of_the_planner_alone_also_where_arrays_run_full(monkey
     segments = np.arange(len(way.curve.breaks) - 1)
     for share in np.linspace(0.0, 1.0, 30):
         assert not coal.in_collision(way.curve.at(segments, share * np.diff(way.curve.breaks))).any()
+
+
+def test_a_search_in_slices_is_the_same_whatever_is_computed_in_its_pauses():
+    """Checks of the same robot in other scenes, at other margins, use this thread's tables meanwhile."""
+    rng, paused, lower, upper = np.random.default_rng(2), 0, PEPPER.lower_limits, PEPPER.upper_limits
+    other = pk.Scene().add_sphere("ball", 0.3, (0.4, 0.3, 0.9))
+    for seed in range(40):
+        low, high = rng.uniform(lower, upper, (2, PEPPER.n))
+        low[:3] = high[:3] = 0.0
+        options = PlanOptions(seed=seed, timeout=0.3)
+        request = plan_request(PEPPER, low, high, TABLE, options)
+        ends = ends_of(request)
+        if isinstance(ends, Plan):
+            continue
+        at_once = whole(path_found(request, ends))
+        clock = PausedClock()
+        slices = path_found(plan_request(PEPPER, low, high, TABLE, options, now=clock.now), ends, clock)
+        while True:
+            clock.resume(1e-6)
+            try:
+                next(slices)
+            except StopIteration as end:
+                found = end.value
+                break
+            clock.pause()
+            paused += 1
+            PathSearch(path_problem_of_table(), seed, 1.0).searched(False)
+            pk.plan(PEPPER, low, high, other, timeout=0.01)
+        assert (found.way is None) == (at_once.way is None)
+        if found.way is not None:
+            np.testing.assert_array_equal(found.way.points, at_once.way.points)
+            assert found.states == at_once.states
+    assert paused >= 5
 
 
 def test_another_goal_ends_the_path_where_that_is_shorter():

@@ -187,7 +187,7 @@ def test_a_live_motion_goes_where_its_goal_goes(robot):
     turned, reaching, head = stand.copy(), stand.copy(), pepper.joint_index("HeadYaw")
     turned[head], reaching[pepper.joint_index("LShoulderPitch")] = 0.6, 0.6
     goals = [turned, reaching, stand]
-    live = LiveMotion(careful, robot.state().of(pepper.joint_names), tolerance=1.5, patience=1.0)
+    live = LiveMotion(careful, robot.state().of(pepper.joint_names), tolerance=1.5, budget=1.0)
     seen, said_no = [], []
 
     def each_cycle(now, state):
@@ -212,7 +212,7 @@ def test_a_live_motion_goes_where_its_goal_goes(robot):
 
 def test_an_error_in_a_cycle_of_a_live_motion_stops_the_robot(robot):
     pepper = pk.load_pepper()
-    live = LiveMotion(pepper, robot.state().of(pepper.joint_names), tolerance=1.5, patience=1.0)
+    live = LiveMotion(pepper, robot.state().of(pepper.joint_names), tolerance=1.5, budget=1.0)
     live.set_goal(waving()(1.0).position)
     seen = []
 

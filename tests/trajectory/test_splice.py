@@ -176,11 +176,12 @@ def test_the_joints_to_blame_are_those_the_mass_matrix_names(pepper):
             row = dynamics.mass_matrix(pepper, knots.position[worst])[j] * acceleration
             gain = np.abs(torque[worst, j]) - np.abs(torque[worst, j] - row)
             blamed = gain > 0.5 * max(gain.max(), 1e-9)
-            expected[blamed] = np.minimum(expected, np.abs(acceleration))[blamed]
+            enough = max(1.0 - excess[worst, j] / max(gain[blamed].sum(), 1e-9), 0.4)
+            expected[blamed] = np.minimum(expected, enough * np.abs(acceleration))[blamed]
         if np.isfinite(expected).any():
             seen += 1
             assert names == ("torque",)
-            assert np.allclose(used, expected, rtol=1e-9, atol=0)
+            assert np.allclose(used, expected, rtol=1e-6, atol=0)
     assert seen > 10
 
 

@@ -101,5 +101,5 @@ def test_both_solvers_take_the_same_steps():
         solved += 1
         for a, b in zip(first.bodies.values(), second.bodies.values(), strict=True):
             assert b.velocity[:3] == pytest.approx(a.velocity[:3], abs=1e-4)
-            assert b.velocity[3:] == pytest.approx(a.velocity[3:], abs=1e-3)  # 1e-4 m/s on 0.1 m
+            assert b.velocity[3:] == pytest.approx(a.velocity[3:], abs=2e-3)  # 1e-4 m/s, half a box away
     assert solved > 30

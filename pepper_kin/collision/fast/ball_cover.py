@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.collision.fast.solids import BOX, CLOUD, CYLINDER, HULL, Solid
+from pepper_kin.collision.fast.solids import Solid
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_within_planes
+from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL
 
 WASTE = 0.008
 """How much a covering ball may be larger than the capsule that it helps to cover [m]."""

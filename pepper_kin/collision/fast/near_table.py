@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -60,7 +61,7 @@ def _make_table(pepper: PepperModel, structure: Structure) -> NearTable:
     return NearTable(*_tree(pepper), shapes, np.concatenate(vertices), pairs, reaches, keep)
 
 
-def among(table: NearTable, chosen: NDArray) -> NearTable:
+def among(table: NearTable, chosen: NDArray[Any]) -> NearTable:
     """Return a table of some of the pairs: a mask, shape (m,), or places."""
     return table._replace(pairs=table.pairs[chosen], reaches=table.reaches[chosen], keep=table.keep[chosen])
 

@@ -20,10 +20,11 @@ from pepper_kin.collision.bodies import (
 )
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.ball_cover import ball_around, ball_cover
-from pepper_kin.collision.fast.solids import HULL, OTHER, Solid, simple_shape, solid_of
+from pepper_kin.collision.fast.solids import Solid, simple_shape, solid_of
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import AttachedObject, SceneObject
+from pepper_kin.core.collision.layout import HULL, OTHER
 from pepper_kin.core.collision.scene_rows import ROW, write_simple_rows
 from pepper_kin.core.collision.scene_trees import write_gaps
 from pepper_kin.model import PepperModel, kept_for_robot

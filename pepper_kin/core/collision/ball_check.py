@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from pepper_kin.arrays import Array
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.clouds import cloud_at, field_squared, nearest_squared
 from pepper_kin.core.collision.layout import CLOUD, CYLINDER
@@ -105,7 +106,7 @@ class Tables(NamedTuple):
 
 
 @compiled
-def tables_of(memory: at.Array) -> Tables:
+def tables_of(memory: Array) -> Tables:
     """Return the tables of a block, shape (s,), and of its scene."""
     numbers, here, scene = at.section(memory, at.NUMBERS), at.address_of, at.scene_of(memory)
     return Tables(

@@ -75,6 +75,9 @@ so many, and at most so many without a gain (iterated local search: Lourenco, Ma
 GAINED = 1e-3
 """A smaller gain, as a part of the cost, is none: half of it as a part of the weighted distance."""
 
+STEPS_CLEAR = 12
+"""Steps that move clear what is not to be the closest configuration."""
+
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
 """Starts and steps for the question whether the joints without limits would reach the target."""
 
@@ -201,6 +204,20 @@ def _search_closest(
 
 
 @compiled
+def _move_clear(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+    """Move what was found clear of collisions, or back to q0.  Arguments and shapes as of `_search_round`."""
+    problem, n = search.problem, search.problem.reference.size
+    workspace.inputs[:n] = problem.reference
+    evaluate(problem, workspace.inputs, workspace.result)
+    _take_better(search, workspace, best, answer)
+    workspace.inputs[:n] = search.start
+    answer[n + problem.tolerance.size + ITERATIONS] += descend(
+        problem, search.tests, workspace, STEPS_CLEAR, SEARCH_GAIN, 0, FIRM_CLEARING[0]
+    )
+    _take_better(search, workspace, best, answer)
+
+
+@compiled
 def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
     """Descend from `inputs`, with more weight on the distances where that ends in contact.
 
@@ -256,13 +273,16 @@ def search_among_obstacles(
     if met and larger.stop[0] == 0:
         larger.inputs[:n] = search.start
         _descend_clear(wide, larger, best, answer)
-        for _ in range(1 if few else WIDE_ROUNDS):
+        for _ in range(1 if few or not options.closest else WIDE_ROUNDS):
             number += STARTS + WIDE_STARTS
             _search_round(wide, larger, min(WIDE_STARTS, options.restarts), number, best, answer)
             if _is_solved(best) or larger.stop[0] != 0:
                 break
     if not _is_solved(best):
-        _search_closest(wide, larger, number + WIDE_STARTS, best, answer)
+        if options.closest:
+            _search_closest(wide, larger, number + WIDE_STARTS, best, answer)
+        else:
+            _move_clear(wide, larger, best, answer)
     workspace.stop[0] = larger.stop[0]
     if _is_solved(best):
         return SOLVED

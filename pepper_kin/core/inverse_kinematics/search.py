@@ -87,6 +87,7 @@ class SearchOptions(NamedTuple):
         max_iterations: Steps from each start.
         thorough: Whether to continue the search where what was found touches something, and to test whether
             joint limits are in the way; else it is only moved clear.
+        closest: Whether to search for the closest configuration where the tasks are not met.
         stop_when_met: Whether a descent ends once all tasks are well met.
         clock: Address of `clock_gettime`.
         deadline: When to stop [s], infinite for never.
@@ -99,6 +100,7 @@ class SearchOptions(NamedTuple):
     restarts: int
     max_iterations: int
     thorough: bool
+    closest: bool
     stop_when_met: bool
     clock: int
     deadline: float

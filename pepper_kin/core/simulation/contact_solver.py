@@ -354,14 +354,16 @@ def _add_responses(
         k = columns[b]
         if k < 0:
             continue
+        lightness = 1.0 / bodies.mass[b]
+        easy = (1.0 / inertia[b, 0], 1.0 / inertia[b, 1], 1.0 / inertia[b, 2])
         for r in range(rows):
             for i in range(3):
-                response[r, k + i] = jacobian[r, k + i] / bodies.mass[b]
+                response[r, k + i] = jacobian[r, k + i] * lightness
             for o in range(3):
                 turned = 0.0
                 for i in range(3):
                     turned += rotation[b, i, o] * jacobian[r, k + 3 + i]
-                turned /= inertia[b, o]
+                turned *= easy[o]
                 for i in range(3):
                     response[r, k + 3 + i] += rotation[b, i, o] * turned
 
@@ -480,7 +482,7 @@ def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> Non
     """Write mu |v_t| of every point before the step, and the rates; shapes as at the top."""
     multiply(problem.jacobian, problem.start, rates)
     for c in range(len(share)):
-        share[c] = problem.friction[c] * math.hypot(rates[3 * c + 1], rates[3 * c + 2])
+        share[c] = problem.friction[c] * math.sqrt(rates[3 * c + 1] ** 2 + rates[3 * c + 2] ** 2)
 
 
 @compiled(lean=True)
@@ -505,7 +507,7 @@ def _deviation(
         if impulses[3 * c] <= 0.0 and rates[3 * c] + problem.bias[c] > -COULOMB_TOLERANCE:
             continue
         first, second = abs(rates[3 * c + 1]), abs(rates[3 * c + 2])
-        length = math.hypot(first, second)
+        length = math.sqrt(first * first + second * second)
         off = problem.friction[c] * (length - max(first, second))
         worst = max(worst, off + abs(problem.friction[c] * length - share[c]))
     return worst

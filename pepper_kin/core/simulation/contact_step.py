@@ -19,6 +19,7 @@ from pepper_kin.core.simulation.contact_solver import (
 from pepper_kin.core.simulation.free_bodies import apply_gravity, integrate_bodies
 from pepper_kin.core.simulation.narrow_phase import (
     MOST_POINTS,
+    WORK_ROWS,
     BodyTable,
     ContactPoints,
     ShapeTable,
@@ -81,6 +82,7 @@ def world_tables(
         undecided=np.zeros((MOST_POINTS, 2), np.int64),
         room=np.empty(room_for(MOST_POINTS, joints + 6 * len(bodies.mass))),
         columns=np.zeros(len(bodies.mass), np.int64),
+        work=np.empty((WORK_ROWS, 3)),
     )
     state = SolverState(
         velocity=np.zeros(joints + 6 * len(bodies.mass)),
@@ -207,7 +209,7 @@ def push_apart(world: WorldTables, robot: RobotMotion, h: float) -> int:
             for i in range(6):
                 bodies.velocity[b, i] = before[b, i]
         return NOT_FINITE
-    integrate_bodies(bodies, h)
+    integrate_bodies(bodies, h, points.work)
     row = state.numbers[4]
     if row < len(state.wrench):
         _add_wrench(count, world.shapes.of_robot, points, state.forces, state.wrench[row])

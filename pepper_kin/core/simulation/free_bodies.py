@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from pepper_kin.core.simulation.contact_solver import FASTEST
 from pepper_kin.core.simulation.narrow_phase import BodyTable
 from pepper_kin.kernels.compiled_function import compiled
@@ -17,18 +15,18 @@ LARGEST_TURN = 0.5
 """Turns are taken in parts of this size, for which the iteration converges for every body [rad]."""
 
 
-@compiled
-def integrate_bodies(bodies: BodyTable, h: float) -> None:
+@compiled(lean=True)
+def integrate_bodies(bodies: BodyTable, h: float, work: Floats2) -> None:
     """Move all bodies by h [s], in place: x+ = x + h v, and the free turning of a rigid body.
 
-    In the body's frame, with W its angular velocity and I its principal moments, the implicit midpoint rule
+    `work` is memory of shape (>= 6, 3).  In the body's frame, with W its angular velocity and I its principal
+    moments, the implicit midpoint rule
 
         I (W+ - W) = -h w x I w,   w = (W + W+) / 2,   R+ = R cay(h w),
 
     keeps kinetic energy and angular momentum to the accuracy of its solution (1e-14), because both are
     quadratic (Hairer, Lubich and Wanner, Geometric Numerical Integration, 2006, IV.2.1 and VII.5).
     """
-    work = np.empty((6, 3))
     for b in range(len(bodies.mass)):
         turning = 0.0
         for i in range(3):
@@ -50,7 +48,7 @@ def apply_gravity(bodies: BodyTable, h: float) -> bool:
     return total < FASTEST
 
 
-@compiled
+@compiled(lean=True)
 def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work: Floats2) -> None:
     """Turn a body freely; see `integrate_bodies`.
 
@@ -59,9 +57,9 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work:
         angular: Angular velocity in the world, overwritten, shape (3,) [rad/s].
         inertia: Principal moments, shape (3,) [kg m^2].
         h: Time [s].
-        work: Memory, shape (6, 3).
+        work: Memory, shape (>= 6, 3).
     """
-    start, now, middle, turned = work[0], work[1], work[2], work[3:]
+    start, now, middle, turned = work[0], work[1], work[2], work[3:6]
     for i in range(3):
         start[i] = 0.0
         for k in range(3):
@@ -95,7 +93,7 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work:
         angular[i] = rotation[i, 0] * now[0] + rotation[i, 1] * now[1] + rotation[i, 2] * now[2]
 
 
-@compiled
+@compiled(lean=True)
 def _orthonormalize(turned: Floats2, rotation: Floats2) -> None:
     """Write a rotation from one that has collected rounding errors, shape (3, 3) each."""
     for row in range(2):

@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
-
 from pepper_kin.core.simulation.tree_motion import TreeMotion
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
@@ -30,6 +28,8 @@ MOST_POINTS = 256
 """Contact points at one time."""
 OUTLINE_ROWS = 16
 """Rows that an outline needs while it is cut."""
+WORK_ROWS = 2 * OUTLINE_ROWS + 12
+"""Vectors of memory: those of the innermost function, then what calls it, then two outlines."""
 
 
 class ShapeTable(NamedTuple):
@@ -106,6 +106,7 @@ class ContactPoints(NamedTuple):
         undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
         room: Memory for their problem, see `contact_solver.room_for`.
         columns: Memory, one for each free body, shape (b,).
+        work: Memory, shape (WORK_ROWS, 3).
     """
 
     rows: Floats2
@@ -113,18 +114,20 @@ class ContactPoints(NamedTuple):
     undecided: Ints2
     room: Floats1
     columns: Ints1
+    work: Floats2
 
 
 Vector: TypeAlias = tuple[float, float, float]
 
 
 class Solid(NamedTuple):
-    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,)."""
+    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,); and memory."""
 
     kind: int
     size: Floats1
     rotation: Floats2
     position: Floats1
+    work: Floats2
 
 
 @compiled(lean=True)
@@ -209,7 +212,7 @@ def find_contacts(
                     apart = math.sqrt(square) - radii
                 continue
         _place(j, shapes, at, bodies)
-        first, second = _solid(shapes, i), _solid(shapes, j)
+        first, second = _solid(shapes, i, points.work), _solid(shapes, j, points.work)
         if b in (BOX, HALF_SPACE):
             height = _height_above(second, shapes.middle[i], shapes.ball[i, 3])
             if height > margin:
@@ -254,9 +257,9 @@ def find_contacts(
 
 
 @compiled(lean=True, inline=True)
-def _solid(shapes: ShapeTable, row: int) -> Solid:
-    """Return a shape where it is."""
-    return Solid(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row])
+def _solid(shapes: ShapeTable, row: int, work: Floats2) -> Solid:
+    """Return a shape where it is, with memory of shape (WORK_ROWS, 3)."""
+    return Solid(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row], work)
 
 
 @compiled(lean=True)
@@ -277,20 +280,19 @@ def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
 
 
 @compiled(lean=True)
-def _reach(solid: Solid, x: float, y: float, z: float) -> float:
-    """Return the greatest x . p of a shape's points p along a unit vector (x, y, z) [m]."""
-    kind, size, rotation, center = solid
-    middle = x * center[0] + y * center[1] + z * center[2]
+def _extent(solid: Solid, x: float, y: float, z: float) -> float:
+    """Return how far a shape reaches beyond its center along a unit vector (x, y, z), and against it [m]."""
+    kind, size, rotation = solid.kind, solid.size, solid.rotation
     if kind == BALL:
-        return middle + size[0]
+        return size[0]
     along = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
     if kind == CAPSULE:
-        return middle + size[0] + size[1] * abs(along)
+        return size[0] + size[1] * abs(along)
     if kind == CYLINDER:
-        return middle + size[0] * math.sqrt(max(0.0, 1.0 - along * along)) + size[1] * abs(along)
+        return size[0] * math.sqrt(max(0.0, 1.0 - along * along)) + size[1] * abs(along)
     first = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
     second = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
-    return middle + size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
+    return size[0] * abs(first) + size[1] * abs(second) + size[2] * abs(along)
 
 
 @compiled(lean=True)
@@ -302,7 +304,7 @@ def _write_corner(
         points[row, i] = center[i] + along * axis[i] + out * outward[i]
 
 
-@compiled
+@compiled(lean=True)
 def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
     """Write the end or the side of a cylinder that faces along d; return how many points.
 
@@ -314,7 +316,7 @@ def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2)
         points: Written, shape (4, 3) [m].
     """
     size, center = solid.size, solid.position
-    outward, side = np.empty(3), np.empty(3)
+    outward, side = solid.work[0], solid.work[1]
     least = 0
     for i in range(3):
         outward[i] = d[i] - along * axis[i]
@@ -344,7 +346,7 @@ def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2)
     return 4
 
 
-@compiled
+@compiled(lean=True)
 def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
     """Write the point, the ends of the line or the corners of the face of a shape that is farthest along d.
 
@@ -357,8 +359,8 @@ def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
         How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
         cylinder's end, in the order of their outline.
     """
-    kind, size, rotation, center = solid
-    axis = np.empty(3)
+    kind, size, rotation, center = solid.kind, solid.size, solid.rotation, solid.position
+    axis = solid.work[2]
     along = 0.0
     for i in range(3):
         axis[i] = rotation[i, 2]
@@ -407,7 +409,11 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
         axis = side % 2
         half = half_u if axis == 0 else half_v
         sign = 1.0 if side < 2 else -1.0
-        kept = 0
+        kept, within = 0, True
+        for k in range(count):
+            within = within and half - sign * outline[k, axis] >= 0
+        if within:
+            continue
         for k in range(count):
             here = half - sign * outline[k, axis]
             if here >= 0:
@@ -416,7 +422,7 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
                 kept += 1
             if count == 1 or (count == 2 and k == 1):
                 continue
-            after = (k + 1) % count
+            after = k + 1 if k + 1 < count else 0
             there = half - sign * outline[after, axis]
             if (here >= 0) != (there >= 0):
                 share = here / (here - there)
@@ -484,14 +490,15 @@ def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> N
     row[3], row[4], row[5], row[6] = nx, ny, nz, gap
 
 
-@compiled
+@compiled(lean=True)
 def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
     """Write contacts of a shape with a half-space to rows of shape (>= 4, 7); the normal leaves the plane."""
     x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
     height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
-    if -_reach(solid, -x, -y, -z) - height > margin:
+    p = solid.position
+    if x * p[0] + y * p[1] + z * p[2] - _extent(solid, x, y, z) - height > margin:
         return 0
-    down, points = np.empty(3), np.empty((4, 3))
+    down, points = solid.work[3], solid.work[5:9]
     down[0], down[1], down[2] = -x, -y, -z
     count = _supporting_feature(solid, down, points)
     kept = 0
@@ -504,11 +511,12 @@ def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
     return kept
 
 
-@compiled
+@compiled(lean=True)
 def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
     """Write the contact, shape (>= 1, 7), of two balls or capsules, where their segments are nearest."""
     size, other_size = solid.size, other.size
-    u, w, apart, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    work = solid.work
+    u, w, apart, normal = work[0], work[1], work[2], work[3]
     half = size[1] if solid.kind == CAPSULE else 0.0
     other_half = other_size[1] if other.kind == CAPSULE else 0.0
     uu, ww, uw, ud, wd = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -546,21 +554,19 @@ def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
     best, face, sign = -math.inf, 0, 1
     for k in range(3):
         x, y, z = box.rotation[0, k], box.rotation[1, k], box.rotation[2, k]
-        middle = x * box.position[0] + y * box.position[1] + z * box.position[2]
-        above = -_reach(solid, -x, -y, -z) - middle - box.size[k]
-        below = -_reach(solid, x, y, z) + middle - box.size[k]
+        way = x * (solid.position[0] - box.position[0])
+        way += y * (solid.position[1] - box.position[1]) + z * (solid.position[2] - box.position[2])
+        above = abs(way) - _extent(solid, x, y, z) - box.size[k]
         if above > best:
-            best, face, sign = above, k, 1
-        if below > best:
-            best, face, sign = below, k, -1
+            best, face, sign = above, k, 1 if way >= 0.0 else -1
     return best, face, sign
 
 
-@compiled
+@compiled(lean=True)
 def _ball_on_corner(ball: Solid, box: Solid, margin: float, rows: Floats2) -> int:
     """Write the contact, shape (>= 1, 7), of a ball, center outside, with the nearest point of a box."""
     center, box_size, box_rotation, box_center = ball.position, box.size, box.rotation, box.position
-    nearest, normal = np.empty(3), np.empty(3)
+    nearest, normal = ball.work[0], ball.work[1]
     for i in range(3):
         nearest[i] = box_center[i]
     for k in range(3):
@@ -591,7 +597,7 @@ class _Face(NamedTuple):
     lowest: float
 
 
-@compiled
+@compiled(lean=True)
 def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float, rows: Floats2) -> int:
     """Write contacts of a shape with a face of a box to rows of shape (>= 4, 7).
 
@@ -599,12 +605,13 @@ def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float,
     """
     box_size, box_rotation, box_center, k = box.size, box.rotation, box.position, face.axis
     first, second = (k + 1) % 3, (k + 2) % 3
-    normal, down, points = np.empty(3), np.empty(3), np.empty((4, 3))
+    normal, down, points = solid.work[3], solid.work[4], solid.work[5:9]
     for i in range(3):
         normal[i] = face.sign * box_rotation[i, k]
         down[i] = -normal[i]
     count = _supporting_feature(solid, down, points)
-    outline, work = np.empty((OUTLINE_ROWS, 3)), np.empty((OUTLINE_ROWS, 3))
+    outline = solid.work[WORK_ROWS - 2 * OUTLINE_ROWS : WORK_ROWS - OUTLINE_ROWS]
+    work = solid.work[WORK_ROWS - OUTLINE_ROWS :]
     for p in range(count):
         u, v, w = 0.0, 0.0, 0.0
         for i in range(3):
@@ -641,7 +648,7 @@ def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float,
     return kept
 
 
-@compiled
+@compiled(lean=True)
 def _on_box(solid: Solid, box: Solid, margin: float, rows: Floats2) -> int:
     """Write contacts of a shape with a box to rows of shape (>= 4, 7).
 

@@ -228,7 +228,7 @@ def couple(
     else:
         outcome, apart = find_points(world, q, equation.velocity, h, near)
         if outcome == SOLVED:
-            if world.state.numbers[0] > 0:
+            if apart <= 0.0 and world.state.numbers[0] > 0:
                 write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
             outcome = push_apart(world, equation, h)
     if outcome != SOLVED:

@@ -191,7 +191,7 @@ def _advance(
     begin, outer, curve = state[COMMAND, b], state[FROM_OUTSIDE, b], sent.curve
     coupled = len(around.bodies.wrench)
     m, h, step_input, step_output = begin.size, robots.timestep, space.step_input, space.step_output
-    stateful, any_stopped = remembers(robots.law), False
+    stateful, any_stopped, touched = remembers(robots.law), False, False
     for k in range(span.steps):
         for e in range(m):
             step_input[Q_REF * m + e] = begin[e] + _way(curve, e, (k + 1) * h)
@@ -203,11 +203,12 @@ def _advance(
         calm = implicit_step(b, robots, space)
         if coupled > 0:
             write_segments(b, robots, space)
-            if _meet_worlds(b, k, robots, space, around, good):
+            touched = _meet_worlds(b, k, robots, space, around, good)
+            if touched:
                 calm = implicit_step(b, robots, space)
             for e in range(m):
                 step_input[LOAD * m + e] = outer[e]
-        if any_stopped or coupled > 0 or (not calm and not all_sound(space)):
+        if any_stopped or touched or (not calm and not all_sound(space)):
             any_stopped = _stop_unsound(b, k, robots, space, good)
         if stateful:
             remember(b, robots, space)

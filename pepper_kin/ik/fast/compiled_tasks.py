@@ -62,7 +62,7 @@ class SearchBuffers:
             first, advance = unit_points(dimension, self.q.size, budget.seed)
             self._options = SearchOptions(
                 self.tolerance, first, advance, budget.restarts, budget.max_iterations, budget.thorough,
-                stop_when_met, CLOCK, budget.deadline, self.signals,
+                budget.closest, stop_when_met, CLOCK, budget.deadline, self.signals,
             )  # fmt: skip
             self._key = key
         return self._options

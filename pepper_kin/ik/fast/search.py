@@ -156,6 +156,7 @@ class BatchSearch:
         budget: How much to search for each row.
         scene: What to keep clear of; None for nothing.
         margin: Distance to the scene that is kept [m].
+        hopeless: Rows that no posture solves, which one descent is enough for, shape (N,); None for none.
 
     Attributes:
         statuses: The status of each number that `answers` gives.
@@ -171,6 +172,7 @@ class BatchSearch:
         *,
         scene: Scene | None = None,
         margin: float = 0.0,
+        hopeless: np.ndarray | None = None,
     ) -> None:
         ready = compiled_tasks(pepper, tasks)
         n, t = pepper.n, len(tasks)
@@ -187,6 +189,11 @@ class BatchSearch:
         finite = all(task.tolerance < math.inf for task in tasks)
         options = buffers.options(budget, finite, ready.tables.task_joints)
         self._answers = np.empty((len(starts), n + t + EXTRA))
+        # Hopeless rows are kept behind the others, so that each kind is searched in one call.
+        self._order = np.arange(len(starts)) if hopeless is None else np.argsort(hopeless, kind="stable")
+        self._hopeful = len(starts) if hopeless is None else int(np.sum(~hopeless))
+        if hopeless is not None:
+            self._inputs = self._inputs[self._order]
         self._ready, self._sizes, self._buffers = ready, (n, t), buffers
         self._fixed = (ready.tables, ready.bounds_of(movable), options)
         self._world = (pepper, scene, margin)
@@ -201,20 +208,33 @@ class BatchSearch:
         tests = collisions.tests(self._buffers.signals)
         tables, bounds, options = self._fixed
         tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
-        status = self._answers[begin:end, sum(self._sizes) + STATUS]
-        solve_rows.native(tables, bounds, options, tests, self._inputs, self._answers, begin, end)
-        if np.isin(status, (COLLISION, UNREACHABLE)).any() and not (status == STOP).any():
-            _finish(tables, bounds, options, tests, self._inputs, self._answers, begin, end)
-        if (status == STOP).any():
-            self._ready.check(self._buffers)
-            collisions.check()
+        parts = (
+            (begin, min(end, self._hopeful), options),
+            (
+                max(begin, self._hopeful),
+                end,
+                options._replace(restarts=0),
+            ),
+        )
+        for first, last, how in parts:
+            if first >= last:
+                continue
+            status = self._answers[first:last, sum(self._sizes) + STATUS]
+            solve_rows.native(tables, bounds, how, tests, self._inputs, self._answers, first, last)
+            if np.isin(status, (COLLISION, UNREACHABLE)).any() and not (status == STOP).any():
+                _finish(tables, bounds, how, tests, self._inputs, self._answers, first, last)
+            if (status == STOP).any():
+                self._ready.check(self._buffers)
+                collisions.check()
 
     def answers(self) -> tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]:
         """Return q, status numbers, errors, iterations and restarts of all rows."""
         n, t = self._sizes
-        counts = self._answers[:, n + t :].astype(np.int64)
-        errors = np.sqrt(self._answers[:, n : n + t])
-        return self._answers[:, :n].copy(), counts[:, 0], errors, counts[:, 1], counts[:, 2]
+        answers = np.empty_like(self._answers)
+        answers[self._order] = self._answers
+        counts = answers[:, n + t :].astype(np.int64)
+        errors = np.sqrt(answers[:, n : n + t])
+        return answers[:, :n].copy(), counts[:, 0], errors, counts[:, 1], counts[:, 2]
 
 
 def alternatives(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,12 +95,14 @@ def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, e
     """
     rows = _checked_states(monitor, report, q)
     edge = check_whole("edge", edge, 0, len(monitor.contacts) - 1)
-    *parts, weight = _all_moments(monitor, report, rows)
-    return EdgeMoments(*(part[:, edge].copy() for part in parts), weight)
+    of = _all_moments(monitor, report, rows)
+    parts = (part[:, edge].copy() for part in (of.inertia, of.inside, of.height, of.drive))
+    inertia, inside, height, drive = parts
+    return EdgeMoments(inertia, inside, height, drive, of.weight)
 
 
-def _all_moments(monitor: BalanceMonitor, report: BalanceReport, q: Array) -> tuple[Any, ...]:
-    """Return what `EdgeMoments` holds of all k edges, shapes (T, k), and the weight.
+def _all_moments(monitor: BalanceMonitor, report: BalanceReport, q: Array) -> EdgeMoments:
+    """Return the moments of all k edges, of shape (T, k) each.
 
     Args:
         monitor: The robot and its wheels.
@@ -123,7 +125,15 @@ def _all_moments(monitor: BalanceMonitor, report: BalanceReport, q: Array) -> tu
     force, moment = report.wrench[:, np.newaxis, :3], report.wrench[:, np.newaxis, 3:]
     world_start = place[:, np.newaxis] + start @ turn.transpose(0, 2, 1)
     needed = ((moment - np.cross(world_start, force)) * (along @ turn.transpose(0, 2, 1))).sum(axis=2)
-    return inertia, inside, np.broadcast_to(height, inside.shape), weight * inside - needed, weight
+    height = np.broadcast_to(height, inside.shape)
+    return EdgeMoments(inertia, inside, height, weight * inside - needed, weight)
+
+
+def _hinges(moments: EdgeMoments, shaped: Callable[[Array], Array], count: int) -> Hinges:
+    """Return moments of all edges as those of robots, each array in the shape (N, T, k)."""
+    parts = (moments.inertia, moments.inside, moments.height, moments.drive)
+    inertia, inside, height, drive = (np.ascontiguousarray(shaped(part)) for part in parts)
+    return Hinges(inertia, inside, height, drive, np.full(count, moments.weight))
 
 
 def simulate_tipping(
@@ -173,9 +183,8 @@ def simulate_tipping(
     tilts = _level(1, count)
     if start is not None:
         tilts.edge[0, 0], tilts.angle[0, 0], tilts.rate[0, 0] = start
-    *parts, weight = _all_moments(monitor, report, rows)
-    hinges = Hinges(*(np.ascontiguousarray(part[np.newaxis]) for part in parts), np.array([weight]))
-    follow_tilts(time, hinges, rules, tilts)
+    moments = _all_moments(monitor, report, rows)
+    follow_tilts(time, _hinges(moments, lambda part: part[np.newaxis], 1), rules, tilts)
     end = int(tilts.ends[0])
     part = slice(end + 1)
     found = tilts.angle[0, part], tilts.rate[0, part], tilts.edge[0, part]
@@ -222,7 +231,7 @@ class BatchTipping:
         self._rules = _rules(restitution, fallen_at, substep)
         self.angle, self.rate = np.zeros(count), np.zeros(count)
         self.edge = np.full(count, -1)
-        self._before: tuple[Array, ...] | None = None
+        self._before: Hinges | None = None
         self._new = np.ones(count, bool)
 
     @property
@@ -258,19 +267,23 @@ class BatchTipping:
         """
         times = np.array([0.0, check_positive("duration", duration, "s")])
         report = self.monitor.assess(np.arange(float(self.count)), q, v, a, external, loads=self._loads)
-        *now, weight = _all_moments(self.monitor, report, as_joint_vectors(self.monitor.pepper, q, "q"))
-        before = now if self._before is None else self._before
-        pairs = (
-            np.stack([np.where(self._new[:, np.newaxis], end, begin), end], axis=1)
-            for begin, end in zip(before, now, strict=True)
-        )
+        now = _all_moments(self.monitor, report, as_joint_vectors(self.monitor.pepper, q, "q"))
+        end = _hinges(now, lambda part: part[:, np.newaxis], self.count)
+        begin = end if self._before is None else self._before
+        parts = (self._pair(*pair) for pair in zip(begin[:4], end[:4], strict=True))
+        inertia, inside, height, drive = parts
+        hinges = Hinges(inertia, inside, height, drive, end.weight)
         tilts = _level(self.count, 2)
         tilts.angle[:, 0], tilts.rate[:, 0], tilts.edge[:, 0] = self.angle, self.rate, self.edge
-        follow_tilts(times, Hinges(*pairs, np.full(self.count, weight)), self._rules, tilts)
+        follow_tilts(times, hinges, self._rules, tilts)
         self.angle, self.rate = tilts.angle[:, 1].copy(), tilts.rate[:, 1].copy()
-        self.edge, self._before = tilts.edge[:, 1].copy(), tuple(now)
+        self.edge, self._before = tilts.edge[:, 1].copy(), end
         self._new[:] = False
         return report
+
+    def _pair(self, begin: Array, end: Array) -> Array:
+        """Return moments at the begin and the end of a step, shape (N, 2, k), of (N, 1, k) each."""
+        return np.concatenate([np.where(self._new[:, np.newaxis, np.newaxis], end, begin), end], axis=1)
 
 
 def _rules(restitution: float, fallen_at: float, substep: float) -> Rules:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pepper_kin.twin.batch_world import BatchBodies
 
 _COARSE = 5
-_MOVING = (1.0, 0.0, 0.0)  # [m/s] of bodies whose places are given: at any speed they are joints
+_MOVING = np.array([1.0, 0.0, 0.0])  # [m/s] of bodies whose places are given: at any speed they are joints
 
 
 class BatchRanges:
@@ -230,7 +230,7 @@ class BatchSwitches:
                 raise UnknownNameError("object", name, scene.objects)
         self._pads, self._bodies, self._pepper = _without_shapes(pepper), tuple(bodies), pepper
         objects = {
-            name: replace(item, velocity=_MOVING if name in bodies else (0.0, 0.0, 0.0))
+            name: replace(item, velocity=_MOVING if name in bodies else np.zeros(3))
             for name, item in scene.objects.items()
         }
         self._around: list[tuple[Scene, Movers | None]] = []

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from typing import NamedTuple
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import HalfSpace, Scene, in_collision
+from pepper_kin.collision import Scene, in_collision
+from pepper_kin.collision.tracking import SceneTracker
 from pepper_kin.ik import solve
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels.threads import OWN_THREADS
@@ -22,10 +21,6 @@ VELOCITY, ACCELERATION = 0.1, 0.3
 """Shares of the limits: there is time to drag something into the way, and the robot stops soon."""
 RATE = 30.0
 """Cycles a second of the motion's clock [1/s]."""
-UNCERTAINTY = 0.3
-"""By how much the velocity of what is dragged may be off [m/s]."""
-_WINDOW = 3  # cycles over which the velocity of what is dragged is the mean
-_HELD = 30  # cycles for which it may set off again
 _SHORT = 0.3  # [s] of waiting, such as for a plan, that need no words
 _DUE = 0.9 / RATE  # [s] after which a cycle is due: ticks come every 10 ms
 
@@ -61,7 +56,7 @@ class LiveRun:
         self._aimed: list[Task] | None = None
         self._searched: Scene | None = None
         self._fault = ""
-        self._places: deque[tuple[float, dict[str, Array]]] = deque(maxlen=_HELD + 1)
+        self._tracker = SceneTracker()
 
     def aim(self, tasks: list[Task]) -> None:
         """Take other tasks from the next cycle on; none to stop."""
@@ -135,7 +130,7 @@ class LiveRun:
         """Do a cycle."""
         if self._live is None:
             self._live = LiveMotion(self._pepper, self._start, scene, rate=RATE, balance=BALANCE)
-        live, seen = self._live, self._with_velocities(scene, now)
+        live, seen = self._live, self._tracker.seen(scene, now)
         waits = self.state is not None and self.state.status is LiveStatus.WAITING
         if tasks is not self._aimed or (waits and scene is not self._searched):
             self._find_goal(live, scene, tasks)
@@ -157,20 +152,6 @@ class LiveRun:
                 live.set_goal(found.q)
             else:
                 self._fault = no_closer(self._pepper, q, tasks, scene, found)
-
-    def _with_velocities(self, scene: Scene, now: float) -> Scene:
-        """Return the scene with velocities of what was dragged of late, as a tracker would say."""
-        places = {name: thing.transform_object_to_world[:3, 3] for name, thing in scene.objects.items()}
-        self._places.append((now, places))
-        since, before = self._places[max(len(self._places) - 1 - _WINDOW, 0)]
-        moving = {}
-        for name, thing in scene.objects.items():
-            here = places[name]
-            dragged = (self._places[0][1].get(name, here) != here).any() and not thing.moves
-            if dragged and not isinstance(thing.geometry, HalfSpace):
-                velocity = (here - before.get(name, here)) / (now - since)
-                moving[name] = replace(thing, velocity=velocity, uncertainty=UNCERTAINTY)
-        return Scene({**scene.objects, **moving}, scene.attached, scene.allowed) if moving else scene
 
 
 @kept_for_robot(most=1)

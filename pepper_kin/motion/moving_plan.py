@@ -1,0 +1,194 @@
+"""Plans that begin in motion: straight on, by a planned way that is joined, or after a stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array, read_only
+from pepper_kin.collision import Scene
+from pepper_kin.collision.loads import loads_of
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vector
+from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.motion.goals import candidates_of, free_joints
+from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, are_tasks, plan_request
+from pepper_kin.motion.plan_result import Plan, PlanStatus, length_of
+from pepper_kin.trajectory import Splice, Trajectory, retime
+from pepper_kin.trajectory.splice import MovingStart
+from pepper_kin.trajectory.stop import least_clearance
+
+_LINE = 1.0  # [s] of the motion straight on, along which a robot of which only a velocity is known may stop
+_ROUNDING = 1e-9  # of a velocity limit
+
+_WAYS = {
+    "straight": "Straight on from motion to the goal.",
+    "joined": "The planned way is joined in motion.",
+    "after a stop": "The robot stops first: no way on in motion was found.",
+}
+
+Search: TypeAlias = Callable[[PepperModel, ArrayLike, Any, Scene | None, PlanOptions], Plan]
+
+
+def way_on(
+    moving: MovingStart, goals: Array, search: Callable[[Array], Plan], **limits: Any
+) -> tuple[Splice | None, Plan | None]:
+    """Return the way of a robot in motion to a goal, None for none, and the plan where one was needed.
+
+    Straight with the accelerations that keep all limits, if that touches nothing.  Else along a plan from
+    where it can stop, or, where something is in the way of that, from where it is, joined in motion; else
+    straight with lower accelerations; else after the stop.
+
+    Args:
+        moving: The robot in motion.
+        goals: Configurations, shape (m, n); none where planning has to find them.
+        search: Returns a plan from a configuration, shape (n,).
+        **limits: Of the planned way, as of `retime`.
+
+    Raises:
+        InfeasibleError: where the robot cannot stop, or the planned way cannot be timed.
+    """
+    found = _straight(moving, goals, 1.0)
+    if found is not None:
+        return found, None
+    way = search(moving.state[0] if moving.stopped is None else moving.stopped.end)
+    if way.goal is not None:
+        if not len(goals):
+            found = _straight(moving, way.goal[None], 1.0)
+        if found is None and way.curve is None:
+            found = moving.after_stop(way.goal)
+        elif found is None:
+            found = moving.onto(retime(moving.pepper, way, **limits))
+        goals = way.goal[None]
+    if found is None or found.how == "after a stop":
+        found = _straight(moving, goals) or found
+    return found, way
+
+
+def _straight(moving: MovingStart, goals: Array, *least: float) -> Splice | None:
+    """Return the soonest straight way to one of the goals, shape (m, n)."""
+    ways = [way for goal in goals if (way := moving.straight(goal, [], *least)) is not None]
+    return min(ways, key=lambda way: way.trajectory.duration, default=None)
+
+
+def plan_in_motion(
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: Any,
+    scene: Scene | None,
+    options: PlanOptions,
+    search: Search,
+) -> Plan:
+    """Plan a motion that begins with a velocity; see `plan`.
+
+    The robot goes straight on where that keeps half the margin, as curves of plans do; else it joins a
+    planned way, as `replan` does.  A stop comes first where no way on in motion was found; `Plan.splice` and
+    the message say which it is.  Where nothing keeps half the margin, ways that keep the least margin are
+    tried.
+
+    Args:
+        pepper: The robot.
+        start: Configuration in which it begins [rad or m], shape (n,).
+        goal: As of `plan`.
+        scene: The world around the robot, which stands.
+        options: What was asked for, with `start_velocity`.
+        search: Plans without velocity.
+
+    Raises:
+        InvalidValueError: as for `plan`.
+        LimitError: as for `plan`.
+    """
+    joints = options.joints
+    for name in ("constraints", "costs", "smooth"):
+        if getattr(options, name):
+            raise InvalidValueError("start_velocity", f"given with {name}", f"a plan without {name}")
+    if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
+        allowed = f"joints= without {', '.join(BASE_JOINTS)}"
+        raise InvalidValueError("start_velocity", "given, while the base may move", allowed)
+    request = plan_request(pepper, start, goal, scene, options)
+    velocity, line = _line(pepper, request.start, options)
+    goals = np.empty((0, pepper.n)) if are_tasks(goal) else candidates_of(pepper, goal)
+    free = np.union1d(free_joints(pepper, joints, request.start, goals), np.flatnonzero(velocity))
+    ends = goals if len(goals) else request.start[None]
+    kept, kept_self = request.checks.margins(request.start, ends, free, options.margin)
+    limits: dict[str, Any] = {"balance": options.balance, "payload": options.payload}
+    least = options.least_margin
+    plans: list[Plan] = []
+    world = request.checks.exact.scene
+
+    def planned(q: Array) -> Plan:
+        if not plans:
+            left = replace(options, start_velocity=None, timeout=request.left())
+            plans.append(search(pepper, q, goal, scene, left))
+        return plans[0]
+
+    why = _no_room(pepper, request.start, velocity)
+    if why:
+        return request.ended(PlanStatus.START_TOO_FAST, why)
+    why = "Something is in the way of a stop, or it is too heavy, and no other way on was found."
+    for margins in ((max(kept / 2, least), kept_self / 2), (least, 0.0)):
+        moving = MovingStart(pepper, line, 0.0, world, margins=margins, **limits)
+        try:
+            found, way = way_on(moving, goals, planned, **limits)
+        except InfeasibleError as error:  # it cannot stop, or the way cannot be timed
+            found, way, why = None, None, f"{error}."
+        if found is not None:
+            return _solved(request, found, way)
+        if way is not None and not way.success:
+            where = "" if moving.stopped is None else "From where the robot would stop: "
+            return replace(way, message=where + way.message, time=_since(request))
+    return request.ended(PlanStatus.START_TOO_FAST, why)
+
+
+def _line(pepper: PepperModel, start: Array, options: PlanOptions) -> tuple[Array, Trajectory]:
+    """Return the start's velocity, shape (n,), and the motion straight on with it."""
+    assert options.start_velocity is not None
+    velocity = np.array(as_joint_vector(pepper, options.start_velocity, "start_velocity"))
+    most = pepper.velocity_limits
+    over = np.abs(velocity) > most * (1 + _ROUNDING)
+    if over.any():
+        j = int(np.argmax(np.abs(velocity) / most))
+        unit = f"{pepper.joint_units[j]}/s"
+        raise LimitError("start_velocity", pepper.joint_names[j], velocity[j], -most[j], most[j], unit)
+    if options.joints is not None:
+        may = set(pepper.resolve_joints(options.joints))
+        locked = [pepper.joint_names[j] for j in np.flatnonzero(velocity) if pepper.joint_names[j] not in may]
+        if locked:
+            raise InvalidValueError("start_velocity", f"one of {', '.join(locked)}", "0: they may not move")
+    rows = np.stack([start, velocity])[None]
+    return velocity, Trajectory(pepper.joint_names, np.array([0.0, _LINE]), rows, pepper.joint_units)
+
+
+def _no_room(pepper: PepperModel, start: Array, velocity: Array) -> str:
+    """Return which joint cannot stop within its position limits, in a sentence; empty where all can."""
+    room = np.where(velocity > 0.0, pepper.upper_limits - start, start - pepper.lower_limits)
+    needed = velocity**2 / (2.0 * pepper.acceleration_limits)
+    j = int(np.argmax(needed - room))
+    if needed[j] <= room[j] + _ROUNDING:
+        return ""
+    name, unit = pepper.joint_names[j], pepper.joint_units[j]
+    return f"{name} takes {needed[j]:.3g} {unit} to stop, and is {room[j]:.3g} {unit} from its limit."
+
+
+def _since(request: PlanRequest) -> float:
+    return time.perf_counter() - request.ended.begin
+
+
+def _solved(request: PlanRequest, found: Splice, way: Plan | None) -> Plan:
+    """Return the plan of a way that was found, and of the plan that it needed."""
+    pepper, scene, motion = request.checks.pepper, request.checks.exact.scene, found.trajectory
+    path = read_only(np.concatenate([motion(motion.breaks[:-1]).position, motion.end[None]]))
+    base = request.ended(PlanStatus.SOLVED, "") if way is None else way
+    message = f"{_WAYS[found.how]} {base.message}".rstrip()
+    return replace(
+        base, message=message, path=path, goal=path[-1], curve=None, length=length_of(path),
+        loads=loads_of(pepper, scene), trajectory=motion, splice=found, time=_since(request),
+        evidence=partial(least_clearance, pepper, motion, scene, 0.0), proof=None,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""Searches for motions from rest to rest, of which a loop does a part in each of its cycles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.collision import Scene
+from pepper_kin.exceptions import PepperKinError
+from pepper_kin.model import PepperModel
+from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.plan_request import PlanOptions, moves_base, plan_request
+from pepper_kin.motion.plan_result import Plan
+from pepper_kin.motion.planning import path_found
+from pepper_kin.planners.deadline import PausedClock, Slices
+from pepper_kin.trajectory import Trajectory, retime
+
+MOST_SLICES, LONGEST = 20, 0.3
+"""Slices that a search may take, and time [s]."""
+
+
+class SlicedSearch:
+    """One search at a time: a path by `plan`'s own search, and its timing.
+
+    Args:
+        pepper: The robot, whose limits are kept.
+        margin: As in `plan` [m].
+        budget: Time of a slice [s].
+        limits: `torque` and `balance`, as in `retime`.
+    """
+
+    def __init__(self, pepper: PepperModel, margin: float, budget: float, limits: dict[str, Any]) -> None:
+        self._pepper, self._margin, self._budget, self._limits = pepper, margin, budget, limits
+        self._clock = PausedClock()
+        self._slices: Slices[Trajectory | None] | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether there is a search that has not ended."""
+        return self._slices is not None
+
+    def begin(self, start: Array, goal: Array, scene: Scene, seed: int) -> None:
+        """Begin a search in place of the one there is; `go_on` does all of its work.
+
+        Every other one moves all joints but those of a base, not only those in which the ends differ.
+
+        Args:
+            start: Where the motion begins [rad or m], shape (n,).
+            goal: Where it ends, shape (n,).
+            scene: The world.
+            seed: Of all random choices.
+        """
+        self._slices = self._search(start, goal, scene, seed)
+
+    def go_on(self) -> Trajectory | None:
+        """Search for the time of a slice; return the motion, None where none was found or it runs still."""
+        assert self._slices is not None
+        self._clock.resume(self._budget)
+        try:
+            next(self._slices)
+        except StopIteration as end:
+            self._slices = None
+            found: Trajectory | None = end.value
+            return found
+        finally:
+            self._clock.pause()
+        return None
+
+    def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Slices[Trajectory | None]:
+        """Return a motion, None where none is found; with pauses where a slice is over."""
+        free = [name for name in self._pepper.joint_names if name not in BASE_JOINTS]
+        options = PlanOptions(
+            margin=self._margin, seed=seed, timeout=min(MOST_SLICES * self._budget, LONGEST),
+            joints=free if seed % 2 else None, balance=self._limits["balance"],
+        )  # fmt: skip
+        try:
+            request = plan_request(self._pepper, start, goal, scene, options, now=self._clock.now)
+            if not request.checks.free(np.stack([start, goal])).all():
+                return None  # `ends_of` would look for the reason, for long
+            ends = ends_of(request)
+            if isinstance(ends, Plan) or moves_base(self._pepper, ends.free):
+                return None
+            found = yield from path_found(request, ends, self._clock)
+            if found.way is None:
+                return None
+            if self._clock.left <= 0.0:
+                yield
+            return retime(self._pepper, found.way.curve, **self._limits)
+        except PepperKinError:
+            return None
