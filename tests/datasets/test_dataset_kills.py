@@ -86,13 +86,13 @@ def test_workers_of_dask_killed(job, undisturbed, tmp_path):
         kills = []
 
         def kill(_):
-            if len(kills) < 3:
-                pids = list(client.run(os.getpid).values())
+            pids = list(client.run(os.getpid, on_error="ignore").values())
+            if len(kills) < 3 and pids:
                 kills.append(pids[len(kills) % len(pids)])
                 os.kill(kills[-1], signal.SIGKILL)
 
         made = datasets.make(job, tmp_path / "dask", client=client, on_progress=kill)
-        assert len(kills) == 3
+    assert len(kills) == 3
     assert len(made) == 240
     assert contents(tmp_path / "dask") == undisturbed
 
