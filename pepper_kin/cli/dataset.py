@@ -57,11 +57,11 @@ def resume(folder: Folder, workers: Workers = None, dask: Dask = None, as_json: 
 @app.command()
 def check(
     folder: Folder,
-    sample: Annotated[int, typer.Option(help="Rows that are computed anew.")] = 5,
+    sample: Annotated[int, typer.Option(help="Rows that are recomputed.")] = 5,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Prove that no row is missing or there twice, that no file has changed, and compute some rows anew.
+    """Prove that no row is missing or there twice, that no file has changed, and recompute some rows.
 
     Example: pepper-kin dataset check my_data --sample 20
     """

@@ -2,7 +2,7 @@
 
     DatasetJob, load_job          what a data set shall hold, as a value and as a YAML file
     make, resume, Progress        on processes of this machine, or on a Dask cluster
-    check, DatasetCheck           the proof that no row is missing or double, with rows computed anew
+    check, DatasetCheck           the proof that no row is missing or double, with rows recomputed
     open, Dataset                 rows as NumPy's arrays, tables of Arrow, pandas and polars
     run_shard                     the rows of one file: a pure function of the job
     Column, Moments               what a column holds; statistics of parts, joined

@@ -52,7 +52,7 @@ rows = datasets.open(".")
 rows[0], rows.statistics
 ```
 
-- Job: `job.yaml`, SHA-256 `{hash}`; seed {seed}. `pepper-kin dataset check .` computes a sample of rows anew.
+- Job: `job.yaml`, SHA-256 `{hash}`; seed {seed}. `pepper-kin dataset check .` recomputes a sample of rows.
 - Versions: pepper_kin {version}, pyarrow {pyarrow}, NumPy {numpy}, Python {python}, {machine}.
 - License: {license}
 """

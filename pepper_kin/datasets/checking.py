@@ -27,7 +27,7 @@ class DatasetCheck:
         rows: Rows of the job.
         shards: Files of the job.
         written: Files that are there.
-        again: Rows that were computed anew.
+        again: Rows that were recomputed.
         faults: What is wrong, a sentence each.
     """
 
@@ -47,7 +47,7 @@ class DatasetCheck:
         lines = [f"{self.written} of {self.shards} files are there, for {self.rows} rows."]
         if self.success:
             lines.append("No row is missing or there twice, and every file is the one that was written.")
-            lines.append(f"{len(self.again)} rows were computed anew and are the same to the last bit.")
+            lines.append(f"{len(self.again)} rows were recomputed and are the same to the last bit.")
         return "\n".join([*lines, *self.faults])
 
     def as_dict(self) -> dict[str, Any]:
@@ -63,11 +63,11 @@ def check(
     seed: int = 0,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> DatasetCheck:
-    """Examine every file of a data set, and compute some of its rows anew.
+    """Examine every file of a data set, and recompute some of its rows.
 
     Args:
         folder: Its folder, or an address that fsspec knows.
-        sample: How many rows are computed anew; all files are read in any case.
+        sample: How many rows are recomputed; all files are read in any case.
         seed: Draws these rows.
         on_progress: Called with the number of files that were read, and of all.
 
@@ -126,12 +126,12 @@ def _sampled(dataset: Dataset, shards: list[int], count: int, seed: int) -> list
 
 
 def _compared(dataset: Dataset, row: int) -> list[str]:
-    """Return what is different of a row when it is computed anew."""
+    """Return what is different of a row when it is recomputed."""
     kept = dataset[row]
     try:
         (batch,) = rows_of(dataset.job, row, row + 1)
     except PepperKinError as error:
-        return [f"row {row} cannot be computed anew: {error}"]
+        return [f"row {row} cannot be recomputed: {error}"]
     anew = {field.name: decoded(Column.of(field), batch[field.name])[0] for field in batch.schema}
     wrong = [
         name for name, value in anew.items()
@@ -139,7 +139,7 @@ def _compared(dataset: Dataset, row: int) -> list[str]:
     ]  # fmt: skip
     if not wrong:
         return []
-    return [f"row {row} is another one when it is computed anew, in {', '.join(wrong)}"]
+    return [f"row {row} is another one when it is recomputed, in {', '.join(wrong)}"]
 
 
 def _is_real(value: Any) -> bool:

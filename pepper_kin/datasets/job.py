@@ -1,4 +1,4 @@
-"""What a data set shall hold, as a value and as a YAML file."""
+"""Jobs: what a data set shall hold, as a value and as a YAML file."""
 
 from __future__ import annotations
 

@@ -246,7 +246,7 @@ def test_rows_that_are_double_or_not_those_of_the_job_are_found(job, tmp_path):
     (folder / "manifest.json").write_text(json.dumps(manifest))
     found = datasets.check(folder, sample=40)
     assert "rows that are missing or there twice" in found.report()
-    assert "is another one when it is computed anew, in target" in found.report()
+    assert "is another one when it is recomputed, in target" in found.report()
 
 
 @pytest.mark.parametrize(
