@@ -39,6 +39,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "example_24": motions.draw_24_imitate_reach,
     "example_25": motions.draw_25_policy_on_robots,
     "example_26": motions.draw_26_retarget,
+    "example_27": motions.draw_27_make_data_set,
     "learning_frames": motions.draw_learning_frames,
     "learning_policy": motions.draw_learning_policy,
     "learning_tasks": motions.draw_learning_tasks,

@@ -20,7 +20,8 @@ ORDER = (
     "model",
     "symbolic",
     "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
-    "trajectory", "files", "motion", "twin", "learning", "paper", "identification", "supervision", "jobs",
+    "trajectory", "files", "motion", "twin", "learning", "paper", "identification", "datasets",
+    "supervision", "jobs",
     "viewer",
     "cli", "naoqi", "ros", "qibullet",
 )  # fmt: skip

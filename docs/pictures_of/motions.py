@@ -1,4 +1,4 @@
-"""Pictures of the examples about motions: 10, 11, 12, 16 to 19."""
+"""Pictures of the examples about motions: 10, 11, 12, 16 to 19, 22 to 26."""
 
 from __future__ import annotations
 
@@ -380,6 +380,23 @@ def draw_25_policy_on_robots() -> None:
     plots[1].barh(names, [shares[name] for name in names], color=colors[::-1])
     plots[1].set(xlim=(0, 1), xticks=(0, 0.5, 1), title="share of goals reached")
     sheet.save("example_25.png")
+
+
+def draw_27_make_data_set() -> None:
+    """The ways of the hand in all motions, two postures at their ends, and one of the tables."""
+    example = variables_of("27", "--rows", "96")
+    pepper, motions = pk.load_pepper(), example["solved"]
+    stage = Stage().scene(pk.collision.scene_file.scene_from_dict(example["job"].scenes[0], "job"))
+    paths = [pk.kinematics.frame_pose(pepper, row["position"], HAND)[:, :3, 3] for row in motions]
+    for path in paths:
+        stage.tube(path, ORANGE, 0.003)
+    for k in (0, len(motions) // 2):
+        stage.robot(pepper, motions[k]["position"][-1], opacity=1.0 if k == 0 else 0.3)
+    camera = framing([*np.concatenate(paths), (0.0, 0.0, 1.2), (0.6, 0.4, 0.7)], SIZE, 50, 14)
+    sheet = Sheet().image(stage.picture(camera))
+    sheet.text(20, 20, f"{len(motions)} of {len(example['motions'])} motions made and certified", fontsize=12)
+    sheet.text(20, 44, "ways of the left hand, past a table\nthat stands elsewhere in each")
+    sheet.save("example_27.png")
 
 
 def draw_learning_frames() -> None:

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from pepper_kin.cli import check, learn, making, reaching, show, view
+from pepper_kin.cli import check, dataset, learn, making, reaching, show, view
 from pepper_kin.cli.terminal import FAILED, INTERRUPTED, MISUSED, discard_output
 from pepper_kin.exceptions import InfeasibleError, PepperKinError
 from pepper_kin.plugins import plugins
@@ -56,6 +56,7 @@ app = typer.Typer(
 
 for commands in (reaching.app, making.app, view.app, check.app, show.app, learn.app):
     app.add_typer(commands)
+app.add_typer(dataset.app, name="dataset")
 
 
 @app.callback(invoke_without_command=True)

@@ -80,7 +80,12 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     Raises:
         FileFormatError: naming the path and why it cannot be written.
     """
-    content = {
+    return atomic_file.write_text(path, _written(scene_as_dict(scene)) + "\n")
+
+
+def scene_as_dict(scene: Scene) -> dict[str, Any]:
+    """Return what `save_scene` writes, as plain values."""
+    return {
         "format": FORMAT,
         "version": VERSION,
         "units": UNITS,
@@ -97,7 +102,14 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
         ],
         "allowed": [list(pair) for pair in sorted(scene.allowed)],
     }
-    return atomic_file.write_text(path, _written(content) + "\n")
+
+
+def scene_from_dict(content: Any, source: object) -> Scene:
+    """Return the scene in plain values, as `load_scene`; `source` is what errors name as their place."""
+    try:
+        return _scene_of(content)
+    except (_FaultError, PepperKinError) as fault:
+        raise FileFormatError(source, str(fault)) from None
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -113,11 +125,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         FileFormatError: for a file that cannot be read, is not JSON (with the line), is not a scene or one of
             another version, or holds a wrong object (naming it and what is wrong).
     """
-    content, _ = read_json(path)
-    try:
-        return _scene_of(content)
-    except (_FaultError, PepperKinError) as fault:
-        raise FileFormatError(path, str(fault)) from None
+    return scene_from_dict(read_json(path)[0], path)
 
 
 def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, Any]:

@@ -36,7 +36,10 @@ def extras_named():
 
 def test_help_has_every_extra_that_is_to_be_installed():
     named = sorted(extras_named())
-    assert named == [("doctor", "naoqi"), ("learn", "learning"), ("mirror", "naoqi"), ("serve", "naoqi")]
+    assert named == [
+        ("doctor", "naoqi"), ("learn", "learning"), ("make", "datasets"), ("mirror", "naoqi"),
+        ("serve", "naoqi"),
+    ]  # fmt: skip
     for words in ALL:
         shown = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
         assert shown.exit_code == 0

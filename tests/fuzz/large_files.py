@@ -18,6 +18,7 @@ from reader_checks import motion
 from reader_files import (
     BEHAVIOR,
     COLLADA,
+    DATASET_JOB,
     PLY,
     POINTS,
     PROJECT,
@@ -40,6 +41,12 @@ Build = Callable[[int], bytes]
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 MASS = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 HINGE = f'<joint name="j" type="revolute"><parent link="b"/><child link="m"/>{LIMIT}</joint></robot>'
+
+
+def scene_of_job(size: int) -> bytes:
+    """Return a job with a scene of many points."""
+    head = DATASET_JOB + "scenes:\n  - objects:\n      - {name: a, kind: point cloud, radius: 0.01, points: ["
+    return filled(head, "[1.0, 1.0, 9.0], ", "]}\n")(size)
 
 
 def filled(head: str, unit: str | Callable[[int], str], tail: str = "") -> Build:
@@ -463,6 +470,7 @@ FILES: dict[str, dict[str, Build]] = {
     "recording header": {"a list in a header": header, "brackets in a header": filled("", "[")},
     "recording": {"members of a chunk": members},
     "reach map": {"voxels": grid, "members of a map": members},
+    "data set job": {"points of a job": scene_of_job, "brackets of a job": filled("", "[")},
     "policy": {"weights": layer, "members of a policy": members},
     "key points": {"frames": frames, "members of key points": members},
     "key points CSV": {"rows of points": filled(POINTS, lambda i: f"{i + 1},1,2,3\n")},
@@ -494,7 +502,8 @@ FILES: dict[str, dict[str, Build]] = {
 REFUSED = {
     "a long name", "attributes", "numbers in one place", "roots", "entities", "a field twice", "brackets",
     "digits", "columns and rows", "a column twice", "commas", "lines", "quotes", "members", "names in YAML",
-    "brackets in YAML", "dashes", "a sum", "statements", "parentheses", "signs", "messages without data",
+    "brackets in YAML", "brackets of a job", "dashes", "a sum", "statements", "parentheses", "signs",
+    "messages without data",
     "states without data", "a long definition", "a list in a header", "brackets in a header",
     "members of a chunk", "members of a map", "members of a policy",
     "members of key points", "spaces", "slashes",

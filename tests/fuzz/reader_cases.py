@@ -15,6 +15,8 @@ import numpy as np
 from mutations import Rng, changed_bytes, pick
 from reader_checks import (
     bag,
+    dataset,
+    dataset_job,
     exports,
     mesh,
     motion,
@@ -43,6 +45,7 @@ from reader_damage import (
 from reader_files import (
     BEHAVIOR,
     COLLADA,
+    DATASET_JOB,
     EXPORT,
     OBJ,
     PLY,
@@ -54,6 +57,7 @@ from reader_files import (
     STL,
     XACRO,
     binary_stl,
+    dataset_files,
     gltf_binary,
     packed,
     point_arrays,
@@ -68,6 +72,7 @@ from reader_files import (
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.mesh_file import read_mesh
+from pepper_kin.datasets import load_job
 from pepper_kin.files import (
     load,
     load_columns,
@@ -208,6 +213,7 @@ COLUMNS = {
     "rail.position": _column("m", "position", "rail"),
     "elbow.position": _column("rad", "position", "elbow"),
 }
+SHARD = next(name for name in dataset_files() if name.endswith(".parquet"))
 READERS: dict[str, Reader] = {
     "URDF": Reader("robot.urdf", with_path(load_robot, robot), xml_damage(ROBOT), beside=beside_robot),
     "URDF text": Reader("robot.urdf", robot_of_text, xml_damage(ROBOT), "URDF"),
@@ -280,6 +286,20 @@ READERS: dict[str, Reader] = {
     ),
     "policy": Reader(
         "policy.npz", with_path(load_policy, policy), archive_damage(lambda: packed(policy_arrays()))
+    ),
+    "data set job": Reader("mine.yaml", with_path(load_job, dataset_job), text_damage(DATASET_JOB)),
+    "manifest": Reader(
+        "manifest.json",
+        lambda path: dataset(path.parent),
+        json_damage(lambda: json.loads(dataset_files()["manifest.json"])),
+        "manifest",
+        beside=lambda: {k: v for k, v in dataset_files().items() if k != "manifest.json"},
+    ),
+    "shard": Reader(
+        SHARD,
+        lambda path: dataset(path.parents[1]),
+        lambda rng: changed_bytes(dataset_files()[SHARD], rng),
+        beside=lambda: {k: v for k, v in dataset_files().items() if k != SHARD},
     ),
     "key points": Reader(
         "points.npz", with_path(read_key_points, points), archive_damage(lambda: packed(point_arrays()))

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 import pepper_kin as pk
+from pepper_kin import datasets
 from pepper_kin.collision import Scene
+from pepper_kin.datasets import DatasetJob
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kinematics import ReachMap
 from pepper_kin.learning import Policy
@@ -154,6 +156,19 @@ def policy(found: Policy) -> None:
     actions = found(np.zeros((2, found.center.size)))
     finite(actions)
     require(np.abs(actions).max(initial=0.0) <= 1.0, "actions")
+
+
+def dataset_job(found: DatasetJob) -> None:
+    """Require a hash, and the same job again from its text."""
+    require(len(found.hash) == 64 and DatasetJob(**found.as_dict()).hash == found.hash, "hash")
+
+
+def dataset(folder: Path) -> None:
+    """Read all rows of a data set."""
+    found = datasets.open(folder)
+    rows = found.numpy()
+    require(rows["row"].tolist() == list(range(len(found))), "rows")
+    finite(rows["q"])
 
 
 def points(found: KeyPoints) -> None:

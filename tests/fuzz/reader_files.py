@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import pepper_kin as pk
+from pepper_kin.datasets import load_job, make
 from pepper_kin.files import save
 from pepper_kin.model import load_pepper, load_robot
 from pepper_kin.trajectory import Trajectory
@@ -200,6 +201,31 @@ def recording_files() -> dict[str, bytes]:
             np.tile(pepper().neutral(), (30, 1))
         )
         return {path.name: path.read_bytes() for path in (Path(folder) / "run").iterdir()}
+
+
+DATASET_JOB = """\
+job: pepper_kin data set job
+version: 1
+kind: ik
+name: Reaching
+rows: 40
+rows_per_shard: 40
+seed: 3
+robot: {hands: locked}
+targets: {hand: left, lower: [0.3, 0.0, 0.8], upper: [0.4, 0.2, 0.9], look: false}
+planner: {collisions: false, restarts: 2}
+"""
+
+
+@cache
+def dataset_files() -> dict[str, bytes]:
+    """Return the files of a data set by their names in its folder."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "mine.yaml").write_text(DATASET_JOB)
+        make(load_job(folder / "mine.yaml"), folder / "set", workers=0)
+        files = [path for path in (folder / "set").rglob("*") if path.is_file()]
+        return {str(path.relative_to(folder / "set")): path.read_bytes() for path in files}
 
 
 @cache

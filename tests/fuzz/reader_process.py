@@ -120,10 +120,12 @@ def _cases(reader: str, seed: int, first: int, end: int, answers: Any) -> None:
     os.chdir(folder)
     try:
         for name, content in chosen.beside().items():
+            (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_bytes(content)
         for case in range(first, end):
             rng = np.random.default_rng([seed, case, *reader.encode()])
             path = folder / chosen.file
+            path.parent.mkdir(exist_ok=True)
             path.write_bytes(chosen.damage(rng))
             began = os.times().elapsed
             outcome = _outcome(chosen, path)

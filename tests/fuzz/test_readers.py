@@ -30,10 +30,13 @@ READERS = (
     "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
     "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
     "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run",
-    "motion", "recording header", "recording", "reach map", "policy", "key points", "key points CSV", "STL",
+    "motion", "recording header", "recording", "reach map", "policy", "data set job",
+    "manifest", "shard", "key points", "key points CSV", "STL",
     "STL text", "OBJ", "COLLADA", "PLY", "glTF", "Pepper's meshes",
 )  # fmt: skip
 WITHOUT_LARGE = {
+    "manifest",
+    "shard",
     "URDF text",
     "URDF of Pepper",
     "xacro",
@@ -52,7 +55,8 @@ NO_READERS = {
 NOT_READ = {"xacro", "SDF"}
 """Formats that are refused by name even where they are whole."""
 FUNCTIONS = {
-    "collision.Scene.load", "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
+    "collision.Scene.load", "datasets.load_job", "datasets.open",
+    "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
     "files.read_joint_states", "files.read_naoqi_export", "identification.read_log", "jobs.load_motion",
     "kinematics.ReachMap.load", "learning.load_policy",
     "model.audit", "model.compare", "model.load_pepper", "model.load_robot",

@@ -1,0 +1,273 @@
+"""Data sets that are read: rows by number or one after the other, as NumPy's arrays or Arrow's tables."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import accumulate
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pepper_kin.datasets.columns import Column, Moments, decoded
+from pepper_kin.datasets.job import DatasetJob, job_of_text
+from pepper_kin.datasets.shard import read_footer
+from pepper_kin.datasets.store import Store
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.file_access.atomic_file import PathName
+
+JOB, MANIFEST, VERSION = "job.yaml", "manifest.json", 1
+_OPEN = 8  # files that are kept open
+_MOST_GROUP = 65_536  # rows read at once
+
+
+class Dataset:
+    """The rows of a data set, read when they are asked for.
+
+    Args:
+        store: Its files.
+        job: What it holds.
+        manifest: What its manifest says.
+        verify: Whether the SHA-256 of each file is compared before its first row is read.
+
+    Attributes:
+        store: Its files.
+        job: What it holds.
+        shards: Name, first row, rows, size, SHA-256 and statuses of each file.
+    """
+
+    def __init__(
+        self, store: Store, job: DatasetJob, manifest: dict[str, Any], *, verify: bool = True
+    ) -> None:
+        self.store, self.job, self._verify = store, job, verify
+        self.shards: list[dict[str, Any]] = manifest["shards"]
+        self._firsts = [shard["first"] for shard in self.shards]
+        self._files: dict[int, pq.ParquetFile] = {}
+        self._verified: set[int] = set()
+        self._edges: dict[int, list[int]] = {}
+
+    def __len__(self) -> int:
+        return self.job.rows
+
+    def __repr__(self) -> str:
+        """Return the folder, the kind and the number of rows."""
+        return f"Dataset({self.store.place!r}, {self.job.kind}, {len(self)} rows)"
+
+    @cached_property
+    def schema(self) -> pa.Schema:
+        """Arrow's schema of the rows."""
+        some = next(iter(self._files.values()), None)  # if one is open: the first may be damaged
+        return (self.file(0) if some is None else some).schema_arrow
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """The columns, with shapes, units and names.
+
+        Raises:
+            FileFormatError: for a file with columns of something else.
+        """
+        try:
+            return tuple(Column.of(found) for found in self.schema)
+        except (ValueError, KeyError, TypeError) as error:
+            raise FileFormatError(self.store.path(self.shards[0]["name"]), f"is no shard: {error}") from error
+
+    @property
+    def statuses(self) -> dict[str, int]:
+        """How many rows ended how."""
+        counts: Counter[str] = Counter()
+        for shard in self.shards:
+            counts.update(shard["statuses"])
+        return dict(counts.most_common())
+
+    @cached_property
+    def statistics(self) -> dict[str, dict[str, list[Any]]]:
+        """Count, min, max, mean and std of the finite numbers of each column, pictures excepted."""
+        found: dict[str, Moments] = {}
+        for shard in self.shards:
+            for name, parts in read_footer(self.store, shard["name"])[1].items():
+                found.setdefault(name, Moments()).merge(Moments(parts).parts)  # type: ignore[arg-type]
+        return {name: each.as_dict() for name, each in found.items()}
+
+    def __getitem__(self, row: int) -> dict[str, Any]:
+        """Return a row by its number, from the end if it is below 0, as arrays, numbers and texts by column.
+
+        Raises:
+            IndexError: for a row that there is not.
+            FileFormatError: naming the file that is damaged.
+        """
+        number = row + len(self) if row < 0 else row
+        if not 0 <= number < len(self):
+            raise IndexError(f"row {row} of {len(self)}")
+        shard = bisect_right(self._firsts, number) - 1
+        file, edges = self.file(shard), self._edges[shard]
+        group = bisect_right(edges, number - self._firsts[shard]) - 1
+        table = self._group(shard, file, group)
+        offset = number - self._firsts[shard] - edges[group]
+        return self._row(table.slice(offset, 1))
+
+    def row(self, number: int) -> dict[str, Any]:
+        """Return a row as `[number]` does.
+
+        Raises:
+            InvalidValueError: for a row that there is not.
+        """
+        try:
+            return self[number]
+        except IndexError:
+            raise InvalidValueError("row", number, f"a number of 0 to {len(self) - 1}") from None
+
+    def about(self) -> dict[str, Any]:
+        """Return folder, job, sizes, statuses and columns as plain values."""
+        job = self.job
+        columns = {c.name: [c.dtype, *(["T"] if c.frames else []), *c.shape] for c in self.columns}
+        return {
+            "folder": self.store.place, "name": job.name, "kind": job.kind, "rows": len(self),
+            "shards": len(self.shards), "bytes": sum(shard["bytes"] for shard in self.shards),
+            "statuses": self.statuses, "seed": job.seed, "job": job.hash, "license": job.license,
+            "columns": columns,
+        }  # fmt: skip
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Yield row after row; a group of a file is in memory at a time."""
+        for batch in self.batches():
+            for offset in range(batch.num_rows):
+                yield self._row(batch.slice(offset, 1))
+
+    def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield the rows in Arrow's tables: a motion each, or up to 65,536 solutions.
+
+        Raises:
+            UnknownNameError: for a column that there is not.
+            FileFormatError: naming the file that is damaged.
+        """
+        self._check(columns)
+        for shard in range(len(self.shards)):
+            file = self.file(shard)
+            for group in range(file.num_row_groups):
+                table = self._group(shard, file, group, columns)
+                for begin in range(0, table.num_rows, _MOST_GROUP):
+                    yield table.slice(begin, _MOST_GROUP)
+
+    def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return all rows as one table of Arrow's, in memory."""
+        return pa.concat_tables(self.batches(columns))
+
+    def numpy(self, columns: Sequence[str] | None = None) -> dict[str, Any]:
+        """Return all rows in memory: by column an array (N, ...), and for motions a list of (T, ...)."""
+        table = self.arrow(columns)
+        return {c.name: decoded(c, table[c.name]) for c in self.columns if c.name in table.column_names}
+
+    def pandas(self, columns: Sequence[str] | None = None) -> Any:
+        """Return all rows as a DataFrame of pandas."""
+        try:
+            return self.arrow(columns).to_pandas()
+        except ImportError as error:
+            raise MissingDependencyError("pandas", "pip install pandas", "a DataFrame of pandas") from error
+
+    def polars(self, columns: Sequence[str] | None = None) -> Any:
+        """Return all rows as a DataFrame of polars."""
+        try:
+            import polars
+        except ImportError as error:
+            raise MissingDependencyError("polars", "pip install polars", "a DataFrame of polars") from error
+        return polars.from_arrow(self.arrow(columns))
+
+    def file(self, shard: int) -> pq.ParquetFile:
+        """Return an open file.
+
+        Raises:
+            FileFormatError: naming it, where it is missing or not the file that was written.
+        """
+        if shard not in self._files:
+            about = self.shards[shard]
+            name = about["name"]
+            if self._verify and shard not in self._verified:
+                if not self.store.exists(name):
+                    raise FileFormatError(self.store.path(name), f"is missing, and {MANIFEST} names it")
+                digest = self.store.sha256(name)[0]
+                if digest != about["sha256"]:
+                    reason = f"is damaged: its SHA-256 is {digest}, that of the manifest {about['sha256']}"
+                    raise FileFormatError(self.store.path(name), reason)
+                self._verified.add(shard)
+            if len(self._files) >= _OPEN:
+                self._files.pop(next(iter(self._files))).close(force=True)
+            with self._named(shard):
+                found = pq.ParquetFile(self.store.open(name))
+                sizes = [found.metadata.row_group(k).num_rows for k in range(found.num_row_groups)]
+                self._edges[shard] = [0, *accumulate(sizes[:-1])]
+                if sum(sizes) != about["rows"]:
+                    raise ValueError(f"{sum(sizes)} rows in place of {about['rows']}")
+            self._files[shard] = found
+        return self._files[shard]
+
+    def _group(
+        self, shard: int, file: pq.ParquetFile, group: int, columns: Sequence[str] | None = None
+    ) -> pa.Table:
+        with self._named(shard):
+            return file.read_row_group(group, None if columns is None else list(columns))
+
+    def _named(self, shard: int) -> Any:
+        return _Named(self.store.path(self.shards[shard]["name"]))
+
+    def _row(self, table: pa.Table) -> dict[str, Any]:
+        found = {c.name: decoded(c, table[c.name])[0] for c in self.columns}
+        return {
+            name: value.item() if getattr(value, "shape", None) == () else value
+            for name, value in found.items()
+        }
+
+    def _check(self, columns: Sequence[str] | None) -> None:
+        for name in columns or ():
+            if name not in self.schema.names:
+                raise UnknownNameError("column", name, self.schema.names)
+
+
+class _Named:
+    """Names a file in what Arrow raises about its content."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if isinstance(error, pa.ArrowException | OSError | ValueError | KeyError) and not isinstance(
+            error, FileFormatError
+        ):
+            raise FileFormatError(self._path, f"is damaged: {error}") from error
+
+
+def open_dataset(folder: PathName, *, verify: bool = True) -> Dataset:
+    """Open a data set that was made; `pepper_kin.datasets.open` is another name of it.
+
+    Args:
+        folder: Its folder, or an address that fsspec knows.
+        verify: Whether the SHA-256 of each file is compared before its first row is read.
+
+    Raises:
+        FileFormatError: naming the file, where the data set is not complete, or its manifest is damaged.
+    """
+    store = Store(folder)
+    if not store.exists(MANIFEST):
+        reason = "is a data set that is not complete: resume it" if store.exists(JOB) else "holds no data set"
+        raise FileFormatError(store.place, reason)
+    job = job_of_text(store.read_text(JOB), store.path(JOB))
+    try:
+        manifest = json.loads(store.read_text(MANIFEST))
+        firsts = [(shard["first"], shard["first"] + shard["rows"]) for shard in manifest["shards"]]
+        if manifest["data set"] != VERSION:
+            raise ValueError(f"version {manifest['data set']}, this library reads {VERSION}")
+        if firsts != [job.bounds(k) for k in range(job.shards)] or manifest["rows"] != job.rows:
+            raise ValueError("its rows are not those of the job")
+        for shard in manifest["shards"]:
+            if sum(shard["statuses"].values()) != shard["rows"] or not isinstance(shard["sha256"], str):
+                raise ValueError(f"the entry of {shard['name']}")
+            shard["bytes"] + 0
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, InvalidValueError) as error:
+        raise FileFormatError(store.path(MANIFEST), f"is damaged: {error}") from error
+    return Dataset(store, job, manifest, verify=verify)

@@ -1,0 +1,157 @@
+"""Data sets in the formats of others, made of the finished rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pepper_kin.arrays import Array
+from pepper_kin.datasets.columns import Column
+from pepper_kin.datasets.dataset import Dataset
+from pepper_kin.datasets.kinds import SOLVED
+from pepper_kin.datasets.lerobot import Feature, LeRobotWriter
+from pepper_kin.datasets.shard import kind_of
+from pepper_kin.datasets.store import Store
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
+from pepper_kin.file_access.atomic_file import make_folder
+from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
+from pepper_kin.plugins import plugins
+from pepper_kin.twin import Run
+from pepper_kin.twin.sensors import ReadingSeries
+
+_STATES = {
+    "trajectories": ("position", "position"),
+    "runs": ("position", "reference_position"),
+    "demonstrations": ("observation", "action"),
+    "replays": ("measured", "command"),
+}
+"""Kind -> the columns that are LeRobot's observation.state and action."""
+
+
+def export(dataset: Dataset, store: Store, format: str) -> None:
+    """Write the solved motions of a data set in another format, to the folder of its name in the store.
+
+    "lerobot": one LeRobotDataset v3.0 of all; the rates of sensors become that of the frames, which hold the
+    newest reading. Of motions without a twin the action of a frame is the next one's position.  "mcap": a
+    file for each row, with the messages of ROS 2, on a disk only.
+
+    Raises:
+        InvalidValueError: for another format or a kind without motions, where no row was solved, or for MCAP
+            on an address of fsspec.
+        MissingDependencyError: for films without PyAV, for MCAP without `mcap`.
+    """
+    if dataset.job.kind not in _STATES:
+        raise InvalidValueError("kind of data set", dataset.job.kind, f"one of {', '.join(_STATES)}")
+    if format == "lerobot":
+        _to_lerobot(dataset, store)
+    elif format == "mcap":
+        _to_mcap(dataset, store)
+    else:
+        raise InvalidValueError("format", format, "lerobot or mcap")
+
+
+def _to_lerobot(dataset: Dataset, store: Store) -> None:
+    place = Store(store.path("lerobot"))
+    if place.exists("meta/info.json"):
+        return  # it was finished: info.json comes last
+    place.remove()
+    state, action = (next(c for c in dataset.columns if c.name == name) for name in _STATES[dataset.job.kind])
+    sensed = {c.name for c in dataset.columns if f"{c.name}.time" in {o.name for o in dataset.columns}}
+    features = {"observation.state": _feature(state), "action": _feature(action)}
+    others = [c for c in dataset.columns if c.name in sensed and _exported(c)]
+    features |= {f"observation.{_folder(c)}.{c.name}": _feature(c) for c in others}
+    task = dataset.job.targets.get("task", dataset.job.name)
+    with LeRobotWriter(place, _fps(dataset), features) as writer:
+        for row in dataset:
+            if row["status"] == SOLVED and len(row[state.name]):
+                writer.add(task, **_frames(row, state, action, others))
+
+
+def _fps(dataset: Dataset) -> float:
+    """Return the rate of the frames [1/s]."""
+    if dataset.job.kind in ("trajectories", "runs"):
+        return dataset.job.fps
+    times = next(row["time"] for row in dataset if len(row["time"]) > 1)
+    return float(round(1.0 / float(np.median(np.diff(times)))))
+
+
+def _frames(row: dict[str, Any], state: Column, action: Column, others: list[Column]) -> dict[str, Any]:
+    values, wanted = row[state.name], row[action.name]
+    if state == action:
+        wanted = np.concatenate([wanted[1:], wanted[-1:]])
+    found = {"observation.state": np.nan_to_num(values), "action": np.nan_to_num(wanted)}
+    for column in others:
+        newest = np.searchsorted(row[f"{column.name}.time"], row["time"] + 1e-9, side="right") - 1
+        items = row[column.name][np.maximum(newest, 0)]
+        items = items if _is_picture(column) else np.reshape(items, (len(items), max(1, column.size)))
+        found[f"observation.{_folder(column)}.{column.name}"] = items
+    return found
+
+
+def _is_picture(column: Column) -> bool:
+    return column.dtype == "uint8" and len(column.shape) == 3
+
+
+def _exported(column: Column) -> bool:
+    return _is_picture(column) or column.counted
+
+
+def _folder(column: Column) -> str:
+    return "images" if _is_picture(column) else "sensors"
+
+
+def _feature(column: Column) -> Feature:
+    if _is_picture(column):
+        return Feature(picture=(column.shape[0], column.shape[1]))
+    return Feature(max(1, column.size), column.names)
+
+
+def _to_mcap(dataset: Dataset, store: Store) -> None:
+    if store.local is None:
+        raise InvalidValueError("format", "mcap", f"another one for {store.place}: it needs a disk")
+    if "mcap" not in plugins("formats"):
+        raise UnknownNameError("format", "mcap", plugins("formats"))
+    writer, folder = plugins("formats")["mcap"].load(), make_folder(store.local / "mcap")
+    pepper = kind_of(dataset.job).recipe.pepper
+    for row in dataset:
+        path = folder / f"row-{row['row']:06d}.mcap"
+        if row["status"] != SOLVED or not len(row["time"]) or path.exists():
+            continue
+        if dataset.job.kind == "runs":
+            writer.write_recording(path, _run(dataset, row, pepper))
+        else:
+            writer.write_trajectory(path, _points(dataset, row, path))
+
+
+def _run(dataset: Dataset, row: dict[str, Any], pepper: Any) -> Run:
+    """Return a row as a run of the twin."""
+    columns = {c.name: c for c in dataset.columns}
+    readings = {}
+    for name in columns:
+        if f"{name}.time" in columns:
+            items = row[name]
+            readings[name] = ReadingSeries(row[f"{name}.time"], items, items, columns[name].unit, "")
+    reference: Array = row["reference_position"]
+    return Run(
+        pepper.joint_names, pepper.joint_units, row["time"], row["position"], row["velocity"], row["torque"],
+        reference, np.zeros_like(reference), np.full(pepper.n, np.inf), readings=readings,
+    )  # fmt: skip
+
+
+def _points(dataset: Dataset, row: dict[str, Any], path: Path) -> MotionPoints:
+    """Return a row as a motion through its frames."""
+    name = {"replays": "measured"}.get(dataset.job.kind, "position")
+    column = next(c for c in dataset.columns if c.name == name)
+    position = row[name]
+    good = np.isfinite(position).all(axis=0)
+    if not good.any():
+        raise FileFormatError(path, "has no joint that was measured")
+    time = row["time"] - row["time"][0]
+    velocity = row["velocity"] if "velocity" in row else np.gradient(position, time, axis=0)
+    pepper = kind_of(dataset.job).recipe.pepper
+    names = tuple(name for name, known in zip(column.names, good, strict=True) if known)
+    units = tuple(pepper.joint_units[pepper.joint_index(name)] for name in names)
+    stamps = np.round(time * NANOSECONDS).astype(np.int64)
+    return MotionPoints(names, units, stamps, position[:, good], velocity[:, good], None)

@@ -1,0 +1,181 @@
+"""Data sets made, and made on where that was interrupted."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import Any
+
+from pepper_kin import __version__
+from pepper_kin.datasets.card import write_card
+from pepper_kin.datasets.cluster import on_dask
+from pepper_kin.datasets.dataset import JOB, MANIFEST, VERSION, Dataset, open_dataset
+from pepper_kin.datasets.export import export
+from pepper_kin.datasets.job import MADE_BY, DatasetJob, job_of_text
+from pepper_kin.datasets.pool import on_pool
+from pepper_kin.datasets.shard import DATA, kind_of, name_of, summary_of, write_shard
+from pepper_kin.datasets.store import Store
+from pepper_kin.exceptions import FileFormatError, InvalidValueError
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.model.joint_vectors import check_whole
+
+
+@dataclass
+class Progress:
+    """How far a data set is.
+
+    Attributes:
+        done: Rows that are written.
+        total: Rows that it will have.
+        new: Rows that this call has made.
+        seconds: Time since the call began, by a clock that nobody sets [s].
+        statuses: How many rows that this call has made ended how.
+    """
+
+    done: int
+    total: int
+    new: int = 0
+    seconds: float = 0.0
+    statuses: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def rate(self) -> float:
+        """Rows a second."""
+        return self.new / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def left(self) -> float:
+        """Time that the rest will take at this rate [s]; infinity before the first shard."""
+        return (self.total - self.done) / self.rate if self.rate > 0 else math.inf
+
+    def sentence(self) -> str:
+        """Return it in a line."""
+        ends = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        left = f"{self.left:.0f} s left" if math.isfinite(self.left) else "the time left is not known yet"
+        return f"{self.done} of {self.total} rows, {self.rate:.0f} a second, {left}" + (ends and f"; {ends}")
+
+
+def make(
+    job: DatasetJob,
+    folder: PathName,
+    *,
+    workers: int | None = None,
+    client: Any = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Dataset:
+    """Make a data set, or what a folder still lacks of it.
+
+    Every shard is a file with a name made of job and rows, written whole or not at all, so no row is lost or
+    there twice, whatever is killed and however often this is called; the manifest comes last.
+
+    Args:
+        job: What it shall hold.
+        folder: Where it goes: a folder, or an address that fsspec knows.
+        workers: Processes of this machine, one for each core if omitted; 0 computes in this process.
+        client: A `distributed.Client` or the address of a Dask scheduler, whose workers are used instead.
+        on_progress: Called after each shard.
+
+    Returns:
+        The data set.
+
+    Raises:
+        InvalidValueError: for a folder with another data set, or which another process works on.
+        FileFormatError: for files that are damaged, or cannot be written: call again when there is room.
+        InfeasibleError: where processes or the scheduler died again and again.
+        PepperKinError: naming the option of the job that cannot be taken, before anything is written.
+    """
+    count = os.cpu_count() or 1 if workers is None else check_whole("workers", workers, 0, 4096)
+    store = Store(folder)
+    kind_of(job)  # refuses what the robot, planner or twin cannot take
+    with store.locked():
+        _claim(store, job)
+        store.clean(DATA)
+        there = set(store.names(DATA))
+        missing = [i for i in range(job.shards) if name_of(job, i).partition("/")[2] not in there]
+        found: dict[int, dict[str, Any]] = {}
+        if missing:
+            run = _runner(job, missing, store, count, client)
+            rows = {i: job.bounds(i)[1] - job.bounds(i)[0] for i in missing}
+            state, begin = Progress(job.rows - sum(rows.values()), job.rows), time.monotonic()
+            try:
+                for shard, summary in run:
+                    found[shard] = summary
+                    state.done, state.new = state.done + rows[shard], state.new + rows[shard]
+                    state.seconds = time.monotonic() - begin
+                    state.statuses.update(summary["statuses"])
+                    if on_progress is not None:
+                        on_progress(state)
+            finally:
+                run.close()
+        store.clean(DATA)
+        _finish(store, job, found)
+    return open_dataset(folder)
+
+
+def resume(folder: PathName, **options: Any) -> Dataset:
+    """Make what a folder still lacks of the data set that was begun in it; see `make`.
+
+    Raises:
+        FileFormatError: for a folder in which none was begun.
+    """
+    return make(read_job(Store(folder)), folder, **options)
+
+
+def read_job(store: Store) -> DatasetJob:
+    """Return the job of a data set that was begun.
+
+    Raises:
+        FileFormatError: where there is none, or another version of the library began it.
+    """
+    if not store.exists(JOB):
+        raise FileFormatError(store.place, f"holds no data set that was begun: it has no {JOB}")
+    text = store.read_text(JOB)
+    made_by = re.search(rf"^{MADE_BY}: (.+)$", text, re.MULTILINE)
+    if made_by is None or made_by[1].strip("'") != __version__:
+        found = "no version" if made_by is None else made_by[1]
+        reason = f"was begun by pepper_kin {found}, whose rows may be others: this is {__version__}"
+        raise FileFormatError(store.path(JOB), reason)
+    return job_of_text(text, store.path(JOB))
+
+
+def _runner(
+    job: DatasetJob, missing: list[int], store: Store, workers: int, client: Any
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
+    if client is not None:
+        return on_dask(job, missing, store, client)
+    if workers == 0:
+        return ((shard, write_shard(job, shard, store)) for shard in missing)
+    return on_pool(job, missing, store, min(workers, len(missing)))
+
+
+def _claim(store: Store, job: DatasetJob) -> None:
+    """Write the job into a new folder, or refuse one that has another."""
+    if store.exists(JOB):
+        other = read_job(store)
+        if (other.hash, other.rows_per_shard) != (job.hash, job.rows_per_shard):
+            raise InvalidValueError("folder", store.place, f"a new one, or one with this very job in {JOB}")
+        return
+    others = [name for name in store.names("") if name != ".lock"]
+    if others:
+        raise InvalidValueError("folder", store.place, f"an empty one: it holds {', '.join(others[:3])}")
+    store.write_text(JOB, job.text(**{MADE_BY: __version__}))
+
+
+def _finish(store: Store, job: DatasetJob, found: dict[int, dict[str, Any]]) -> None:
+    """Write statistics, card and exports of a complete data set, and the manifest, which says so, last."""
+    if store.exists(MANIFEST):
+        return
+    shards = [found[i] if i in found else summary_of(job, i, store) for i in range(job.shards)]
+    content = {"data set": VERSION, "job": job.hash, "rows": job.rows, "shards": shards}
+    text = json.dumps(content, indent=1) + "\n"
+    dataset = Dataset(store, job, content)
+    write_card(store, dataset)
+    if job.format != "parquet":
+        export(dataset, store, job.format)
+    store.write_text(MANIFEST, text)
