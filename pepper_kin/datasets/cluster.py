@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+import uuid
 from collections import Counter, deque
 from collections.abc import Generator, Iterable
 from typing import Any
@@ -39,7 +40,9 @@ class _Run:
 
     def __init__(self, client: Any, job: DatasetJob, waiting: deque[int], place: str) -> None:
         self.client, self.waiting, self.running = client, waiting, dict[Any, int]()
-        self._values, self._name, self._place = job.as_dict(), job.hash[:12], place
+        self._values, self._place = job.as_dict(), place
+        # A scheduler would take the same job in another folder for the same tasks.
+        self._name = uuid.uuid4().hex
         self._tries = Counter[int]()
         self._threads, self._looked, self._seen = 0, -math.inf, math.inf
 

@@ -158,7 +158,7 @@ def _claim(store: Store, job: DatasetJob) -> None:
     """Write the job into a new folder, or refuse one that has another."""
     if store.exists(JOB):
         other = read_job(store)
-        if (other.hash, other.rows_per_shard) != (job.hash, job.rows_per_shard):
+        if any(getattr(other, name) != getattr(job, name) for name in ("hash", "rows_per_shard", "format")):
             raise InvalidValueError("folder", store.place, f"a new one, or one with this very job in {JOB}")
         return
     others = [name for name in store.names("") if name != ".lock"]
@@ -169,13 +169,18 @@ def _claim(store: Store, job: DatasetJob) -> None:
 
 def _finish(store: Store, job: DatasetJob, found: dict[int, dict[str, Any]]) -> None:
     """Write statistics, card and exports of a complete data set, and the manifest, which says so, last."""
+    known: dict[int, dict[str, Any]] = {}
     if store.exists(MANIFEST):
-        return
-    shards = [found[i] if i in found else summary_of(job, i, store) for i in range(job.shards)]
+        known = dict(enumerate(open_dataset(store.place).shards))
+        if all(known[i] == summary for i, summary in found.items()):
+            return  # else another pyarrow wrote the same rows in other bytes
+    known |= found
+    shards = [known[i] if i in known else summary_of(job, i, store) for i in range(job.shards)]
     content = {"data set": VERSION, "job": job.hash, "rows": job.rows, "shards": shards}
     text = json.dumps(content, indent=1) + "\n"
     dataset = Dataset(store, job, content)
-    write_card(store, dataset)
-    if job.format != "parquet":
-        export(dataset, store, job.format)
+    if not store.exists(MANIFEST):
+        write_card(store, dataset)
+        if job.format != "parquet":
+            export(dataset, store, job.format)
     store.write_text(MANIFEST, text)

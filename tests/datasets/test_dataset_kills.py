@@ -1,5 +1,6 @@
 """Whatever is killed, full or doubled: every row is there once, with the bits of an undisturbed run."""
 
+import dataclasses
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import pytest
 from pepper_kin import datasets
 from pepper_kin.datasets import cluster as cluster_module
 from pepper_kin.datasets import pool
+from pepper_kin.datasets import shard as shard_module
 from pepper_kin.datasets.shard import name_of
 from pepper_kin.datasets.store import Store
 from pepper_kin.exceptions import FileFormatError, InfeasibleError, InvalidValueError, PepperKinError
@@ -196,6 +198,40 @@ def test_another_job_in_the_folder_and_a_folder_with_other_things(job, tmp_path)
     with pytest.raises(FileFormatError, match=r"was begun by pepper_kin 0\.0\.9"):
         datasets.resume(tmp_path / "data")
     assert len(datasets.open(tmp_path / "data")) == 240
+
+
+def test_a_shard_of_another_pyarrow_takes_its_place_in_the_manifest(job, tmp_path, monkeypatch):
+    """The same rows in other bytes; what is damaged in other files stays refused."""
+    folder = tmp_path / "data"
+    datasets.make(job, folder, workers=0)
+    (folder / name_of(job, 2)).unlink()
+    (folder / name_of(job, 5)).write_bytes(b"PAR1")
+    monkeypatch.setattr(shard_module.pa, "__version__", "99.0")
+    datasets.resume(folder, workers=0)
+    monkeypatch.undo()
+    assert datasets.open(folder)[13]["row"] == 13
+    (fault,) = datasets.check(folder, sample=40).faults
+    assert "shard-000005" in fault
+
+
+def test_another_format_is_refused_where_nothing_would_be_written(tmp_path):
+    job = small_job("demonstrations", tmp_path, rows=1)
+    datasets.make(job, tmp_path / "data", workers=0)
+    with pytest.raises(InvalidValueError, match="this very job"):
+        datasets.make(dataclasses.replace(job, format="lerobot"), tmp_path / "data", workers=0)
+
+
+def test_the_same_job_in_two_folders_by_one_scheduler(job, undisturbed, tmp_path):
+    """The tasks of one are not those of the other."""
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+
+        def make_other(state):
+            if state.new == 6:  # while the scheduler knows the next shards of the first
+                datasets.make(job, tmp_path / "b", client=client)
+
+        datasets.make(job, tmp_path / "a", client=client, on_progress=make_other)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b") == undisturbed
 
 
 def test_damage_is_refused_by_name_and_mended_by_resume(job, undisturbed, tmp_path):
