@@ -180,7 +180,7 @@ def dask(workers):
 
 
 def scaling(folder, shards):
-    job = DatasetJob("ik", 500 * shards, rows_per_shard=500, targets=NEAR)
+    job = DatasetJob("trajectories", 10 * shards, rows_per_shard=10, targets=NEAR, scenes=[TABLE])
     times = {}
     for turn in range(2):
         for workers in (1, 2):
@@ -216,7 +216,7 @@ def lerobot(folder, python):
 
 
 PARTS = {"rows": (rows, 2000), "motions": (motions, 100), "writer": (writer, 200), "kills": (kills, 1000)}
-PARTS["scaling"] = (scaling, 16)
+PARTS["scaling"] = (scaling, 40)
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
