@@ -44,7 +44,7 @@ _USED: dict[str, dict[str, set[str]]] = {
     "ik": {
         "targets": _POINTS,
         "randomization": {"objects"},
-        "planner": {"solver", "restarts", "max_iterations", "margin", "joints", "collisions"},
+        "planner": {"solver", "restarts", "max_iterations", "margin", "joints", "collisions", "closest"},
     },
     "reach_maps": {"targets": {"frame", "joints", "samples", "resolution"}},
     "plans": {name: _MOTION[name] for name in ("targets", "randomization", "planner")},

@@ -83,7 +83,7 @@ class IKRows(Kind):
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
         self.goals = Goals(recipe, starts=False)
-        parts = [_ROW, _STATUS, _SCENE, _TARGET, recipe.joints("q", "rad or m")]
+        parts = [_ROW, _STATUS, _REASON, _SCENE, _TARGET, recipe.joints("q", "rad or m")]
         parts += [Column("error", unit="m"), Column("iterations", "int64"), Column("restarts", "int64")]
         self.columns = tuple(parts)
 
@@ -96,13 +96,14 @@ class IKRows(Kind):
         }
         found |= {"row": np.arange(begin, end), "target": points, "scene": self.recipe.scene_numbers(u)}
         words = np.array([status.value for status in CODES], dtype=object)
-        options = {"seed": self.job.seed % 2**31, **self.job.planner}
+        options = {"seed": self.job.seed % 2**31, "closest": False, **self.job.planner}
         for rows, scene in self.recipe.worlds(u):
             if options.get("collisions", True):
                 options["scene"] = scene
             solved = ik.solve_batch(self.recipe.pepper, self.goals.tasks(points[rows]), **options)
             for name, value in {
                 "q": solved.q, "status": words[solved.codes], "error": solved.errors[:, 0],
+                "reason": [solved.reason(row) for row in range(len(rows))],
                 "iterations": solved.iterations, "restarts": solved.restarts,
             }.items():  # fmt: skip
                 found[name][rows] = value
