@@ -13,7 +13,7 @@ The model's constants are folded in and what is always zero is a structural zero
     inverse_dynamics, gravity_torque, forward_dynamics
     inverse_dynamics_derivatives, forward_dynamics_derivatives
     mass_matrix, inverse_mass_matrix, coriolis_matrix, regressor, kinetic_energy, potential_energy
-    center_of_mass, center_of_mass_jacobian, centroidal_momentum, centroidal_map
+    center_of_mass, center_of_mass_jacobian, centroidal_momentum, centroidal_map, centroidal_inertia
     base_wrench, zero_moment_point
     function, QUANTITIES                      any of them by name
 
@@ -29,7 +29,7 @@ from pepper_kin.symbolic.inverse_dynamics import gravity_torque, inverse_dynamic
 from pepper_kin.symbolic.inverse_dynamics_derivatives import coriolis_matrix, inverse_dynamics_derivatives
 from pepper_kin.symbolic.jacobians import frame_jacobian, frame_jacobian_rate
 from pepper_kin.symbolic.mass_matrix import inverse_mass_matrix, mass_matrix
-from pepper_kin.symbolic.momentum import centroidal_map, centroidal_momentum
+from pepper_kin.symbolic.momentum import centroidal_inertia, centroidal_map, centroidal_momentum
 from pepper_kin.symbolic.poses import frame_pose, frame_poses
 from pepper_kin.symbolic.registry import QUANTITIES, function
 from pepper_kin.symbolic.regressor import regressor
@@ -40,6 +40,7 @@ __all__ = [
     "base_wrench",
     "center_of_mass",
     "center_of_mass_jacobian",
+    "centroidal_inertia",
     "centroidal_map",
     "centroidal_momentum",
     "coriolis_matrix",
