@@ -295,7 +295,8 @@ class _Search:
         place[used] = np.arange(used.size)
         listed = used.tolist()
         balls = zip(listed, queries.poses(listed), strict=True)
-        centers = np.array([pose.act(checker._shapes.bounding_centers[i]) for i, pose in balls])
+        own = checker._shapes.bounding_centers
+        centers = np.array([pose.act(own[i]) for i, pose in balls])
         return centers, used, (place[first], place[second])
 
     def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
