@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,12 +16,13 @@ import pyarrow.parquet as pq
 
 from pepper_kin.datasets.columns import Column, Moments, decoded
 from pepper_kin.datasets.job import DatasetJob, job_of_text
-from pepper_kin.datasets.shard import read_footer
+from pepper_kin.datasets.shard import DATA, read_footer
 from pepper_kin.datasets.store import Store
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, UnknownNameError
 from pepper_kin.file_access.atomic_file import PathName
 
 JOB, MANIFEST, VERSION = "job.yaml", "manifest.json", 1
+_SHARD = re.compile(rf"{DATA}/shard-[\w-]+\.parquet")
 _OPEN = 8  # files that are kept open
 _MOST_GROUP = 65_536  # rows read at once
 
@@ -264,7 +266,9 @@ def open_dataset(folder: PathName, *, verify: bool = True) -> Dataset:
             raise ValueError(f"version {manifest['data set']}, this library reads {VERSION}")
         if firsts != [job.bounds(k) for k in range(job.shards)] or manifest["rows"] != job.rows:
             raise ValueError("its rows are not those of the job")
-        for shard in manifest["shards"]:
+        for k, shard in enumerate(manifest["shards"]):
+            if not _SHARD.fullmatch(shard["name"]):
+                raise ValueError(f"the name of file {k}")
             if sum(shard["statuses"].values()) != shard["rows"] or not isinstance(shard["sha256"], str):
                 raise ValueError(f"the entry of {shard['name']}")
             shard["bytes"] + 0

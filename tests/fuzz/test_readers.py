@@ -52,8 +52,8 @@ NO_READERS = {
     "kernels.CompiledFunction.load", "twin.Push.load",
 }  # fmt: skip
 """Public names that begin alike: masses, code and forces."""
-NOT_READ = {"xacro", "SDF"}
-"""Formats that are refused by name even where they are whole."""
+NOT_READ = {"xacro", "SDF", "shard"}
+"""Formats that are refused by name even where they are whole, or after any change: a shard by its SHA-256."""
 FUNCTIONS = {
     "collision.Scene.load", "datasets.load_job", "datasets.open",
     "files.load", "files.load_columns", "files.load_table", "files.read_choregraphe",
