@@ -105,7 +105,7 @@ class RobotTask:
     def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
         """Return how the present states meet their goals, shape (N, g, 3) each [m]."""
         distance, none = np.empty(len(places)), np.zeros(len(places))
-        greatest_distances(np.ascontiguousarray(places), np.ascontiguousarray(goals), distance)
+        greatest_distances(*(np.ascontiguousarray(x, float) for x in (places, goals)), distance)
         return Score(distance, none, distance < self.threshold, none > 0)
 
     def wanted(self, env: PepperVectorEnv) -> Array:

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.episodes import Ends, Seen, StepRules, begin_episodes, end_step, observe
+from pepper_kin.core.episodes import Ends, Score, Seen, StepRules, begin_episodes, end_step, observe
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.picture import MOST_DRAWN, Pictures
 from pepper_kin.learning.randomization import Randomization
@@ -97,7 +97,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         options = differing.drawn(self.pepper, self.num_envs, check_seed(randomization_seed))
         self.twins = self.task.twins(self.pepper, self.num_envs, options)
         self.period, self.goal_seed = STEPS * self.twins.timestep, check_seed(goal_seed)
-        self._bank = _episodes(self.pepper, self.task, speed, self.period, self.goal_seed)
+        self._bank = np.ascontiguousarray(
+            _episodes(self.pepper, self.task, speed, self.period, self.goal_seed), float
+        )
         low, high = self.pepper.lower_limits[self.joints], self.pepper.upper_limits[self.joints]
         endless = ~np.isfinite(high - low)
         low, high = np.where(endless, -np.pi, low), np.where(endless, np.pi, high)
@@ -128,7 +130,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             options: `reset_mask`, shape (N,): which robots begin anew; all without.
 
         Raises:
-            InvalidValueError: for a mask or seeds of another shape.
+            InvalidValueError: for a mask or seeds of another shape, or a seed below 0.
         """
         single = seed if isinstance(seed, int) else None
         super().reset(seed=single)
@@ -172,7 +174,11 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             self._begin(anew)
         self.elapsed[~anew] += 1
         places = self.task.places(self)
-        score = self.task.score(self, places, self.task.goals(self))
+        distance, cost, success, failed = self.task.score(self, places, self.task.goals(self))
+        score = Score(
+            *(np.ascontiguousarray(part, float) for part in (distance, cost)),
+            *(np.ascontiguousarray(part, bool) for part in (success, failed)),
+        )
         self._lasted[anew] = 0  # of a step that only begins an episode
         ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
         end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
@@ -278,4 +284,4 @@ def _episodes(pepper: PepperModel, task: RobotTask, speed: float, period: float,
 
 def _keys_of(seeds: Sequence[int]) -> NDArray[np.int64]:
     """Return keys of streams of random numbers, shape (k,)."""
-    return np.array([stream_key(int(seed), 0) for seed in seeds], np.uint64).view(np.int64)
+    return np.array([stream_key(check_seed(seed), 0) for seed in seeds], np.uint64).view(np.int64)

@@ -292,6 +292,31 @@ def check_whole(quantity: str, value: object, least: int = 1, most: float = MOST
     return int(value)  # type: ignore[call-overload]
 
 
+def check_rows(rows: ArrayLike, count: int) -> NDArray[np.int64]:
+    """Return the numbers of some of so many robots, shape (k,).
+
+    Args:
+        rows: Numbers from 0, shape (k,), each once, or a mask, shape (count,).
+        count: How many there are.
+
+    Raises:
+        InvalidValueError: otherwise.
+    """
+    allowed = f"numbers from 0 to {count - 1}, each once, or a mask of shape ({count},)"
+    try:
+        array = np.asarray(rows)
+    except (ValueError, OverflowError, RecursionError):  # ragged rows, lists without end
+        raise InvalidValueError("rows", shown(rows), allowed) from None
+    if array.dtype == bool and array.shape == (count,):
+        return np.flatnonzero(array)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        raise InvalidValueError("rows", f"{array.dtype} of shape {array.shape}", allowed)
+    places = array.astype(np.int64)
+    if np.unique(places).size < places.size or np.any((places < 0) | (places >= count)):
+        raise InvalidValueError("rows", np.array2string(places, threshold=8), allowed)
+    return places
+
+
 def check_seed(value: object) -> int:
     """Return the seed of random choices: a whole number of at least 0, of any size.
 

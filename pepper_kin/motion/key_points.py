@@ -182,7 +182,7 @@ def _of_table(path: PathName) -> KeyPoints:
     try:
         lines = list(csv.reader(io.StringIO(read_text(path)), strict=True))
     except csv.Error as error:
-        raise FileFormatError(path, f"is no table: {error}") from error
+        raise FileFormatError(path, f"is not a table: {error}") from error
     if len(lines) < 3:
         raise FileFormatError(path, f"has {len(lines)} lines, expected names and two rows")
     header = [name.strip() for name in lines[0]]

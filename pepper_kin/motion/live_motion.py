@@ -101,14 +101,17 @@ class _World:
 
     @cached_property
     def standing(self) -> FastChecker:
+        """Checks the robot with itself and what stands."""
         return fast_checker_for(self.pepper, self.scene.standing, _STILL, 0.0)
 
     @cached_property
     def movers(self) -> Movers | None:
+        """What moves; None where nothing does."""
         return movers_of(self.pepper, self.scene)
 
     @cached_property
     def moving(self) -> FastChecker:
+        """Checks the robot with what moves."""
         assert self.movers is not None
         return fast_checker_for(self.movers.robot, self.movers.scene)
 

@@ -18,9 +18,9 @@ from pepper_kin.model.joint_vectors import (
     as_finite,
     as_joint_vectors,
     check_choice,
+    check_rows,
     check_whole,
     check_within_limits,
-    shown,
 )
 from pepper_kin.trajectory.limits import checked_share
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -191,7 +191,7 @@ class TwinBatch:
             UnknownNameError: listing the bodies.
             InvalidValueError: for NaN, a wrong shape, or rows that there are not.
         """
-        places = np.arange(self.count) if rows is None else self._rows(rows)
+        places = np.arange(self.count) if rows is None else check_rows(rows, self.count)
         self._bodies(name).place(name, places, position, rpy, velocity)
 
     def reset(
@@ -213,7 +213,7 @@ class TwinBatch:
             LimitError: for a position outside the limits.
         """
         rest = np.zeros(self.pepper.n)
-        places = np.arange(self.count) if rows is None else self._rows(rows)
+        places = np.arange(self.count) if rows is None else check_rows(rows, self.count)
         position = self._states(self.pepper.neutral() if q is None else q, "q", places.size)
         velocity = self._states(rest if v is None else v, "v", places.size)
         check_within_limits(self.pepper, position, "q", 1e-6)
@@ -509,22 +509,6 @@ class TwinBatch:
         if (times < 0).any():
             raise InvalidValueError("latency", times.min(), "times of at least 0 s")
         return np.round(times / self.timestep).astype(np.int64)
-
-    def _rows(self, rows: ArrayLike) -> NDArray[np.int64]:
-        """Return the numbers of some robots, shape (k,)."""
-        allowed = f"numbers from 0 to {self.count - 1}, each once, or a mask of shape ({self.count},)"
-        try:
-            array = np.asarray(rows)
-        except (ValueError, OverflowError, RecursionError):  # ragged rows, lists without end
-            raise InvalidValueError("rows", shown(rows), allowed) from None
-        if array.dtype == bool and array.shape == (self.count,):
-            return np.flatnonzero(array)
-        if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
-            raise InvalidValueError("rows", f"{array.dtype} of shape {array.shape}", allowed)
-        places = array.astype(np.int64)
-        if np.unique(places).size < places.size or np.any((places < 0) | (places >= self.count)):
-            raise InvalidValueError("rows", np.array2string(places, threshold=8), allowed)
-        return places
 
     def _states(self, value: ArrayLike, quantity: str, count: int) -> Array:
         """Return joint vectors of k robots, shape (k, n)."""

@@ -236,6 +236,11 @@ def test_rows_of_many_bases_are_those_of_single_ones(base):
     )
     assert not many.stands
     assert np.abs(many.pose).max() > 0.3
+    for rows in ([count], [0, 0], np.ones(count - 1, bool)):
+        with pytest.raises(InvalidValueError, match="rows"):
+            many.reset(rows=rows)
+    with pytest.raises(InvalidValueError, match="pose"):
+        many.reset(np.zeros((3, 3)), rows=[0, 1])
 
 
 def test_misuse_is_named(base):

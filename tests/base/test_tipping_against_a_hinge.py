@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.twin.base import BalanceMonitor, BatchTipping, simulate_tipping
 
 
@@ -86,6 +87,8 @@ def test_rows_of_a_batch_tilt_as_single_robots():
             batch.reset([1, 3])
         batch.step(q[:, k], v[:, k], a[:, k], h)
         found.append(np.stack([batch.angle, batch.rate, batch.edge.astype(float)], axis=1))
+    with pytest.raises(InvalidValueError, match="rows"):
+        batch.reset([count])
     rows = np.array(found)
     assert rows[:, :, 0].max() > 0.01
     assert not batch.fallen.all()

@@ -207,8 +207,33 @@ def test_ranges_of_robots_are_those_that_were_measured_or_given():
         learning.Randomization({"latency": (0.3, 0.2)})
 
 
+class _Loose(learning.ReachTask):
+    """A task whose arrays are of other kinds and orders than the machine code takes."""
+
+    def episodes(self, pepper, speed, period, seed):
+        return np.asfortranarray(super().episodes(pepper, speed, period, seed), np.float32)
+
+    def places(self, env):
+        return np.asfortranarray(super().places(env))
+
+    def score(self, env, places, goals):
+        found = super().score(env, places, goals)
+        return found._replace(distance=found.distance.astype(np.float32), success=found.success.tolist())
+
+
+def test_arrays_of_a_task_of_ones_own_may_be_of_any_kind():
+    plain, loose = (PepperVectorEnv(3, kind("mine")) for kind in (learning.ReachTask, _Loose))
+    for env in (plain, loose):
+        env.reset(seed=4)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5))
+    for found, wanted in zip(loose.step(actions)[:4], plain.step(actions)[:4], strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
 def test_misuse_is_refused():
     env = PepperVectorEnv(4)
+    with pytest.raises(InvalidValueError, match="seed"):
+        env.reset(seed=[1, -1, None, 2])
     with pytest.raises(InvalidValueError, match="before reset"):
         env.step(np.zeros((4, 5)))
     env.reset(seed=0)

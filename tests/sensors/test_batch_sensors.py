@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pepper_kin.collision import Scene
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import rotation_from_rpy
 from pepper_kin.twin.batch_world import BatchBodies
@@ -98,6 +98,8 @@ def test_pads_are_pressed_as_those_of_suites(pepper):
     still = BatchSwitches(pepper, Scene(scene.objects)).read(q)
     assert still.shape == (count, 8)
     assert still[:, 0].all()
+    with pytest.raises(InvalidValueError, match="60 places"):
+        BatchSwitches(pepper, scene, SWITCHES, ("thing",)).read(q[:5], bodies)
     with pytest.raises(UnknownNameError, match="thing"):
         BatchSwitches(pepper, scene, SWITCHES, ("thing",)).read(q)
     with pytest.raises(UnknownNameError, match="wall"):

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive, check_whole
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_batch, as_finite, check_positive, check_rows, check_whole
 from pepper_kin.twin.base.odometry import arc_moved
 from pepper_kin.twin.base.omni_base import OmniBase
 
@@ -46,14 +47,18 @@ class BaseController:
             rows: Which of many bases: numbers, shape (k,), or a mask, shape (N,); all if omitted.
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN or infinity.
+            InvalidValueError: for a wrong shape, NaN or infinity, or rows that there are not.
         """
-        which = slice(None) if rows is None else np.asarray(rows)
         if not self._many:
+            if rows is not None:
+                raise InvalidValueError("rows", rows, "none, of a single base")
             self._pose = as_finite(pose, "pose", (3,))
             self._twist, self._target, self._age = np.zeros(3), np.zeros(3), np.full((), np.inf)
             return
-        place = np.broadcast_to(as_batch(pose, "pose", (3,)), self._pose[which].shape)
+        which = np.arange(*self._many) if rows is None else check_rows(rows, *self._many)
+        place = as_batch(pose, "pose", (3,))
+        if place.shape not in ((3,), (len(which), 3)):
+            raise InvalidValueError("pose", f"shape {place.shape}", f"shape (3,) or ({len(which)}, 3)")
         self._pose, self._twist, self._target = self._pose.copy(), self._twist.copy(), self._target.copy()
         self._pose[which], self._twist[which], self._target[which] = place, 0.0, 0.0
         self._age[which] = np.inf

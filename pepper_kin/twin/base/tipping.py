@@ -20,6 +20,7 @@ from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
     as_real,
     check_positive,
+    check_rows,
     check_whole,
     shown,
 )
@@ -240,8 +241,12 @@ class BatchTipping:
         return np.asarray(self.angle >= self._rules.fallen_at)
 
     def reset(self, rows: ArrayLike | None = None) -> None:
-        """Put all robots level, or some, by their numbers, shape (k,), or a mask, shape (N,)."""
-        places = slice(None) if rows is None else np.asarray(rows)
+        """Put all robots level, or some, by their numbers, shape (k,), or a mask, shape (N,).
+
+        Raises:
+            InvalidValueError: for rows that there are not.
+        """
+        places = np.arange(self.count) if rows is None else check_rows(rows, self.count)
         self.angle, self.rate, self.edge = self.angle.copy(), self.rate.copy(), self.edge.copy()
         self.angle[places], self.rate[places], self.edge[places], self._new[places] = 0.0, 0.0, -1, True
 

@@ -15,7 +15,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, in_collision
 from pepper_kin.collision.movers import Movers, movers_of, without_self_pairs
 from pepper_kin.collision.scene_object import AttachedObject
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_acceleration, frame_pose, frame_velocity
 from pepper_kin.model import Box, PepperModel, kept_for_robot
 from pepper_kin.model.dynamics_model import described
@@ -252,13 +252,16 @@ class BatchSwitches:
             Shape (N, sensors).
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN or infinity.
+            InvalidValueError: for a wrong shape, NaN or infinity, or a body of another number of robots.
             UnknownNameError: where a body is missing.
         """
         states, given = np.atleast_2d(as_joint_vectors(self._pepper, q, "q")), dict(bodies or {})
         for name in self._bodies:
             if name not in given:
                 raise UnknownNameError("body", name, given)
+            if len(given[name].position) != len(states):
+                found_at = f"{len(given[name].position)} places"
+                raise InvalidValueError(f"body {name!r}", found_at, f"one for each of {len(states)} robots")
         found = np.empty((len(states), len(self._around)), bool)
         for k, (standing, movers) in enumerate(self._around):
             found[:, k] = in_collision(self._pads, states, standing)
