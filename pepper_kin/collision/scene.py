@@ -15,8 +15,8 @@ from pepper_kin.collision.attachment import attached, released
 from pepper_kin.collision.mesh_file import points_of, triangles_of
 from pepper_kin.collision.named_items import NamedItems
 from pepper_kin.collision.scene_object import (
+    PALETTE,
     PLASTER,
-    WOOD,
     AttachedObject,
     Color,
     SceneObject,
@@ -114,7 +114,7 @@ class Scene:
         geometry: SceneGeometry,
         position: ArrayLike = (0.0, 0.0, 0.0),
         rpy: ArrayLike = (0.0, 0.0, 0.0),
-        color: Color = WOOD,
+        color: Color | None = None,
         **motion: Any,
     ) -> Scene:
         """Return a scene with one more obstacle.
@@ -124,7 +124,7 @@ class Scene:
             geometry: Its shape.
             position: Position of its center in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            color: Red, green, blue and opacity, 0 to 1.
+            color: Red, green, blue and opacity, 0 to 1; the next one of eight if omitted.
             **motion: `velocity`, with which it moves on from there [m/s], shape (3,); `uncertainty` of where
                 it will be, by which the distance to keep from it grows with time [m/s].  See `at`.
 
@@ -136,7 +136,8 @@ class Scene:
         pose = transform(
             as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
         )
-        return self._and_one(SceneObject(name, geometry, pose, color, **motion))
+        chosen = PALETTE[len(self.objects) % len(PALETTE)] if color is None else color
+        return self._and_one(SceneObject(name, geometry, pose, chosen, **motion))
 
     def add_box(
         self,
@@ -437,13 +438,14 @@ class Scene:
         return self._replaced(changed)
 
     def with_cloud(self, name: str, points: ArrayLike, radius: float, **options: Any) -> Scene:
-        """Return a scene with a point cloud in the place of what has the name, if anything has.
+        """Return a scene with a point cloud in the place of what has the name, if anything has, in its color.
 
         Arguments and errors are those of `add_point_cloud`, and of an object that hangs on the robot.
         """
         if name not in self.names:
             return self.add_point_cloud(name, points, radius, **options)
         self._check_standing(name)
+        options.setdefault("color", self.objects[name].color)
         alone = Scene().add_point_cloud(name, points, radius, **options)
         return self._replaced(dict(alone.objects))
 

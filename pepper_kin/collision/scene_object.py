@@ -29,6 +29,17 @@ from pepper_kin.model.joint_vectors import as_finite, check_positive
 
 Color = tuple[float, float, float, float]
 WOOD: Color = (0.72, 0.53, 0.36, 1.0)
+PALETTE: tuple[Color, ...] = (
+    WOOD,
+    (0.32, 0.55, 0.75, 1.0),
+    (0.47, 0.68, 0.36, 1.0),
+    (0.88, 0.66, 0.22, 1.0),
+    (0.58, 0.46, 0.72, 1.0),
+    (0.28, 0.62, 0.60, 1.0),
+    (0.80, 0.50, 0.58, 1.0),
+    (0.62, 0.62, 0.66, 1.0),
+)
+"""Colors of objects that are given none, in turn: none is the red of contact."""
 PLASTER: Color = (0.85, 0.86, 0.87, 1.0)
 """Floors and walls are drawn in it."""
 
@@ -281,7 +292,7 @@ def _radius(shape: SceneGeometry) -> float:
 
 
 def _color(name: str, color: Color) -> Color:
-    if color is WOOD:
+    if any(color is known for known in PALETTE):
         return color
     numbers = as_finite(color, f"color of {name!r}", (4,))
     if not ((numbers >= 0) & (numbers <= 1)).all():

@@ -4,6 +4,7 @@
     solve_batch, BatchResult                  many targets at once
     solutions                                 several configurations for one problem
     HandPose, HandPosition, LookAt, Point, PointAt            tasks of Pepper
+    straight_pointing                         those of pointing with a stretched arm
     FramePose, FramePosition, FrameOrientation, FrameInPlane  tasks of any frame
     AxisAlignment, LineThroughPoint
     RelativePose, RelativePosition, RelativeOrientation       of one frame to another
@@ -17,6 +18,7 @@ and `pepper_kin.base_placement`.
 """
 
 from pepper_kin.ik.batch import BatchResult, solve_batch
+from pepper_kin.ik.pointing import straight_pointing
 from pepper_kin.ik.result import IKResult, IKStatus, TaskError, TorqueUse
 from pepper_kin.ik.solutions import solutions
 from pepper_kin.ik.solve import solve
@@ -72,4 +74,5 @@ __all__ = [
     "solutions",
     "solve",
     "solve_batch",
+    "straight_pointing",
 ]

@@ -25,7 +25,7 @@ from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State, examination_step, sample_times
-from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
+from pepper_kin.trajectory.wheels import WheelLimits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -49,6 +49,9 @@ def check(
     balance: float | None = 0.0,
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
+    velocity_scale: float = 1.0,
+    acceleration_scale: float = 1.0,
+    torque_scale: float = 1.0,
 ) -> Certificate:
     """Examine a trajectory: polynomials at their extremes, all else closely and with bounds between.
 
@@ -72,9 +75,12 @@ def check(
         balance: As in `retime` [m]; not looked at for a robot without wheels.
         hand_speed: As in `retime` [m/s].
         payload: As in `retime` [kg].
+        velocity_scale: Share of the velocity limits that the motion may use, as in `retime`; of wheels, too.
+        acceleration_scale: The same of accelerations; limits of jerk stay what they are, as in `retime`.
+        torque_scale: The same of effort limits.
 
     Returns:
-        The certificate.
+        The certificate, whose limits are the shares.
 
     Raises:
         InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
@@ -83,18 +89,22 @@ def check(
     refuse_other_joints(pepper, trajectory.joint_names)
     world = checked_world(scene, collisions)
     kept = checked_balance(pepper, balance, if_wheeled=True)
-    limits = motion_limits(pepper, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene)
+    limits = motion_limits(
+        pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
+        torque_scale=torque_scale, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene,
+    )  # fmt: skip
     examined = _examined(pepper, trajectory, limits.loads)
     torque = dynamics.newton_euler(pepper, *examined.state, limits.loads)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     polygon = None if kept is None else support_polygon(pepper)
-    wheels, speeds = wheel_limits(pepper), limits.speeds + wheel_speeds(pepper)
+    allowed = limits.of(pepper, pepper.acceleration_limits, drives=True)
+    speeds = limits.speeds + wheel_speeds(pepper)
 
     def against(quantity: str, order: int, lower: Array, upper: Array) -> LimitCheck:
         """Compare a derivative of the positions with its limits, shape (n,) each."""
         return _at_extremes(pepper, quantity, trajectory, order, lower, upper)
 
-    v, a = pepper.velocity_limits, pepper.acceleration_limits
+    v, a, effort = allowed.velocity, allowed.acceleration, pepper.effort_limits * torque_scale
     return Certificate(
         duration=trajectory.duration,
         samples=examined.time.size,
@@ -102,7 +112,7 @@ def check(
         position=against("position", 0, pepper.lower_limits, pepper.upper_limits),
         velocity=against("velocity", 1, -v, v),
         acceleration=against("acceleration", 2, -a, a),
-        torque=_torque(pepper, examined, torque),
+        torque=_torque(pepper, examined, torque, effort),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
         balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
@@ -110,7 +120,7 @@ def check(
         jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, examined, speeds) if speeds else None,
-        **({} if wheels is None else _wheels(examined, wheels)),
+        **({} if allowed.wheels is None else _wheels(examined, allowed.wheels)),
     )
 
 
@@ -202,9 +212,9 @@ def _at_extremes(
     return _limit_check(pepper, quantity, (margin, value, time), lower, upper, np.zeros(pepper.n))
 
 
-def _torque(pepper: PepperModel, examined: _Examined, torque: Array) -> LimitCheck:
-    """Compare torques [N m or N] at the states, shape (T, n), with the effort limits."""
-    limit, joints = pepper.effort_limits, np.arange(pepper.n)
+def _torque(pepper: PepperModel, examined: _Examined, torque: Array, limit: Array) -> LimitCheck:
+    """Compare torques at the states, shape (T, n), with limits, shape (n,), all [N m or N]."""
+    joints = np.arange(pepper.n)
     at = np.argmax(np.abs(torque), axis=0)
     value = torque[at, joints]
     worst = limit - np.abs(value), value, examined.time[at]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, OvershootWarning
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive, shown
 from pepper_kin.trajectory.path import turning_points
 
 if TYPE_CHECKING:
@@ -26,13 +26,16 @@ OVERSHOOT = 0.01
 _NAMED = 3  # joints in one warning
 
 
-def cubic_pieces(time: Array, position: Array, velocity: Array | None = None) -> Array:
+def cubic_pieces(
+    time: Array, position: Array, velocity: Array | None = None, ends: Array | None = None
+) -> Array:
     """Return coefficients of the cubic pieces through points, constant term first, shape (T - 1, 4, n).
 
     Args:
         time: Rising [s], shape (T,).
         position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
+        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline.
+        ends: Velocities at the ends of the spline [rad/s or m/s], shape (2, n), or None: at rest.
 
     Raises:
         InvalidValueError: for points so near in time, or so far apart, that the slopes overflow.
@@ -42,7 +45,8 @@ def cubic_pieces(time: Array, position: Array, velocity: Array | None = None) ->
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             if velocity is None:
-                spline = CubicSpline(time, position, bc_type="clamped")
+                first, last = np.zeros((2, position.shape[1])) if ends is None else ends
+                spline = CubicSpline(time, position, bc_type=((1, first), (1, last)))
             else:
                 spline = CubicHermiteSpline(time, position, velocity)
         except ValueError as error:
@@ -61,6 +65,7 @@ def from_positions(
     rest: ArrayLike | None,
     interpolation: str,
     overshoot: float,
+    end_velocities: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors.
 
@@ -85,9 +90,14 @@ def from_positions(
         q = np.tile(others, (time.size, 1))
         q[:, place] = columns
         units, limits = pepper.joint_units, (pepper.lower_limits, pepper.upper_limits)
-    time = time - time[0]
+    time, ends = time - time[0], np.zeros((2, len(names)))
+    for row, name, velocity in zip(ends, ("start_velocity", "end_velocity"), end_velocities, strict=True):
+        if velocity is not None:
+            if interpolation == "monotone":
+                raise InvalidValueError(name, shown(velocity), "None with interpolation='monotone': at rest")
+            row[place] = as_finite(velocity, name, (len(place),))
     slopes = _monotone_slopes(time, q) if interpolation == "monotone" else None
-    trajectory = kind(names, time, cubic_pieces(time, q, slopes), units)
+    trajectory = kind(names, time, cubic_pieces(time, q, slopes, ends), units)
     _warn(trajectory, _excesses(trajectory, q, limits, allowed), interpolation)
     return trajectory
 

@@ -91,11 +91,13 @@ class Trajectory(FrozenArrays):
         rest: ArrayLike | None = None,
         interpolation: str = "cubic",
         overshoot: float = 0.01,
+        start_velocity: ArrayLike | None = None,
+        end_velocity: ArrayLike | None = None,
     ) -> Trajectory:
         """Return the trajectory through positions at given times, such as a recording's.
 
-        It passes every position at its time and is at rest at both ends.  It respects no other limit: `check`
-        it, or time it again with `retime(pepper, positions)`.
+        It passes every position at its time and is at rest at both ends, or has the velocities given.  It
+        respects no other limit: `check` it, or time it again with `retime(pepper, positions)`.
 
         Args:
             times: Rising [s], shape (T,), two or more; the first becomes time 0.
@@ -109,9 +111,13 @@ class Trajectory(FrozenArrays):
                 (Fritsch and Butland 1984; `scipy.interpolate.PchipInterpolator`).
             overshoot: How far a joint may leave the range of its samples, or its limits, without a warning
                 [rad or m].
+            start_velocity: With which it begins [rad/s or m/s], shape (k,), of the columns; None for rest,
+                as of "monotone".
+            end_velocity: With which it ends, likewise: that of the start of what comes `then`.
 
         Raises:
-            InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not increase.
+            InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not increase; for
+                an end in motion of "monotone".
             UnknownNameError: for a joint or group that the robot lacks, or another interpolation.
 
         Warns:
@@ -127,6 +133,7 @@ class Trajectory(FrozenArrays):
             rest=rest,
             interpolation=interpolation,
             overshoot=overshoot,
+            end_velocities=(start_velocity, end_velocity),
         )
 
     @classmethod

@@ -150,6 +150,18 @@ def test_arrays_are_copied_and_read_only():
             array[0] = 0
 
 
+def test_objects_that_are_given_no_color_differ_in_it():
+    scene = pk.Scene().add_box("table", (0.4, 0.8, 0.03), (0.5, 0, 0.7)).add_sphere("red", 0.1, (1, 0, 0))
+    for k in range(6):
+        scene = scene.add_sphere(f"ball {k}", 0.1, (k, 2, 0))
+    colors = {name: thing.color for name, thing in scene.objects.items()}
+    assert len(set(colors.values())) == 8
+    moved = scene.move("ball 3", (0, 0, 5)).padded(0.01).with_cloud("ball 2", np.zeros((1, 3)), 0.1)
+    assert {name: thing.color for name, thing in moved.objects.items()} == colors
+    chosen = scene.add_box("red box", (1, 1, 1), (0, 0, 9), color=(1, 0, 0, 1)).objects["red box"]
+    assert chosen.color == (1.0, 0.0, 0.0, 1.0)
+
+
 def test_objects_move_at_once_and_clouds_are_swapped():
     scene = (
         pk.Scene()

@@ -95,6 +95,25 @@ def test_a_batch_of_points_agrees_with_one_by_one():
     np.testing.assert_allclose(found.q[3], one.q, atol=1e-12)
 
 
+@pytest.mark.parametrize("hand", ["left", "right"])
+def test_a_stretched_arm_points_along_one_line(hand):
+    side, rng = 1 if hand == "left" else -1, np.random.default_rng(4)
+    for _ in range(10):
+        point = rng.uniform([0.8, -0.3, 0.3], [2.5, 1.5, 1.8]) * [1, side, 1]
+        found = pk.ik.solve(PEPPER, pk.ik.straight_pointing(hand, point))
+        assert found.success, found.report()
+        elbow, middle = line_of(found.q, hand, "forearm")
+        shoulder, _ = line_of(found.q, hand, "arm")
+        upper, fore = elbow - shoulder, middle - elbow
+        angle = np.arccos(upper @ fore / np.linalg.norm(upper) / np.linalg.norm(fore))
+        # By the description's lengths: the forearm begins 1.5 cm beside the upper arm of 18.1 cm, and 9
+        # degrees are fixed between them, about the other axis.
+        assert angle < np.hypot(np.arctan(0.015 / 0.1812) + 0.025, 0.157079) + 0.01
+        beside, beyond = distance_and_order(elbow, middle, point)
+        assert beyond
+        assert beside < np.linalg.norm(point - middle) * 0.02
+
+
 def test_it_is_a_goal_of_a_plan():
     task = pk.ik.PointAt("right", POINTS["right"], tolerance=np.radians(1.0))
     scene = pk.Scene().add_box("table", size=(0.4, 0.8, 0.03), position=(0.5, 0.0, 0.7))

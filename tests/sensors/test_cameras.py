@@ -156,6 +156,35 @@ def test_same_picture_twice_and_attached_objects_move_along(pepper):
     np.testing.assert_array_equal(first, camera.depth(q, held))
 
 
+@pytest.mark.parametrize("lens", [False, True])
+def test_points_of_a_depth_picture_lie_on_what_is_seen(pepper, lens):
+    camera = Camera(pepper, "camera_depth", lens=lens)
+    q = pepper.joint_vector({"HeadYaw": 0.4, "HeadPitch": 0.2, "HipRoll": 0.1})
+    center = ahead(pepper, q, camera, 0.1, -0.05, 1.2)
+    depth = camera.depth(q, pk.Scene().add_sphere("ball", 0.15, center))
+    points = camera.points(depth, q)
+    from_center, heights = np.linalg.norm(points - center, axis=1), points[:, 2]
+    on_ball, on_floor = np.abs(from_center - 0.15) < 1e-9, np.abs(heights) < 1e-9
+    assert on_ball.sum() > 1000
+    assert on_floor.sum() > 1000
+    assert (on_ball | on_floor).mean() > 0.95  # the rest is the robot's own body
+    pixels = camera.project(q, points)
+    v, u = np.nonzero(np.isfinite(depth))
+    np.testing.assert_allclose(pixels, np.column_stack([u, v, depth[v, u]]), atol=1e-4)
+    pose = pk.kinematics.frame_pose(pepper, q, camera.frame)
+    np.testing.assert_allclose(camera.points(depth) @ pose[:3, :3].T + pose[:3, 3], points, atol=1e-12)
+
+
+def test_pixels_without_a_depth_have_no_point(pepper):
+    camera = Camera(pepper, intrinsics=Intrinsics(3, 2, 2.0, 4.0, 1.0, 0.0))
+    found = camera.points([[np.nan, 2.0, np.inf], [0.0, -np.inf, 1.0]])
+    np.testing.assert_allclose(found, [[0.0, 0.0, 2.0], [0.5, 0.25, 1.0]], atol=1e-15)
+    assert camera.points(np.full((2, 3), np.inf), pepper.posture("Stand")).shape == (0, 3)
+    for wrong in (np.ones((3, 2)), "near", [[1.0], [2.0, 3.0]]):
+        with pytest.raises(InvalidValueError, match="depth"):
+            camera.points(wrong)
+
+
 def test_misuse_is_named(pepper):
     with pytest.raises(UnknownNameError, match="camera_depth"):
         Camera(pepper, "webcam")

@@ -48,6 +48,39 @@ def test_a_faster_one_fails(pepper, factor, failures):
     assert pk.retime(pepper, [q, goal]).scaled(factor).check(pepper, collisions=False).failures == failures
 
 
+@pytest.mark.parametrize(
+    ("quantity", "option"),
+    [("velocity", "velocity_scale"), ("acceleration", "acceleration_scale"), ("torque", "torque_scale")],
+)
+def test_shares_of_limits_are_what_a_motion_is_held_against(pepper, quantity, option):
+    q = pepper.posture("Stand")
+    goal = pepper.joint_vector({"LShoulderPitch": 0.2, "LElbowRoll": -0.2})
+    motion = pk.retime(pepper, [q, goal], torque_scale=1.0 if quantity != "torque" else 0.55)
+    whole = getattr(check(pepper, motion, collisions=False), quantity)
+    used = np.max(np.abs(whole.value) / whole.upper)
+    for share, kept in ((min(1.0, used * 1.001), True), (used * 0.999, False)):
+        found = check(pepper, motion, collisions=False, **{option: share})
+        assert getattr(found, quantity).success == kept
+        np.testing.assert_allclose(getattr(found, quantity).upper, share * whole.upper)
+        assert kept or found.failures == (quantity,)
+
+
+def test_a_motion_timed_at_shares_passes_at_these_shares(pepper):
+    shares = {"velocity_scale": 0.5, "acceleration_scale": 0.4, "torque_scale": 0.8}
+    q = pepper.posture("Stand")
+    motion = pk.retime(pepper, [q, pepper.joint_vector({"LShoulderPitch": 0.0, "HeadYaw": 1.0})], **shares)
+    assert motion.check(pepper, **shares).success
+    assert motion.check(pepper, velocity_scale=0.3).failures == ("velocity",)
+    with pytest.raises(InvalidValueError, match="velocity_scale"):
+        motion.check(pepper, velocity_scale=1.5)
+    driving = pk.load_pepper(base="planar")
+    ends = np.array([driving.posture("Stand")] * 2)
+    ends[1, :3] = [1.5, 0.3, 0.5]
+    drive = pk.retime(driving, ends, **shares)
+    assert drive.check(driving, **shares).success
+    assert "base_speed" in drive.check(driving, velocity_scale=0.4).failures
+
+
 def test_a_violation_is_named_with_joint_and_time(pepper, trajectory):
     coefficients = np.array(trajectory.coefficients)
     coefficients[:, 0, pepper.joint_index("HeadPitch")] += 1.0

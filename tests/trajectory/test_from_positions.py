@@ -33,6 +33,41 @@ def test_it_is_scipys_clamped_spline_that_begins_at_zero():
         np.testing.assert_allclose(values, spline(t + 10.0, derivative), atol=1e-9)
 
 
+def test_ends_in_motion_are_scipys_and_join_a_stroke_in_two_parts():
+    positions = np.tile(STAND, (5, 1))
+    positions[:, [3, 4]] = np.random.default_rng(1).uniform(-0.1, 0.1, (5, 2))
+    velocity = {"start_velocity": [0.2, -0.1], "end_velocity": [0.0, 0.3]}
+    head = positions[:, 3:5]
+    found = pk.Trajectory.from_positions(TIMES, head, PEPPER, joints="head", overshoot=1.0, **velocity)
+    spline = CubicSpline(TIMES, head, bc_type=((1, [0.2, -0.1]), (1, [0.0, 0.3])))
+    t = np.linspace(0.0, 2.0, 301)
+    for derivative, values in enumerate(found(t)):
+        np.testing.assert_allclose(values[:, 3:5], spline(t + 10.0, derivative), atol=1e-9)
+        others = np.delete(values, [3, 4], axis=1)
+        np.testing.assert_array_equal(others, np.broadcast_to(others[0], others.shape))
+    through = [0.3, 0.0]
+    here, via, there = [0.0, 0.0], [0.2, 0.0], [0.4, 0.0]
+    whole = {"pepper": PEPPER, "joints": "head"}
+    first = pk.Trajectory.from_positions([0, 1], [here, via], end_velocity=through, **whole)
+    second = pk.Trajectory.from_positions([0, 1], [via, there], start_velocity=through, **whole)
+    both = first.then(second)
+    assert both.check(PEPPER, collisions=False).velocity_continuity.success
+    assert both(1.0).velocity[3] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"end_velocity": [0.1]}, "end_velocity"),
+        ({"start_velocity": [np.nan, 0.0]}, "start_velocity"),
+        ({"end_velocity": [0.1, 0.0], "interpolation": "monotone"}, "None with interpolation='monotone'"),
+    ],
+)
+def test_ends_in_motion_that_cannot_be_are_refused(option, words):
+    with pytest.raises(InvalidValueError, match=words):
+        pk.Trajectory.from_positions([0, 1], [[0, 0], [0.2, 0]], PEPPER, joints="head", **option)
+
+
 def test_columns_may_be_some_joints_and_groups():
     rows = np.linspace([0.0, 0.1, 1.0, -0.1, -1.2, -0.5, 0.0], [0.2, 0.0, 0.9, -0.2, -1.0, -0.6, 0.1], 5)
     found = pk.Trajectory.from_positions(TIMES, rows, PEPPER, joints=["head", "left_arm"], overshoot=1)

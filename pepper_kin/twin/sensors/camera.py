@@ -17,7 +17,7 @@ from pepper_kin.core.shading import Surfaces, place_rays, shade
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import MOST, as_finite, as_real, check_positive, check_whole
+from pepper_kin.model.joint_vectors import MOST, as_finite, as_real, check_positive, check_whole, shown
 from pepper_kin.twin.sensors.robot_rays import RobotRays, no_surfaces
 from pepper_kin.twin.sensors.specification import sensor_specifications
 
@@ -216,6 +216,38 @@ class Camera:
         self._rays.look_checked(checked, world, origins, directions, self._surfaces)
         shade(directions, self._surfaces, picture)
         return picture.reshape(*self._shape, 3)
+
+    def points(self, depth: ArrayLike, q: ArrayLike | None = None) -> Array:
+        """Return the points that a depth picture shows, such as for `Scene.add_point_cloud`.
+
+        Pixel (u, v) of depth z shows the point z r(u, v), with r the ray of the pixel in the plane z = 1; see
+        `Intrinsics.rays`.
+
+        Args:
+            depth: Distances along the optical axis [m], shape (height, width), by `depth` or a sensor; pixels
+                without a finite one, above 0, show nothing.
+            q: Joint positions when the picture was taken [rad or m], shape (n,), for points in the world;
+                None for points in the optical frame.
+
+        Returns:
+            Points [m], shape (k, 3), row by row.
+
+        Raises:
+            InvalidValueError: for another shape, or a q of wrong length, or with NaN or infinity.
+        """
+        try:
+            far = np.array(depth, dtype=float)
+        except (TypeError, ValueError):
+            far = np.zeros(0)
+        if far.shape != self._shape:
+            raise InvalidValueError("depth", shown(depth), f"numbers of shape {self._shape}")
+        far = far.reshape(-1)
+        seen = np.isfinite(far) & (far > 0)
+        points = self._directions[seen] * (far[seen] / self._cosine[seen])[:, None]
+        if q is None:
+            return np.asarray(points)
+        pose = frame_pose(self.pepper, as_finite(q, "q", (self.pepper.n,), MOST), self.frame)
+        return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
     def project(self, q: ArrayLike, points: ArrayLike) -> Array:
         """Return where points of the world appear.

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.collision import Scene, SceneObject
+from pepper_kin.collision.scene_object import PALETTE
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Cylinder, Sphere
-from pepper_kin.viewer.drawable import Color
 
 KINDS = ("box", "ball", "cylinder")
 PLACE = (0.55, 0.0, 0.80)
@@ -19,17 +19,8 @@ PLACE = (0.55, 0.0, 0.80)
 LEAST, MOST = 0.005, 5.0
 """Lengths that an obstacle may have [m]."""
 
-COLORS: tuple[Color, ...] = (
-    (0.32, 0.55, 0.75, 1.0),
-    (0.47, 0.68, 0.36, 1.0),
-    (0.88, 0.66, 0.22, 1.0),
-    (0.58, 0.46, 0.72, 1.0),
-    (0.28, 0.62, 0.60, 1.0),
-    (0.80, 0.50, 0.58, 1.0),
-    (0.62, 0.62, 0.66, 1.0),
-    (0.76, 0.56, 0.38, 1.0),
-)
-"""Colors of obstacles that are added in the page, in turn: none is the red of contact."""
+COLORS = PALETTE[1:]
+"""Colors of obstacles that are added in the page: others than a table's."""
 
 MOST_OBSTACLES = 100
 """Objects in a scene to which pages may still add one."""
