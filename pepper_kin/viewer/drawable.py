@@ -32,6 +32,7 @@ class Drawable:
         geometry: The solid, or a surface whose corners are shaded smoothly as they are.
         transform_shape_to_link: Pose of the solid in the link (or in the world), shape (4, 4) [m].
         color: Red, green, blue and opacity, each in [0, 1].
+        through: Whether it is drawn over what stands before it.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Drawable:
     geometry: SceneGeometry | Surface
     transform_shape_to_link: NDArray[np.float64]
     color: Color
+    through: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.geometry, SceneGeometry | Surface):
@@ -115,6 +117,12 @@ def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = 
     pose = np.eye(4)
     pose[:3, 3] = as_finite(position, f"position of {name!r}", (3,))
     return Drawable(name, None, Sphere(radius), pose, color)
+
+
+def seen_through(ball: Drawable) -> Drawable:
+    """Return a marker once more, faint, over all else: one inside of a cup is to be seen, too."""
+    red, green, blue, opacity = ball.color
+    return replace(ball, name=f"{ball.name} behind", color=(red, green, blue, 0.55 * opacity), through=True)
 
 
 def rigid_transforms(quantity: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -76,6 +76,7 @@ def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> 
         parts = (*root, *link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_"))
         path = "/" + "/".join(parts)
         solid, intrinsic = _geometry(drawable, surfaces)
+        over = {"depthTest": False, "depthWrite": False} if drawable.through else {}
         body = {
             "uuid": f"object-{index}",
             "type": "Mesh",
@@ -86,7 +87,7 @@ def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> 
         content = {
             "metadata": {"version": 4.5, "type": "Object"},
             "geometries": [{"uuid": f"geometry-{index}", **solid}],
-            "materials": [{"uuid": f"material-{index}", **_material(drawable.color)}],
+            "materials": [{"uuid": f"material-{index}", **_material(drawable.color), **over}],
             "object": body,
         }
         yield {"type": "set_object", "object": content, "path": path}

@@ -17,6 +17,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vector, as_joint_vectors
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.twin.base.tipping import TippingRun
+from pepper_kin.viewer.drawable import rigid_transforms
 from pepper_kin.viewer.motion_frames import Series, limited_series
 
 _TRAJECTORY_STEP = 0.005  # [s]
@@ -68,6 +70,8 @@ class JointMotion(FrozenArrays):
         commands: Lines of what a curve should have been, by its name, values of shape (T,).
         ghost: A second robot, which recordings, pictures and films show; the live page does not.
         notes: What is said at some times, in recordings.
+        tilts: Transforms in the world by which the robot is out of the level, shape (T, 4, 4) [m], or None;
+            recordings, pictures and films show it so, without contacts with the scene.
     """
 
     times: NDArray[np.float64]
@@ -77,6 +81,7 @@ class JointMotion(FrozenArrays):
     commands: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     ghost: Ghost | None = None
     notes: tuple[Note, ...] = ()
+    tilts: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         times = read_only(as_finite(self.times, "times", (None,)))
@@ -92,6 +97,8 @@ class JointMotion(FrozenArrays):
             lines = _lines(self.ghost.series, f"series {of}", times.size, self.series)
             object.__setattr__(self, "ghost", replace(self.ghost, positions=there, series=lines))
         object.__setattr__(self, "notes", tuple(self.notes))
+        if self.tilts is not None:
+            object.__setattr__(self, "tilts", rigid_transforms("tilts", self.tilts, (times.size, 4, 4)))
 
     @property
     def curves(self) -> dict[str, Series]:
@@ -141,7 +148,7 @@ class ExecutedMotion(Protocol):
 
 
 Playable: TypeAlias = (
-    JointMotion | Trajectory | ExecutedMotion | Replay | NDArray[np.float64] | Sequence[float]
+    JointMotion | Trajectory | ExecutedMotion | TippingRun | Replay | NDArray[np.float64] | Sequence[float]
 )
 """What a viewer can play; an array of shape (n,) is a posture held still."""
 
@@ -162,8 +169,8 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
     Args:
         pepper: The robot.
         motion: A `JointMotion`, a trajectory (its velocities become curves), a run of the twin (its torques
-            become curves), the replay of a robot's log (the robot becomes the ghost), or joint positions of
-            shape (n,).
+            become curves), a run that tilts, or falls, the replay of a robot's log (the robot becomes the
+            ghost), or joint positions of shape (n,).
 
     Returns:
         The motion.
@@ -178,6 +185,8 @@ def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
         return _of_trajectory(pepper, motion)
     if isinstance(motion, Replay):
         return _of_replay(pepper, motion)
+    if isinstance(motion, TippingRun):
+        return _of_tipping(pepper, motion)
     if isinstance(motion, np.ndarray | Sequence):
         return still(pepper, motion)
     return _of_run(pepper, motion)
@@ -200,6 +209,15 @@ def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
     torques = as_joint_vectors(pepper, torques, "torques of the run")
     curves = _curves(pepper, "torque", ("N m", "N"), torques)
     return JointMotion(times, positions, curves, _limits(curves, pepper.effort_limits))
+
+
+def _of_tipping(pepper: PepperModel, run: TippingRun) -> JointMotion:
+    positions = as_joint_vectors(pepper, run.position, "positions of the run")
+    tilting = np.flatnonzero(run.angle > 0)
+    notes = ()
+    if tilting.size:
+        notes = (Note(float(run.time[tilting[0]]), float(run.time[-1]), run.message, "tilt [rad]"),)
+    return JointMotion(run.time, positions, {"tilt [rad]": run.angle}, notes=notes, tilts=run.tilt)
 
 
 def _of_replay(pepper: PepperModel, found: Replay) -> JointMotion:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access import atomic_file
-from pepper_kin.viewer.drawable import Color, Drawable
+from pepper_kin.viewer.drawable import Color, Drawable, seen_through
 from pepper_kin.viewer.drawing import draw_commands, link_path
 from pepper_kin.viewer.ghost import GHOST_COLOR
 from pepper_kin.viewer.joint_motion import Ghost, Note
@@ -96,7 +96,7 @@ def write_frames_page(
     if len(set(names)) != len(names):
         raise InvalidValueError("link_names", "a name twice", "each link once")
     title = title.encode("utf-8", "replace").decode()  # names of files may hold what is no character
-    everything = (*drawables, *markers)
+    everything = (*drawables, *markers, *map(seen_through, markers))
     drawn = {drawable.link for drawable in everything}
     for link in drawn - {None, *names}:
         raise UnknownNameError("link", link, names)

@@ -248,11 +248,15 @@ class Viewer:
             The address of the page.
 
         Raises:
-            InvalidValueError: for a motion of another robot (joint count), or with NaN or infinity.
+            InvalidValueError: for a motion of another robot (joint count), or with NaN or infinity; or one
+                that tilts, which recordings show.
         """
         from pepper_kin.viewer.server.planning import show_motion
 
-        self._motion = joint_motion(self._pepper, motion)
+        chosen = joint_motion(self._pepper, motion)
+        if chosen.tilts is not None:
+            raise InvalidValueError("motion", "a robot that tilts", "a level one; save_html shows a fall")
+        self._motion = chosen
         server = self._live()
         scene = server.call(lambda session: session.scene)
         shown = show_motion(self._pepper, motion, scene, title)
@@ -287,8 +291,9 @@ class Viewer:
 
         Args:
             path: The file to write; it appears when it is whole.
-            motion: A trajectory, a run of the twin, a `JointMotion`, or joint positions of shape (n,); None
-                takes what was shown or played last, at first the robot standing.
+            motion: A trajectory, a run of the twin, or one that tilts (`TippingRun`), a `JointMotion`, or
+                joint positions of shape (n,); None takes what was shown or played last, at first the robot
+                standing.
             title: Title of the page; None takes the robot's name.
             series: Curves to plot beside the motion, name (with unit) to values of shape (T,); None plots
                 what the motion brings along (a run: the torque of each joint; a trajectory: its velocity).
@@ -308,6 +313,8 @@ class Viewer:
         kept, links, drawn = kept_samples(chosen.times, fps), self._drawn_links, self._robot
         # At the frames alone: poses of every sample would cost most of the time.
         poses = frame_poses(self._pepper, chosen.positions[kept], links)
+        if chosen.tilts is not None:
+            poses = chosen.tilts[kept][:, None] @ poses
         if chosen.ghost is not None:
             there = frame_poses(self._pepper, chosen.ghost.positions[kept], links)
             poses = np.concatenate([poses, there], axis=1)
@@ -328,7 +335,11 @@ class Viewer:
             title=self._pepper.name if title is None else title,
             markers=tuple(self._targets.values()),
             touches=touch_spans(
-                self._pepper, frames.times, chosen.positions[kept], self._scene, self._drawn_links
+                self._pepper,
+                frames.times,
+                chosen.positions[kept],
+                self._scene if chosen.tilts is None else Scene(),
+                self._drawn_links,
             ),
             notes=chosen.notes,
             ghost=chosen.ghost,

@@ -1,6 +1,7 @@
 """Balance against `pepper_kin.dynamics`, tipping against the pendulum's closed forms."""
 
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
@@ -253,3 +254,34 @@ def test_wheels_in_any_order_and_misuse(pepper, monitor):
             simulate_tipping(monitor, ours, q, **arguments)
     with pytest.raises(InvalidValueError, match="q: got shape"):
         simulate_tipping(monitor, ours, q[:2])
+
+
+@pytest.mark.parametrize("base", ["fixed", "planar"])
+@pytest.mark.parametrize("edge", [0, 1, 2])
+def test_a_fall_turns_the_whole_robot_about_its_edge(base, edge):
+    """By Pinocchio's exponential map, and by what a hinge keeps: two wheels on the floor, and the energy."""
+    pepper = pk.load_pepper(base=base)
+    monitor, rest = BalanceMonitor(pepper), still(pepper)
+    if base == "planar":
+        rest[1][:, :3] = 0.4, -0.2, 2.0
+    run = simulate_tipping(monitor, monitor.assess(*rest), rest[1], start=(edge, 0.0, 1.5))
+    assert run.status.value == "fallen"
+    assert run.tilt.shape == (len(run.time), 4, 4)
+    pose = pk.kinematics.frame_pose(pepper, run.position, monitor.base_frame)
+    wheels = np.column_stack([monitor.contacts, np.zeros((3, 1)), np.ones((3, 1))])
+    level = np.einsum("tij,kj->tki", pose, wheels)
+    tilted = np.einsum("tij,tkj->tki", run.tilt, level)
+    ends = [edge, (edge + 1) % 3]
+    np.testing.assert_allclose(tilted[:, ends], level[:, ends], atol=1e-12)
+    assert (np.diff(tilted[:, (edge + 2) % 3, 2]) > 0).all()
+    way = level[0, ends[1], :3] - level[0, ends[0], :3]
+    for turn, angle in zip(run.tilt[::40], run.angle[::40], strict=True):
+        np.testing.assert_allclose(
+            turn[:3, :3], pinocchio.exp3(angle * way / np.linalg.norm(way)), atol=1e-12
+        )
+    # Energy: what the center of mass has lost in height has become speed of the hinge, without losses.
+    center = np.append(pk.dynamics.center_of_mass(pepper, rest[1][0]), 1.0)
+    height = (run.tilt @ center)[:, 2]
+    moments = edge_moments(monitor, monitor.assess(*rest), rest[1], edge)
+    energy = moments.inertia[0] * run.rate**2 / 2 + moments.weight * height
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-5)

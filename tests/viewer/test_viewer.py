@@ -56,8 +56,9 @@ def test_a_recording_shows_visuals_scene_targets_and_curves(pepper, waving, tmp_
     path = viewer.save_html(tmp_path / "motion.html", waving, title="Over the table")
     content = content_of(path)
     paths = [command["path"] for command in content["commands"] if command["type"] == "set_object"]
-    assert len(paths) == len(pepper.visual_shapes) + 2
-    assert [p.split(" ", 1)[1] for p in paths if p.startswith("/world/")] == ["table", "left hand"]
+    assert len(paths) == len(pepper.visual_shapes) + 3
+    names = [p.split(" ", 1)[1] for p in paths if p.startswith("/world/")]
+    assert names == ["table", "left hand", "left hand behind"]
     assert [entry["name"] for entry in content["markers"]] == ["left hand"]
     assert [curve["name"] for curve in content["motion"]["series"]] == ["effort [N m]"]
     assert content["title"] == "Over the table"
@@ -116,6 +117,12 @@ def test_a_reach_shows_its_targets_and_its_world(pepper, waving, tmp_path, conte
     content = content_of(save_reach_html(pepper, outcome, tmp_path / "a.html"))
     assert content["title"] == "Pepper reaches with the left hand"
     assert [entry["name"] for entry in content["markers"]] == ["left hand", "gaze"]
+    over = [
+        command["path"]
+        for command in content["commands"]
+        if command["type"] == "set_object" and not command["object"]["materials"][0].get("depthTest", True)
+    ]
+    assert [path.split(" ", 1)[1] for path in over] == ["left hand behind", "gaze behind"]  # in a cup, too
     assert "table" in " ".join(command["path"] for command in content["commands"])
     with pytest.raises(InvalidValueError, match="outcome: got a reach without a run"):
         save_reach_html(pepper, SimpleNamespace(run=None), tmp_path / "b.html")

@@ -48,6 +48,9 @@ class TippingRun(FrozenArrays):
         edge: Number of the edge that it tilts about, -1 while level, shape (T,).
         status: How it ended.
         message: What happened, in words.
+        position: Joint positions, shape (T, n) [rad or m].
+        tilt: Transforms in the world that take the level robot to the tilted one, shape (T, 4, 4) [m]: a
+            link is at `tilt @ frame_pose(pepper, position, link)`.
     """
 
     time: Array
@@ -56,9 +59,11 @@ class TippingRun(FrozenArrays):
     edge: NDArray[np.int64]
     status: TippingStatus
     message: str
+    position: Array
+    tilt: Array
 
     def __post_init__(self) -> None:
-        for name in ("time", "angle", "rate"):
+        for name in ("time", "angle", "rate", "position", "tilt"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
@@ -189,11 +194,37 @@ def simulate_tipping(
     end = int(tilts.ends[0])
     part = slice(end + 1)
     found = tilts.angle[0, part], tilts.rate[0, part], tilts.edge[0, part]
+    moved = rows[part], _turns(monitor, rows[part], found[0], found[2])
     if end < count:
         names = " - ".join(monitor.edge(int(found[2][-1])))
         message = f"fell over the line {names}: {fallen_at:g} rad at {time[end]:.3f} s"
-        return TippingRun(time[part], *found, TippingStatus.FALLEN, message)
-    return TippingRun(time, *found, *_verdict(monitor, time, found[0], found[2]))
+        return TippingRun(time[part], *found, TippingStatus.FALLEN, message, *moved)
+    return TippingRun(time, *found, *_verdict(monitor, time, found[0], found[2]), *moved)
+
+
+def _turns(monitor: BalanceMonitor, q: Array, angle: Array, edge: NDArray[np.int64]) -> Array:
+    """Return the transforms of tilts about edges, in the world, shape (T, 4, 4).
+
+    R = I + sin(theta) K + (1 - cos(theta)) K^2, with K the cross product with the edge's direction, which has
+    the inside on its left: a tilt turns the robot outward.
+
+    Args:
+        monitor: The robot and its wheels.
+        q: Joint positions [rad or m], shape (T, n).
+        angle: Tilts [rad], shape (T,).
+        edge: Edges that it tilts about, -1 for none, shape (T,).
+    """
+    pose = frame_pose(monitor.pepper, q, monitor.base_frame)
+    start = np.column_stack([monitor.contacts, np.zeros(len(monitor.contacts))])
+    side = np.roll(start, -1, axis=0) - start
+    place = pose[:, :3, 3] + np.einsum("tij,tj->ti", pose[:, :3, :3], start[edge])
+    along = np.einsum("tij,tj->ti", pose[:, :3, :3], side[edge] / np.linalg.norm(side[edge], axis=1)[:, None])
+    cross = np.cross(along[:, None], np.eye(3)).transpose(0, 2, 1)
+    theta = np.where(edge < 0, 0.0, angle)[:, None, None]
+    turns = np.tile(np.eye(4), (len(q), 1, 1))
+    turns[:, :3, :3] += np.sin(theta) * cross + (1 - np.cos(theta)) * (cross @ cross)
+    turns[:, :3, 3] = place - np.einsum("tij,tj->ti", turns[:, :3, :3], place)
+    return turns
 
 
 class BatchTipping:
