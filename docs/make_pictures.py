@@ -50,6 +50,7 @@ DRAWERS: dict[str, Callable[[], None]] = {
     "reach": pages.draw_reach,
     "gestures": pages.draw_gestures,
     "timing": pages.draw_timing,
+    "comparison": pages.draw_comparison,
     "live_page": pages.draw_live_page,
     "live_go": pages.draw_live_go,
     "log_page": pages.draw_log_page,

@@ -20,7 +20,7 @@ from pepper_kin.jobs.demo import GAZE, TARGET
 from pepper_kin.kinematics import frame_pose, reach_map
 from pepper_kin.kinematics.reach_picture import save_reach_picture
 from pepper_kin.model import Box, PepperModel
-from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory import Trajectory, plot_motions
 from pepper_kin.viewer import JointMotion, find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 from pepper_kin.viewer.video import save_video
@@ -140,6 +140,22 @@ def draw_timing() -> None:
         image = Image.open(drawn).convert("RGB")
     width = 900
     save_small(image.resize((width, round(image.height * width / image.width)), Image.LANCZOS), "timing.png")
+
+
+def draw_comparison() -> None:
+    """A wave as planned, on the twin, and slower, over each other."""
+    pepper = pk.load_pepper()
+    wave = pk.motion.gesture(pepper, "wave")
+    twin = pk.Twin(pepper, timestep=0.002)
+    slower = pk.trajectory.enforce_limits(pepper, wave.scaled(1.5))
+    motions = {"as planned": wave, "twin": twin.execute(wave), "slower": twin.execute(slower)}
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "comparison.png"
+        plot_motions(pepper, motions, drawn, joints=["RShoulderPitch", "RElbowRoll", "RWristYaw"])
+        image = Image.open(drawn).convert("RGB")
+    width = 900
+    small = image.resize((width, round(image.height * width / image.width)), Image.LANCZOS)
+    save_small(small, "comparison.png")
 
 
 def draw_live_page() -> None:

@@ -40,7 +40,10 @@ MotionFile = Annotated[
 
 @app.command()
 def plot(
-    file: Annotated[Path, typer.Argument(help="Trajectory: .csv, .npz, .json, .yaml, .py or .mcap.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="Trajectories (.csv, .npz, .json, .yaml, .py, .mcap), runs or recordings."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Picture: .png, .pdf or .svg.")],
     scene: Annotated[
         Path | None, typer.Option(help="Scene whose attached objects count with their mass: JSON.")
@@ -50,16 +53,27 @@ def plot(
     head_limits: HeadLimits = "urdf",
     as_json: Json = False,
 ) -> None:
-    """Draw a trajectory against Pepper's limits, and its phase plane.
+    """Draw a trajectory as shares of Pepper's limits; a run, or several motions, in units.
 
-    Example: pepper-kin plot demo/trajectory.csv -o demo/trajectory.png
+    Example: pepper-kin plot demo/trajectory.csv demo/run.csv -o demo/both.pdf
     """
     pepper = pk.load_pepper(base, hands, head_limits=head_limits)
-    trajectory = pk.files.load(file, pepper)
+    motions = {name: pk.jobs.load_motion(file, pepper) for name, file in _named(files).items()}
     check_file(output)
     held = None if scene is None else pk.Scene.load(scene)
-    pk.trajectory.plot(pepper, trajectory, output, title=file.name, scene=held)
+    if len(files) == 1 and isinstance(only := next(iter(motions.values())), pk.Trajectory):
+        pk.trajectory.plot(pepper, only, output, title=files[0].name, scene=held)
+    else:
+        pk.trajectory.plot_motions(pepper, motions, output, scene=held)
     print_written([output], as_json)
+
+
+def _named(files: list[Path]) -> dict[str, Path]:
+    """Return files by what tells them apart: their names, with folders where these are the same."""
+    names = [file.stem for file in files]
+    if len(set(names)) < len(names):
+        names = [str(file) for file in files]
+    return dict(zip(names, files, strict=True))
 
 
 @app.command()

@@ -4,7 +4,8 @@
     retime                                    a path or plan timed within all limits
     check, Certificate, LimitCheck, ScalarCheck   what an examination by other code finds
     active_limits, ActiveLimits               which limit holds the motion back, and when
-    phase_plane, PhasePlane, plot
+    phase_plane, PhasePlane, plot             as shares of limits
+    plot_motions                              in units, of one motion or several
     find_limit_violations, LimitViolation, enforce_limits   limits that a motion breaks, and their repair
     Splice                                    a motion with a new goal on its way, by `Trajectory.replaced`
     Stop                                      from an instant of a motion to rest, by `Trajectory.stop`
@@ -25,6 +26,7 @@ from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_vi
 from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
+from pepper_kin.trajectory.plot_motions import plot_motions
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.sampling import State
@@ -58,5 +60,6 @@ __all__ = [
     "import_timeline",
     "phase_plane",
     "plot",
+    "plot_motions",
     "retime",
 ]

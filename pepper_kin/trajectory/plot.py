@@ -1,10 +1,8 @@
-"""Pictures of trajectories: four quantities with their limits, and the phase plane."""
+"""Pictures of trajectories as shares of limits: four quantities, and the phase plane."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +10,15 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.dynamics.load import Loads, carried_words
-from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.file_access.atomic_file import PathName, write_bytes
-from pepper_kin.file_access.picture import new_figure
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.picture import (
+    LIMIT_COLOR,
+    figure_format,
+    line_style,
+    new_figure,
+    plain_words,
+    write_figure,
+)
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.quantities import unit_of
@@ -24,12 +28,9 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 
-FORMATS = ("png", "pdf", "svg")
 QUANTITIES = ("position", "velocity", "acceleration", "torque")
 _POINTS = 1500
 _MOVES = 1e-3  # [rad or m] a joint that moves less is left out
-_COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
-_OUTSIDE = "#c0392b"
 _LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; acceleration [rad/s²]; torque [N m]"
 
 
@@ -68,33 +69,28 @@ def plot(
         MissingDependencyError: where matplotlib is not installed.
         FileFormatError: where the file cannot be written.
     """
-    kind = None if path is None else Path(path).suffix.lower().lstrip(".")
-    if kind is not None and kind not in FORMATS:
-        raise UnknownNameError("suffix", f".{kind}", (f".{name}" for name in FORMATS))
+    kind = None if path is None else figure_format(path)
     held = loads_of(pepper, scene, payload)
     plane = phase_plane(pepper, trajectory, scene=scene, payload=payload)
     time = np.linspace(0.0, trajectory.duration, _POINTS)
-    places = _places(pepper, trajectory(time).position, joints)
+    places = joints_to_draw(pepper, trajectory(time).position, joints)
     figure = new_figure("a plot of a trajectory", figsize=(11, 11))
     axes = figure.subplot_mosaic(
         [["position", "velocity"], ["acceleration", "torque"], ["legend", "legend"], ["plane", "plane"]],
         height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
     )
     heading = f"{len(places)} joints in {trajectory.duration:.2f} s{carried_words(held)}"
-    # Names of files may hold what is no character, and `$` is not to begin a formula.
-    shown = (title or heading).encode("utf-8", "replace").decode()
-    figure.suptitle(shown, fontsize=13, parse_math=False)
+    # A `$` is not to begin a formula.
+    figure.suptitle(plain_words(title or heading), fontsize=13, parse_math=False)
     peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places, held) for name in QUANTITIES]
     _draw_legend(axes["legend"], pepper, places, peaks)
     _draw_plane(axes["plane"], plane)
-    if path is not None:
-        content = io.BytesIO()
-        figure.savefig(content, format=kind, dpi=120)
-        write_bytes(path, content.getvalue())
+    if path is not None and kind is not None:
+        write_figure(figure, path, kind, dpi=120)
     return figure
 
 
-def _places(pepper: PepperModel, position: Array, joints: str | Sequence[str] | None) -> list[int]:
+def joints_to_draw(pepper: PepperModel, position: Array, joints: str | Sequence[str] | None) -> list[int]:
     """Return the joints to draw, or those that move, by positions [rad or m], shape (T, n)."""
     if joints is not None:
         return [pepper.joint_index(name) for name in pepper.resolve_joints(joints)]
@@ -144,14 +140,14 @@ def _draw_quantity(
         share = (2 * value[:, j] - lower[j] - upper[j]) / (upper[j] - lower[j])
         at = int(np.argmax(np.abs(share)))
         largest = max(largest, float(np.abs(share[at])))
-        color, style = _style(number)
+        color, style = line_style(number)
         axes.plot(time, share, color=color, linestyle=style, linewidth=1.4)
         limit = upper[j] if share[at] > 0 else lower[j]
         peaks.append(f"{value[at, j]:.3g} of {limit:.3g}{unit}")
     reach = 1.18 * largest
     for low, high in ((1.0, reach), (-reach, -1.0)):
-        axes.axhspan(low, high, color=_OUTSIDE, alpha=0.12, linewidth=0)
-        axes.axhline(low if low > 0 else high, color=_OUTSIDE, linewidth=0.9)
+        axes.axhspan(low, high, color=LIMIT_COLOR, alpha=0.12, linewidth=0)
+        axes.axhline(low if low > 0 else high, color=LIMIT_COLOR, linewidth=0.9)
     axes.set(
         xlim=(0.0, trajectory.duration), ylim=(-reach, reach), xlabel="time [s]", ylabel="share of limit"
     )
@@ -160,17 +156,14 @@ def _draw_quantity(
     return peaks
 
 
-def _style(number: int) -> tuple[str, Any]:
-    return _COLORS[number % len(_COLORS)], "-" if number < len(_COLORS) else "--"
-
-
 def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[list[str]]) -> None:
     """Write each joint with its worst position, velocity, acceleration and torque, in two columns."""
     from matplotlib.lines import Line2D
 
     axes.axis("off")
     handles = [
-        Line2D([], [], color=_style(i)[0], linestyle=_style(i)[1], linewidth=2) for i in range(len(places))
+        Line2D([], [], color=line_style(i)[0], linestyle=line_style(i)[1], linewidth=2)
+        for i in range(len(places))
     ]
     words = [
         f"{pepper.joint_names[j]}: " + "; ".join(peak[i] for peak in peaks) for i, j in enumerate(places)
@@ -189,10 +182,10 @@ def _draw_plane(axes: Any, plane: PhasePlane) -> None:
     # The limits are in the picture unless that would flatten the trajectory.
     fastest = max(float(plane.speed.max()), 1e-9)
     top = max(1.3 * fastest, min(1.15 * float(limit.max()), 3.0 * fastest))
-    axes.fill_between(plane.way, limit, max(top, 1.0), color=_OUTSIDE, alpha=0.12, linewidth=0)
+    axes.fill_between(plane.way, limit, max(top, 1.0), color=LIMIT_COLOR, alpha=0.12, linewidth=0)
     axes.plot(plane.way, plane.velocity_limit, color="#7570b3", linewidth=1.2, label="velocity limits")
     axes.plot(
-        plane.way, plane.force_limit, color=_OUTSIDE, linewidth=1.2,
+        plane.way, plane.force_limit, color=LIMIT_COLOR, linewidth=1.2,
         label="acceleration and torque limits (maximum-velocity curve)",
     )  # fmt: skip
     axes.plot(plane.way, plane.speed, color="#222222", linewidth=1.8, label="trajectory")

@@ -18,8 +18,10 @@ from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.table_file import TIME, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.status import ResultStatus
+from pepper_kin.trajectory.plot_motions import plot_motions
 
 if TYPE_CHECKING:
+    from pepper_kin.model import PepperModel
     from pepper_kin.twin.sensors.recording import ReadingSeries
 
 
@@ -212,6 +214,10 @@ class Run(FrozenArrays):
             "external_force": None if np.isnan(force) else force,  # JSON has no NaN
             "joints": joints,
         }
+
+    def plot(self, pepper: PepperModel, path: PathName | None = None, **options: Any) -> Any:
+        """Draw it in its units and with the limits; see `pepper_kin.trajectory.plot_motions`."""
+        return plot_motions(pepper, self, path, **options)
 
     def save(self, path: PathName) -> Path:
         """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.save_table`.

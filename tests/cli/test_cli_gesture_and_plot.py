@@ -19,6 +19,9 @@ def test_gesture_of_the_library_and_its_plot(run, tmp_path):
     done = run("plot", "out/trajectory.csv", "-o", "nod.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "nod.png").read_bytes().startswith(b"\x89PNG")
+    done = run("plot", "out/trajectory.csv", "./out/trajectory.csv", "-o", "two.pdf", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "two.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.parametrize(
