@@ -29,6 +29,15 @@ def _nothing(*_: Any) -> int:
     return 0
 
 
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int64)
+
+
+@intrinsic(_emit_call("int64"))
+def call_back(address: int) -> int:
+    """Call `int64 f()` at an address, such as that of a `pepper_kin.twin.callback.Callback`."""
+    return int(_CALL(address)())
+
+
 _ask = intrinsic(_emit_call("int32"))(_nothing)
 _tell = intrinsic(_emit_call(None, "int32"))(_nothing)
 

@@ -23,7 +23,7 @@ from pepper_kin.kernels.instructions import Signature, check_function, read_prog
 from pepper_kin.kernels.sources import file_digest
 from pepper_kin.kernels.store import obtain
 from pepper_kin.kernels.target import Target, host_target
-from pepper_kin.kernels.threads import run_in_pieces
+from pepper_kin.kernels.threads import LARGEST_PIECE, run_in_pieces
 
 if TYPE_CHECKING:
     import casadi
@@ -167,7 +167,7 @@ class Kernel:
             aligned = -(-work.ctypes.data // 64) * 64
             findings.append(self._batch(starts, input_strides, ends, output_strides, stop - start, aligned))
 
-        if threads == 1:
+        if threads == 1 and count <= LARGEST_PIECE:
             run(0, count)
         else:
             run_in_pieces(count, threads, self.lanes, run)

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 _PIECES_PER_THREAD = 4  # so that a thread that loses its core for a while leaves the rest to others
 _SMALLEST_PIECE = 512  # rows; below, starting a thread costs more than it brings
+LARGEST_PIECE = 65_536  # rows, after which the interpreter runs: interrupts are handled
 
 OWN_THREADS = "pepper_kin"
 """How the names of threads begin that belong to the library, not to the program that uses it."""
@@ -23,7 +24,14 @@ _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
 
 
-def run_in_pieces(count: int, threads: int, multiple: int, run: Callable[[int, int], None]) -> None:
+def run_in_pieces(
+    count: int,
+    threads: int,
+    multiple: int,
+    run: Callable[[int, int], None],
+    most: int = LARGEST_PIECE,
+    progress: Callable[[int], object] = lambda rows: None,
+) -> None:
     """Call `run(start, stop)` for consecutive ranges that cover `range(count)`.
 
     Args:
@@ -31,32 +39,37 @@ def run_in_pieces(count: int, threads: int, multiple: int, run: Callable[[int, i
         threads: Number of threads, the calling one included.
         multiple: Ranges start at multiples of this.
         run: Called from several threads at once; an exception is passed on to the caller.
+        most: Rows of a range, `multiple` or more.
+        progress: Called from the calling thread with about the number of rows done.
     """
-    length = max(_SMALLEST_PIECE, -(-count // (threads * _PIECES_PER_THREAD)))
+    pieces = 1 if threads == 1 else threads * _PIECES_PER_THREAD
+    length = min(max(_SMALLEST_PIECE, -(-count // pieces)), max(most // multiple, 1) * multiple)
     length = -(-length // multiple) * multiple
     chunks = deque((start, min(start + length, count)) for start in range(0, count, length))
     helpers = min(threads, len(chunks)) - 1
-    if helpers <= 0:
-        run(0, count)
-        return
 
-    def work() -> None:
+    def work(after: Callable[[int], object] = lambda rows: None) -> None:
         while chunks:
             try:
                 chunk = chunks.popleft()
             except IndexError:  # another thread took the last one
                 return
             run(*chunk)
+            after(chunk[1])
 
+    if helpers <= 0:
+        work(progress)
+        return
     futures = [_executor(helpers).submit(work) for _ in range(helpers)]
     try:
-        work()
+        work(progress)
     finally:
         chunks.clear()  # after an exception the others need not go on
         for future in futures:
             future.exception()  # wait: they use arrays of the caller
     for future in futures:
         future.result()
+    progress(count)
 
 
 def _executor(helpers: int) -> ThreadPoolExecutor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -268,6 +268,7 @@ class TwinBatch:
         from_present: bool = False,
         every: int | None = None,
         threads: int = 1,
+        progress: Callable[[int, int], object] = lambda done, total: None,
     ) -> BatchRun:
         """Let all robots follow a trajectory.
 
@@ -278,6 +279,8 @@ class TwinBatch:
                 with its velocity.
             every: Timesteps between recorded states; start and end alone if omitted.
             threads: Number of threads; the result does not depend on it.
+            progress: Called with about the number of robots done and N, one after the other being simulated
+                to the end; what it raises ends the call.
 
         Returns:
             The run; robots whose state diverged are named in it.
@@ -291,7 +294,7 @@ class TwinBatch:
             self.reset(reference.position[0], reference.velocity[0])
         q_ref, v_ref, a_ref = (x[np.newaxis, 1:] for x in reference)
         command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, np.zeros(self.pepper.n)))
-        return self._follow(command, np.zeros((1, 1, self.pepper.n)), every, threads)
+        return self._follow(command, np.zeros((1, 1, self.pepper.n)), every, threads, progress)
 
     def follow(
         self,
@@ -397,7 +400,14 @@ class TwinBatch:
         )
         return np.asarray(good == count)
 
-    def _follow(self, command: Command, load: Array, every: int | None, threads: int) -> BatchRun:
+    def _follow(
+        self,
+        command: Command,
+        load: Array,
+        every: int | None,
+        threads: int,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+    ) -> BatchRun:
         """Follow commands from the present states of the robots, and return the run.
 
         Args:
@@ -405,6 +415,7 @@ class TwinBatch:
             load: Torques on the joints from elsewhere [N m or N], shape (N, T, n), (1, T, n) or (1, 1, n).
             every: Timesteps between recorded states; start and end alone if None.
             threads: Number of threads.
+            progress: Called with about the number of robots done and N.
         """
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
@@ -423,7 +434,9 @@ class TwinBatch:
             load = load if load.shape[1] == 1 else np.repeat(load, k, axis=1)
         start = (self._q, self._v)
         inputs = Inputs(due.position, due.velocity, due.feedforward, load)
-        rollout = self._simulator.run(*start, inputs, steps * k, every=between * k, threads=threads)
+        rollout = self._simulator.run(
+            *start, inputs, steps * k, every=between * k, threads=threads, progress=progress
+        )
         rollout.torque[:, 0] = self._torque
         self._q, self._v, self._torque = rollout.last_position, rollout.last_velocity, rollout.last_torque
         return self._run(command, rollout, start, steps, between)

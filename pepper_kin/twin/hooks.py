@@ -69,7 +69,12 @@ class HookCoupling:
 
     def __init__(self, world: WorldHook, n: int) -> None:
         self._world, self._callback, self._h = world, Callback(self._advance), 0.0
-        self._tables = no_world(n)._replace(kind=CALLBACK, callback=self._callback.address)
+        nothing = no_world(n)
+        self._tables = nothing._replace(
+            kind=CALLBACK,
+            callback=self._callback.address,
+            state=nothing.state._replace(mail=self._callback.mail),
+        )
         self._pushed: list[bool] = []
 
     @property

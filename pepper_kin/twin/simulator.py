@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pepper_kin.twin.batch_world import BatchWorld
 
 _ALL = slice(None)
+_LONGEST_RUN = 300_000  # steps of robots, after which the interpreter runs: interrupts are handled
 _WEIGHT = 512  # rows that a robot counts as when work is shared among threads
 
 
@@ -155,7 +156,15 @@ class Simulator:
             values[where] = law[:, COLD_LIMIT][where]
 
     def run(
-        self, q: Array, v: Array, inputs: Inputs, steps: int, *, every: int = 1, threads: int = 1
+        self,
+        q: Array,
+        v: Array,
+        inputs: Inputs,
+        steps: int,
+        *,
+        every: int = 1,
+        threads: int = 1,
+        progress: Callable[[int, int], object] = lambda done, total: None,
     ) -> Rollout:
         """Advance all robots.
 
@@ -166,6 +175,7 @@ class Simulator:
             steps: Number of steps T.
             every: Steps between rows of the result.
             threads: Number of threads; the result does not depend on it.
+            progress: Called with about the number of robots done and N.
 
         Returns:
             The states.
@@ -182,7 +192,10 @@ class Simulator:
             span = Span(steps, every, start // weight, -(-stop // weight))
             rollout(span, self.tables, self.workspace(), spread, state, log, world)
 
-        run_in_pieces(state.shape[1] * weight, threads, weight, work)
+        def tell(rows: int) -> None:
+            progress(min(rows // _WEIGHT, self.robots), self.robots)
+
+        run_in_pieces(state.shape[1] * weight, threads, weight, work, _most(steps), tell)
         return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
     def delay(self, ticks: NDArray[np.int64]) -> None:
@@ -236,7 +249,7 @@ class Simulator:
             with worlds.tables(self.tables.timestep) as world:
                 shaped_steps(span, self.tables, space, blocks, sent, worlds.bodies, world, good)
 
-        run_in_pieces(blocks.shape[1] * weight, threads, weight, work)
+        run_in_pieces(blocks.shape[1] * weight, threads, weight, work, _most(steps))
         self._clock += steps
         q, v, torque = (self._robots(blocks[part]) for part in (POSITION, VELOCITY, EFFORT))
         return q, v, torque, good
@@ -316,3 +329,8 @@ def _aligned(size: int) -> Array:
     floats = np.empty(size + 8)
     start = (-(floats.ctypes.data // 8)) % 8
     return floats[start : start + size]
+
+
+def _most(steps: int) -> int:
+    """Return how many rows of work a thread does before the interpreter runs, each robot counting as many."""
+    return _LONGEST_RUN // max(steps, 1) * _WEIGHT

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,8 @@ from pepper_kin.twin.run import Run, RunStatus
 from pepper_kin.twin.segment import SegmentRunner
 from pepper_kin.twin.state import TwinState, diverged
 
-LONGEST_RUN = 500  # steps with a world, after which the interpreter runs: interrupts are handled
+LONGEST_ALONE = 30_000  # steps, after which the interpreter runs: interrupts are handled
+LONGEST_RUN = 500  # the same with a world
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")
 
 
@@ -237,7 +238,14 @@ class Twin:
         self._take(series, 1)
         return self.state
 
-    def execute(self, trajectory: Trajectory, hold_time: float = 0.0, *, from_present: bool = False) -> Run:
+    def execute(
+        self,
+        trajectory: Trajectory,
+        hold_time: float = 0.0,
+        *,
+        from_present: bool = False,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+    ) -> Run:
         """Follow a trajectory.
 
         Args:
@@ -245,6 +253,8 @@ class Twin:
             hold_time: Time to hold the end afterwards [s].
             from_present: Start where the twin is; otherwise it is first put at the trajectory's start, with
                 its velocity.
+            progress: Called with the number of timesteps done and of all, at least every half second; what
+                it raises ends the run.
 
         Returns:
             The run; where the state diverged, or the world could not do its step, its status is STOPPED,
@@ -258,7 +268,7 @@ class Twin:
         if not from_present:
             self.reset(position[0], velocity[0])
         feedforward = self._feedforward(position, velocity, acceleration, np.zeros(self.pepper.n))
-        return self._follow(Command(position, velocity, feedforward))
+        return self._follow(Command(position, velocity, feedforward), progress=progress)
 
     def follow(
         self,
@@ -319,18 +329,24 @@ class Twin:
             forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
         return forward if effort is self._rest else np.where(self._torque_mode, effort, forward)
 
-    def _follow(self, command: Command, load: Array | None = None) -> Run:
+    def _follow(
+        self,
+        command: Command,
+        load: Array | None = None,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+    ) -> Run:
         """Follow commands, of which the first stands for the present state.
 
         Args:
             command: Of T timesteps and that first one, shape (T + 1, n) each.
             load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n); none if omitted.
+            progress: Called with timesteps done and T.
         """
         first = self._step
         time = self.timestep * np.arange(len(command.position), dtype=float)
         start = (self._q, self._v, self._torque)
         outer = np.zeros((1, self.pepper.n)) if load is None else load
-        series, failed = self._advance(command.part(slice(1, None)), outer)
+        series, failed = self._advance(command.part(slice(1, None)), outer, progress)
         if series.rows is None:
             pairs = zip(start, series[:3], strict=True)
             logged = [np.concatenate([row[np.newaxis], rows]) for row, rows in pairs]
@@ -371,12 +387,18 @@ class Twin:
             self.loads,
         )
 
-    def _advance(self, command: Command, load: Array) -> tuple[Series, ContactError | None]:
+    def _advance(
+        self,
+        command: Command,
+        load: Array,
+        progress: Callable[[int, int], object] = lambda done, total: None,
+    ) -> tuple[Series, ContactError | None]:
         """Advance by one timestep for each command, in segments between changes of pushes and samples.
 
         Args:
             command: Of each timestep, shape (T, n) each.
             load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
+            progress: Called with timesteps done and T.
 
         Returns:
             What came of it, and why the world stopped, if it did.
@@ -395,6 +417,7 @@ class Twin:
             parts.append(series)
             self._take(series, series.good)
             done += series.good
+            progress(done, total)
             if error is not None and not isinstance(error, ContactError):
                 raise error
             if error is not None or series.good < len(series.position):
@@ -414,8 +437,7 @@ class Twin:
 
     def _steps_alone(self, most: int) -> int:
         """Return the number of steps before the next push or sample of a sensor of the world; 0 for none."""
-        if self.world is not None:
-            most = min(most, LONGEST_RUN)
+        most = min(most, LONGEST_ALONE if self.world is None else LONGEST_RUN)
         now, h = self._step * self._timestep, self._timestep
         if self._pushes and any(push.acts_within(now, now + h) for push in self._pushes):
             return 0

@@ -30,7 +30,7 @@ from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.collision.lower_bounds import part_bounds
 from pepper_kin.core.collision.narrow_phase import near_robot
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.threads import run_in_pieces
+from pepper_kin.kernels.threads import LARGEST_PIECE, run_in_pieces
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
@@ -329,7 +329,7 @@ class FastChecker:
         if self._resting:
             verdicts[:] = 1
             return verdicts, 0
-        if threads == 1:
+        if threads == 1 and len(flat) <= LARGEST_PIECE:
             return verdicts, check_many(self._prepared.memory(), flat, verdicts, 0, len(flat))
         doubts: list[int] = []
 

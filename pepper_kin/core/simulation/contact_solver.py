@@ -22,7 +22,7 @@ from pepper_kin.core.linear_algebra import cholesky, solve_cholesky, solve_chole
 from pepper_kin.core.simulation.narrow_phase import FREE, ON_ROBOT, BodyTable, ContactPoints, ShapeTable
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_four
+from pepper_kin.kernels.interrupts import call_back
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 RELATIVE_COMPLIANCE = 1e-5
@@ -110,6 +110,7 @@ class SolverState(NamedTuple):
         addresses: See `solve_contacts`, shape (ADDRESSES,).
         wrench: Force [N] of the contacts on the robot and moment about the world's origin [N m], in each of
             the last steps, shape (s, 6).
+        mail: Arguments of call-backs, shape (3,).
     """
 
     velocity: Floats1
@@ -120,6 +121,7 @@ class SolverState(NamedTuple):
     coulomb_error: Floats1
     addresses: Ints1
     wrench: Floats2
+    mail: Ints1
 
 
 def room_for(points: int, velocities: int) -> int:
@@ -448,7 +450,7 @@ def _iterate_friction(
         for c in range(count):
             shifted[c] = problem.bias[c] + share[c]
         if callback != 0:
-            if not _solve_by_callback(problem, shifted, callback, impulses, state.addresses):
+            if not _solve_by_callback(problem, shifted, callback, impulses, state):
                 return False
         elif newton(problem, shifted, guess, impulses) < 0:
             return False
@@ -463,18 +465,26 @@ def _iterate_friction(
 
 @compiled
 def _solve_by_callback(
-    problem: ContactProblem, bias: Floats1, callback: int, impulses: Floats1, addresses: Ints1
+    problem: ContactProblem, bias: Floats1, callback: int, impulses: Floats1, state: SolverState
 ) -> bool:
     """Call back for the impulses of one convex problem; return whether it succeeded.
 
-    Addresses are of shape (ADDRESSES,), see `solve_contacts`; other shapes as at the top.
+    `state.addresses` are those of `solve_contacts`; shapes as at the top.
     """
+    addresses = state.addresses
     addresses[0], addresses[1] = len(bias), len(problem.free)
     addresses[2], addresses[3] = problem.jacobian.ctypes.data, problem.response.ctypes.data
     addresses[4], addresses[5] = problem.free.ctypes.data, problem.compliance.ctypes.data
     addresses[6], addresses[7] = bias.ctypes.data, problem.friction.ctypes.data
     addresses[8] = impulses.ctypes.data
-    return call_four(callback, SOLVE_PROBLEM, addresses.ctypes.data, 0, 0) >= 0
+    return call_with(callback, state.mail, SOLVE_PROBLEM, addresses.ctypes.data, 0) >= 0
+
+
+@compiled
+def call_with(callback: int, mail: Ints1, what: int, first: int, second: int) -> int:
+    """Call back with three numbers, which go through memory of shape (3,)."""
+    mail[0], mail[1], mail[2] = what, first, second
+    return call_back(callback)
 
 
 @compiled

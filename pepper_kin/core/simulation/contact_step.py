@@ -13,6 +13,7 @@ from pepper_kin.core.simulation.contact_solver import (
     RobotMotion,
     SolverState,
     assemble,
+    call_with,
     room_for,
     solve_contacts,
 )
@@ -28,7 +29,6 @@ from pepper_kin.core.simulation.narrow_phase import (
 )
 from pepper_kin.core.simulation.tree_motion import TreeMotion, TreeTable, move_joints, tree_motion
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Array, Floats1, Floats2, Ints1, record_of
 
 SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NOT_FINITE, CALLBACK_FAILED = (
@@ -47,10 +47,10 @@ class WorldTables(NamedTuple):
 
     Attributes:
         kind: NO_WORLD, TABLES or CALLBACK.
-        callback: Address of `int64 f(int64 what, int64, int64, int64)`, or 0.  Called for DECIDE_PAIRS, with
-            the numbers of points and of undecided pairs, it adds points and returns how many there are now;
-            for ADVANCE, with the address of `state.addresses` (n, then the addresses of q, v, mass_hat,
-            force and load), it writes the load and returns 0.  Below zero it has failed.
+        callback: Address of `int64 f()`, or 0, which reads `state.mail`.  Called for DECIDE_PAIRS, with the
+            numbers of points and of undecided pairs, it adds points and returns how many there are now; for
+            ADVANCE, with the address of `state.addresses` (n, then the addresses of q, v, mass_hat, force
+            and load), it writes the load and returns 0.  Below zero it has failed.
         by_callback: Whether the call-back solves the contact problems.
         tree: The robot's.
         at: Where its joints are; written.
@@ -72,7 +72,13 @@ class WorldTables(NamedTuple):
 
 
 def world_tables(
-    tree: TreeTable, shapes: ShapeTable, bodies: BodyTable, *, callback: int = 0, by_callback: bool = False
+    tree: TreeTable,
+    shapes: ShapeTable,
+    bodies: BodyTable,
+    *,
+    callback: int = 0,
+    by_callback: bool = False,
+    mail: Ints1 | None = None,
 ) -> WorldTables:
     """Return the tables of a world, with new arrays for what a step writes."""
     joints = int(tree.driver.max()) + 1
@@ -93,6 +99,7 @@ def world_tables(
         coulomb_error=np.zeros(1),
         addresses=np.zeros(ADDRESSES, np.int64),
         wrench=np.zeros((1, 6)),
+        mail=np.zeros(3, np.int64) if mail is None else mail,
     )
     return WorldTables(TABLES, callback, by_callback, tree, tree_motion(tree), shapes, bodies, points, state)
 
@@ -165,7 +172,7 @@ def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float, robot: boo
     if count < 0 or count + undecided > len(points.rows):
         return TOO_MANY_POINTS, 0.0
     if undecided > 0:
-        count = call_four(world.callback, DECIDE_PAIRS, count, undecided, 0)
+        count = call_with(world.callback, state.mail, DECIDE_PAIRS, count, undecided)
         if count < 0:
             return CALLBACK_FAILED, 0.0
     state.numbers[0] = count
@@ -291,7 +298,7 @@ def step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: floa
     addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data
     addresses[3], addresses[4] = robot.mass_hat.ctypes.data, robot.force.ctypes.data
     addresses[5] = world.state.load.ctypes.data
-    done = call_four(world.callback, ADVANCE, addresses.ctypes.data, 0, 0)
+    done = call_with(world.callback, world.state.mail, ADVANCE, addresses.ctypes.data, 0)
     return SOLVED if done >= 0 else CALLBACK_FAILED
 
 

@@ -397,7 +397,7 @@ class World:
             raise error
         return self._tables.state.load[: len(motion.force)].copy()
 
-    def _answer(self, what: int, first: int, second: int, _: int) -> int:
+    def _answer(self, what: int, first: int, second: int) -> int:
         """Do what compiled code cannot; see `core.simulation.contact_step.WorldTables`."""
         if what == SOLVE_PROBLEM:
             return self._solve_by_proxsuite(words_at(first, ADDRESSES).tolist())
@@ -482,6 +482,7 @@ class World:
             self._bodies,
             callback=self._callback.address,
             by_callback=self.solver == "proxsuite",
+            mail=self._callback.mail,
         )
         self._solved, self._step = True, 0
 
