@@ -106,6 +106,40 @@ pk.files.save(trajectory, "reach.yaml", scene=scene)
 print(pk.Twin(pepper, timestep=0.001).execute(trajectory).status.value, f"{trajectory.duration:.9f}")
 """
 
+WITHOUT = """
+import sys
+
+for name in ("placo", "toppra", "ruckig", "matplotlib", "casadi", "numba"):
+    sys.modules[name] = None
+"""
+
+REFUSED = """
+calls = {
+    "placo": lambda: pk.ik.solve(pepper, tasks, solver="placo"),
+    "toppra": lambda: pk.retime(pepper, trajectory.coefficients[[0, -1], 0], solver="toppra"),
+    "ruckig": lambda: pk.trajectory.OnlineMotion(pepper, pepper.posture("Stand")),
+    "matplotlib": lambda: trajectory.plot(pepper),
+}
+for name, call in calls.items():
+    try:
+        call()
+    except pk.exceptions.MissingDependencyError as error:
+        print(error.package, "|", error.command)
+"""
+
+
+def test_the_program_needs_no_extra_and_each_is_named_where_it_is_missing(tmp_path):
+    """Machine code that is shipped fits: neither CasADi nor Numba is loaded, nor what only compares."""
+    lines = run("-c", WITHOUT + PROGRAM + REFUSED, cwd=tmp_path).splitlines()
+    assert lines[0].startswith("completed ")
+    assert lines[1:] == [
+        'placo | pip install "pepper_kin[reference]"',
+        'toppra | pip install "pepper_kin[reference]"',
+        "ruckig | pip install 'ruckig>=0.14'",
+        'matplotlib | pip install "pepper_kin[plot]"',
+    ]
+
+
 LOCALE_NAMES = """
 import pepper_kin as pk
 from pepper_kin.file_access.atomic_file import write_text

@@ -1,4 +1,4 @@
-"""The commands `pepper-kin warm-up`, `export` and `gesture`: argument parsing and printing, nothing else."""
+"""The commands `warm-up`, `doctor`, `export` and `gesture`: argument parsing and printing, nothing else."""
 
 from __future__ import annotations
 
@@ -45,6 +45,20 @@ def warm_up(
     with progress("machine code") as on_progress:
         made = pk.jobs.warm_up(native, on_progress)
     print_found(made, as_json)
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Say what is installed, which machine code runs, what is missing, and which extra brings it.
+
+    Ends with 1 where something that belongs to the library is missing.  For a robot: pepper-kin naoqi doctor.
+
+    Example: pepper-kin doctor
+    """
+    found = pk.jobs.check_installation(pk.viewer.find_chromium())
+    print_found(found, as_json)
+    if not found.success:
+        raise typer.Exit(FAILED)
 
 
 @app.command()

@@ -5,7 +5,7 @@
     load_motion, scene_beside, save_export
     check_dynamics, DynamicsCheck, DynamicsCheckRow
     check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
-    warm_up, WarmUp
+    warm_up, WarmUp, check_installation, Installation, Package
 
 Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
 No module has the name of a job: importing it would hide the job.
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.dynamics_checking import check_dynamics
     from pepper_kin.jobs.export_files import save_export
     from pepper_kin.jobs.gesture_job import MadeGesture, make_gesture, save_library_gesture
+    from pepper_kin.jobs.installation import Installation, Package, check_installation
     from pepper_kin.jobs.motion_file import load_motion, scene_beside
     from pepper_kin.jobs.physics_check import PhysicsCheck, check_physics
     from pepper_kin.jobs.reaching import ReachOutcome, reach
@@ -34,12 +35,15 @@ if TYPE_CHECKING:
 __all__ = [
     "DynamicsCheck",
     "DynamicsCheckRow",
+    "Installation",
     "MadeGesture",
+    "Package",
     "PaperCheck",
     "PhysicsCheck",
     "ReachOutcome",
     "WarmUp",
     "check_dynamics",
+    "check_installation",
     "check_paper",
     "check_physics",
     "demo_scene",

@@ -99,6 +99,12 @@ def is_usable() -> bool:
     return _index() is not None
 
 
+def usable_baseline() -> str | None:
+    """Return which one it is, by its name in `BASELINES`; None where there is none."""
+    index = _index()
+    return None if index is None else index.path.stem
+
+
 class _Entry(NamedTuple):
     """A part in a file."""
 

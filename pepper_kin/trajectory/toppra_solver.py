@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows
 from pepper_kin.core.timing.whole_timing import CHECK_STEP
-from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
@@ -187,8 +187,12 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
         Speed, shape (N + 1,), or None; and the grid point, or None.
     """
     with _silent():
-        from toppra.algorithm import TOPPRA
-        from toppra.constraint import DiscretizationType, LinearConstraint
+        try:
+            from toppra.algorithm import TOPPRA
+            from toppra.constraint import DiscretizationType, LinearConstraint
+        except ImportError as error:
+            command = 'pip install "pepper_kin[reference]"'
+            raise MissingDependencyError("toppra", command, 'solver="toppra"') from error
 
         class Limits(LinearConstraint):
             """Coefficients that were evaluated beforehand."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
-from pepper_kin.exceptions import InvalidValueError, ModelError
+from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, ModelError
 from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
 from pepper_kin.ik.solver import HalfSpaces, StepSolver
 from pepper_kin.ik.tasks.center_of_mass import CenterOfMass
@@ -49,11 +49,11 @@ class PlacoSolver(StepSolver):
 
     Raises:
         InvalidValueError: for a robot with mimic joints that placo cannot follow.
+        MissingDependencyError: where placo is not installed.
     """
 
     def __init__(self, problem: Problem) -> None:
-        import placo
-
+        placo = _placo()
         self._problem = problem
         pepper = problem.pepper
         self._robot = robot_of(pepper)
@@ -191,6 +191,20 @@ class PlacoSolver(StepSolver):
             gears.configure("mimic joints", "hard", 1.0)
 
 
+def _placo() -> Any:
+    """Return the module `placo`.
+
+    Raises:
+        MissingDependencyError: where it is not installed.
+    """
+    try:
+        import placo
+    except ImportError as error:
+        command = 'pip install "pepper_kin[reference]"'
+        raise MissingDependencyError("placo", command, 'solver="placo"') from error
+    return placo
+
+
 def robot_of(pepper: PepperModel) -> Any:
     """Return placo's robot for a model, built once per thread and kept while the model lives.
 
@@ -198,8 +212,7 @@ def robot_of(pepper: PepperModel) -> Any:
         ModelError: where placo reads another tree.
         InvalidValueError: where a mimic joint has an offset, which placo's gears lack.
     """
-    import placo
-
+    placo = _placo()
     local = _robots.of(pepper).setdefault("", threading.local())
     robot: Any = getattr(local, "robot", None)
     if robot is None:

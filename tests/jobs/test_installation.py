@@ -1,0 +1,122 @@
+"""`pepper-kin doctor`, and the tables of what is installed and why."""
+
+import json
+import re
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from typer.testing import CliRunner
+
+from pepper_kin import jobs
+from pepper_kin.cli.program import app
+from pepper_kin.jobs import installation
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+EXTRAS = {
+    name: rows
+    for name, rows in PROJECT["optional-dependencies"].items()
+    if name not in ("test", "docs", "dev")
+}
+PAGE = (ROOT / "docs" / "platforms.md").read_text("utf-8")
+
+
+def names(rows):
+    return [Requirement(text).name for text in rows]
+
+
+def table(section):
+    """Return the rows of a section's table, cells without code marks around names."""
+    part = PAGE.split(f"## {section}\n", 1)[1].split("\n## ", 1)[0]
+    return [
+        [cell.strip() for cell in line.strip("|").split(" | ")] for line in part.splitlines() if "|" in line
+    ][2:]
+
+
+def test_the_table_of_costs_has_the_dependencies_of_pyproject_and_what_each_is_for():
+    rows = table("What it costs")
+    assert sorted(row[0].strip("`") for row in rows) == sorted(names(PROJECT["dependencies"]))
+    for name, cost, purpose in rows:
+        assert float(cost) > 0
+        assert purpose == installation.PURPOSES[name.strip("`")]
+    assert [float(row[1]) for row in rows] == sorted((float(row[1]) for row in rows), reverse=True)
+
+
+def test_the_table_of_extras_has_those_of_pyproject():
+    rows = {row[0].strip("`"): row[1:] for row in table("Extras")}
+    assert {extra: re.findall(r"`([\w-]+)`", row[0]) for extra, row in rows.items()} == {
+        extra: names(packages) for extra, packages in EXTRAS.items()
+    }
+    for extra, row in rows.items():
+        purposes = [installation.PURPOSES[name] for name in names(EXTRAS[extra]) if name != "pepper_kin"]
+        assert row[1] == "; ".join(purposes)
+
+
+def test_the_environment_of_the_tests_is_whole():
+    found = jobs.check_installation("/usr/bin/chromium")
+    assert found.success, found.report()
+    assert {one.name for one in found.packages if not one.extra} >= {"numpy", "pin", "coal", "llvmlite"}
+    for one in found.packages:
+        assert one.installed is None or one.installed == metadata.version(one.name)
+    assert "All that belongs to the library is there." in found.report()
+    assert "pictures and films: /usr/bin/chromium" in found.report()
+    assert json.loads(json.dumps(found.as_dict()))["success"] is True
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """Return what pretends that a version of a package is installed, or none."""
+
+    def pretend(name, version):
+        true = metadata.version
+
+        def other(asked):
+            if asked != name:
+                return true(asked)
+            if version is None:
+                raise metadata.PackageNotFoundError(name)
+            return version
+
+        monkeypatch.setattr(installation, "version", other)
+
+    return pretend
+
+
+@pytest.mark.parametrize(("version", "there"), [(None, "nothing"), ("2.7.1", "2.7.1")])
+def test_what_belongs_to_the_library_and_is_missing_or_wrong_is_named(installed, version, there):
+    installed("pin", version)
+    done = CliRunner().invoke(app, ["doctor"])
+    assert done.exit_code == 1
+    assert f"Wrong: pin==3.8.0 is not there, but {there}: pip install 'pin==3.8.0'" in done.stdout
+    done = CliRunner().invoke(app, ["doctor", "--json"])
+    assert json.loads(done.stdout)["faults"] == [
+        f"pin==3.8.0 is not there, but {there}: pip install 'pin==3.8.0'"
+    ]
+
+
+def test_what_an_extra_brings_is_named_and_is_no_fault(installed):
+    installed("placo", None)
+    found = jobs.check_installation()
+    assert found.success
+    assert 'reference: pip install "pepper_kin[reference]"' in found.report()
+    assert re.search(r"placo +missing +IK by", found.report())
+
+
+def test_a_package_of_another_platform_is_not_asked_for(monkeypatch):
+    rows = [
+        "numpy>=2.0",
+        'windows-only; sys_platform == "no system"',
+        'fissix>=24.4; python_version < "3" and extra == "naoqi"',
+    ]
+    monkeypatch.setattr(installation, "requires", lambda _: rows)
+    assert [one.name for one in jobs.check_installation().packages] == ["numpy"]
+
+
+def test_the_code_that_runs_is_named(monkeypatch):
+    found = jobs.check_installation()
+    assert found.shipped is None or f"machine code: {found.shipped}, as shipped" in found.report()
+    monkeypatch.setattr(installation, "usable_baseline", lambda: None)
+    assert "machine code: made here, once: none is shipped that fits" in jobs.check_installation().report()
