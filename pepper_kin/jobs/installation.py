@@ -24,6 +24,8 @@ PURPOSES: Mapping[str, str] = {
     "numpy": "arrays",
     "scipy": "splines, hulls of points, rotations",
     "pin": "Pinocchio: the robot's tree, kinematics and dynamics of single states",
+    "cmeel-urdfdom": "a library of Pinocchio's, in the version that it is linked against",
+    "cmeel-tinyxml2": "the same of cmeel-urdfdom",
     "coal": "exact distances and contacts, of which certificates are made",
     "proxsuite": "the solver ProxQP, of IK and of contacts that Newton's method does not solve",
     "casadi": "expressions, and machine code of robots, tasks and formulas for which none is shipped",

@@ -17,7 +17,7 @@ from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import GestureReport, Run
 
 CSV_STEP = 0.001  # [s] between rows of trajectory.csv
-_LIBRARIES = ("pin", "placo", "proxsuite", "coal", "toppra", "meshcat", "numpy")
+_LIBRARIES = ("pin", "proxsuite", "coal", "llvmlite", "meshcat", "numpy")
 
 
 def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:

@@ -120,3 +120,9 @@ def test_the_code_that_runs_is_named(monkeypatch):
     assert found.shipped is None or f"machine code: {found.shipped}, as shipped" in found.report()
     monkeypatch.setattr(installation, "usable_baseline", lambda: None)
     assert "machine code: made here, once: none is shipped that fits" in jobs.check_installation().report()
+
+
+def test_summaries_name_versions_of_what_belongs_to_the_library():
+    from pepper_kin.jobs.result_files import _LIBRARIES
+
+    assert set(_LIBRARIES) <= set(names(PROJECT["dependencies"]))
