@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from typer.testing import CliRunner
 
 from pepper_kin import jobs
@@ -53,6 +54,24 @@ def test_the_table_of_extras_has_those_of_pyproject():
     for extra, row in rows.items():
         purposes = [installation.PURPOSES[name] for name in names(EXTRAS[extra]) if name != "pepper_kin"]
         assert row[1] == "; ".join(purposes)
+
+
+def test_the_lock_has_a_version_of_all_that_development_needs_and_no_address():
+    lines = (ROOT / "requirements-dev.lock").read_text("utf-8").splitlines()
+    locked = [Requirement(line) for line in lines]
+    assert all(re.fullmatch(r"==[\w.+]+", str(one.specifier)) and one.url is None for one in locked)
+    extras = PROJECT["optional-dependencies"]
+    wanted = [
+        *PROJECT["dependencies"],
+        *(row for name in ("dev", "test", "docs", "reference") for row in extras[name]),
+    ]
+    versions = {}
+    for one in locked:
+        versions.setdefault(canonicalize_name(one.name), []).append(one.specifier)
+    for need in map(Requirement, wanted):
+        if need.name != "pepper_kin":
+            found = versions[canonicalize_name(need.name)]
+            assert any(str(version).removeprefix("==") in need.specifier for version in found), need
 
 
 def test_the_environment_of_the_tests_is_whole():
