@@ -36,7 +36,7 @@ COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6
 LIMIT_COLOR = "#c0392b"
 
 
-def line_style(number: int) -> tuple[str, str]:
+def line_style(number: int) -> tuple[str, Any]:
     """Return color and style of a line by its number, from 0 on."""
     return COLORS[number % len(COLORS)], "-" if number < len(COLORS) else "--"
 

@@ -214,7 +214,7 @@ def _of_run(pepper: PepperModel, run: ExecutedMotion) -> JointMotion:
 def _of_tipping(pepper: PepperModel, run: TippingRun) -> JointMotion:
     positions = as_joint_vectors(pepper, run.position, "positions of the run")
     tilting = np.flatnonzero(run.angle > 0)
-    notes = ()
+    notes: tuple[Note, ...] = ()
     if tilting.size:
         notes = (Note(float(run.time[tilting[0]]), float(run.time[-1]), run.message, "tilt [rad]"),)
     return JointMotion(run.time, positions, {"tilt [rad]": run.angle}, notes=notes, tilts=run.tilt)
