@@ -114,6 +114,7 @@ for name in ("placo", "toppra", "ruckig", "matplotlib", "casadi", "numba"):
 """
 
 REFUSED = """
+print(pk.jobs.reach(pepper, "left", (2.0, 0.3, 1.0)).message[:20], pk.twin.replay(pepper, "head").run.success)
 calls = {
     "placo": lambda: pk.ik.solve(pepper, tasks, solver="placo"),
     "toppra": lambda: pk.retime(pepper, trajectory.coefficients[[0, -1], 0], solver="toppra"),
@@ -132,7 +133,8 @@ def test_the_program_needs_no_extra_and_each_is_named_where_it_is_missing(tmp_pa
     """Machine code that is shipped fits: neither CasADi nor Numba is loaded, nor what only compares."""
     lines = run("-c", WITHOUT + PROGRAM + REFUSED, cwd=tmp_path).splitlines()
     assert lines[0].startswith("completed ")
-    assert lines[1:] == [
+    assert lines[1] == "The hand cannot reac True"
+    assert lines[2:] == [
         'placo | pip install "pepper_kin[reference]"',
         'toppra | pip install "pepper_kin[reference]"',
         "ruckig | pip install 'ruckig>=0.14'",

@@ -142,7 +142,7 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
         return found.report()
     # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
     with np.errstate(over="ignore"):  # squares of distances to targets that nobody reaches
-        alone = solve(pepper, [task], start=pepper.neutral(), solver="placo", scene=scene, seed=seed)
+        alone = solve(pepper, [task], start=pepper.neutral(), scene=scene, seed=seed)
     palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
     wanted, point = (f"({', '.join(map(_coordinate, p))})" for p in (task.target, palm))
     if alone.success:

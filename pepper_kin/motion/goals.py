@@ -28,7 +28,7 @@ _Fault: TypeAlias = tuple[PlanStatus, str]
 _Goals: TypeAlias = tuple[Array, IKResult | None, _Fault | None]
 """Goals, shape (m, n) [rad or m]; the IK result where there were tasks; what is wrong if there is no goal."""
 
-OTHER_SOLVER = "placo"
+OTHER_SOLVER = "proxsuite"
 """For tasks of classes that the fast solver has no code for."""
 STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
