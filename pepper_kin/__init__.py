@@ -18,7 +18,7 @@ Packages, imported at their first use; `help(pk.ik)` lists the contents of one:
     base_placement   search for the pose of the base
     motion           paths, Cartesian motions, optimization, gestures
     trajectory       timing within limits, an independent check
-    files            trajectories in six formats
+    files            trajectories in seven formats
     twin             simulation; within it `twin.world`, `twin.sensors`, `twin.base`
     identification   robots' logs: the twin held beside them, and fitted to them
     viewer           pages, pictures and films; within it `viewer.server`

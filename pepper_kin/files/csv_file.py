@@ -1,4 +1,4 @@
-"""Trajectories as CSV."""
+"""Trajectories as tables: CSV, and Parquet by its suffix."""
 
 from __future__ import annotations
 
@@ -11,14 +11,7 @@ from pepper_kin.exceptions import FileFormatError
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.sampled_motion import points_of_file
-from pepper_kin.files.table_file import (
-    COLUMNS_FILE,
-    TIME,
-    load_columns,
-    load_table,
-    read_lines,
-    save_table,
-)
+from pepper_kin.files.table_file import TIME, column_meaning, column_names, load_table, save_table
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.trajectory import Trajectory
 
@@ -66,7 +59,7 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path and line and what is wrong there.
     """
-    found = read_lines(path)[0]
+    found = column_names(path)
     names = pepper.joint_names if pepper is not None else _joints(found)
     kinds = _QUANTITIES if any(name.endswith(_QUANTITIES[2]) for name in found) else _QUANTITIES[:2]
     table = load_table(path, [TIME, *(f"{name}.{kind}" for kind in kinds for name in names)])
@@ -76,7 +69,7 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
     values = [np.column_stack([table[f"{name}.{kind}"] for name in names]) for kind in kinds]
-    units = pepper.joint_units if pepper is not None else _units(Path(path), names)
+    units = pepper.joint_units if pepper is not None else _units(path, names)
     return points_of_file(path, names, units, time, *values)
 
 
@@ -85,9 +78,8 @@ def _joints(header: Sequence[str]) -> tuple[str, ...]:
     return tuple(name.removesuffix(suffix) for name in header if name.endswith(suffix)) or ("<joint>",)
 
 
-def _units(path: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints' units from the companion file, or radians where there is none."""
-    companion = path.with_name(COLUMNS_FILE)
-    known = load_columns(companion) if companion.exists() else {}
+def _units(path: PathName, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints' units as the table has them, or the file beside it, else radians."""
+    known = column_meaning(path)
     units = (known.get(f"{name}.position", {}).get("unit", "rad") for name in names)
     return tuple(unit if unit in ("rad", "m") else "rad" for unit in units)

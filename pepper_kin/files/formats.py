@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Unpack
 
-from pepper_kin.exceptions import UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.csv_file import read_csv, write_csv
@@ -31,6 +31,7 @@ class _Format(NamedTuple):
 
 FORMATS: dict[str, _Format] = {
     "csv": _Format((".csv",), write_csv, read_csv),
+    "parquet": _Format((".parquet",), write_csv, read_csv),
     "npz": _Format((".npz",), write_npz, read_npz, None),
     "json": _Format((".json",), write_json, read_json, None),
     "ros": _Format((".yaml", ".yml"), write_ros, read_ros, played=True),
@@ -63,9 +64,9 @@ def save(
     Args:
         trajectory: The trajectory.
         path: The file; its folder must exist.
-        format: "csv", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script for the
-            robot, which takes motions from rest) or "mcap"; by the suffix (.csv, .npz, .json, .yaml, .py,
-            .mcap) if omitted.
+        format: "csv", "parquet", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script
+            for the robot, which takes motions from rest) or "mcap"; by the suffix (.csv, .parquet, .npz,
+            .json, .yaml, .py, .mcap) if omitted.
         dt: Time between points [s].  Without meaning where exact.
         pepper: The robot that the motion is checked with; if omitted, Pepper, where the joints are its own.
             A motion of an unknown robot goes only into files that no robot plays ("ros" and "naoqi" are
@@ -82,7 +83,7 @@ def save(
         InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold; for a
             motion that fails its certificate, with what fails, by how much and when; for a dt whose curve
             does, with the largest that passes; or for a robot that is not known.
-        MissingDependencyError: for "mcap" without its package.
+        MissingDependencyError: for "mcap" or "parquet" without its package.
         FileFormatError: where the file cannot be written.
     """
     chosen = _chosen(path, format)
@@ -109,7 +110,7 @@ def load(path: PathName, pepper: PepperModel | None = None, *, format: str | Non
 
     Raises:
         UnknownNameError: for an unknown format or suffix.
-        MissingDependencyError: for "mcap" without its package.
+        MissingDependencyError: for "mcap" or "parquet" without its package.
         FileFormatError: naming path, line and what is wrong: truncated, another order of joints, NaN, times
             that do not rise, or no such file at all.
     """
@@ -120,6 +121,8 @@ def _chosen(path: PathName, format: str | None) -> _Format:
     suffix = Path(path).suffix.lower()
     for name, known in FORMATS.items():
         if name == format or (format is None and suffix in known.suffixes):
+            if name in ("csv", "parquet") and (suffix == ".parquet") != (name == "parquet"):
+                raise InvalidValueError("path", str(path), "a file .parquet for that format, and no other")
             return known
     registered = plugins("formats")
     chosen = suffix[1:] if format is None else format

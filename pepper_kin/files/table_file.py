@@ -16,6 +16,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName, as_path
 from pepper_kin.file_access.reading import read_json, read_text, repeated
+from pepper_kin.files.parquet_table import read_columns, write_columns
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.plain_number import plain_number
 from pepper_kin.trajectory.quantities import UNITS, unit_of
@@ -28,16 +29,17 @@ _KEYS = {"unit", "quantity", "joint"}
 def save_table(
     columns: Mapping[str, ArrayLike], path: PathName, *, joint_units: Mapping[str, str] | None = None
 ) -> Path:
-    """Write columns over time as CSV, and explain them in `columns.json` beside it.
+    """Write columns over time as CSV, and explain them in `columns.json` beside it; or as Parquet.
 
     The first line names the columns: `time` [s], then `<joint>.<quantity>` with a quantity of
     `pepper_kin.trajectory.quantities.UNITS`.  Numbers are written so that reading gives the same floats.
     `columns.json` maps each column to {"unit", "quantity", "joint"}; tables in one folder share it.  Both
-    files are replaced in one step each, so that no half of one is ever seen.
+    files are replaced in one step each, so that no half of one is ever seen.  A file .parquet has the same
+    columns and explains them itself.
 
     Args:
         columns: Name -> values, shape (T,); "time" first, rising.
-        path: The CSV file; its folder must exist.
+        path: The file; its folder must exist.
         joint_units: Joint -> "rad" or "m"; "rad" where a joint is missing.
 
     Returns:
@@ -57,6 +59,10 @@ def save_table(
     time = as_finite(columns[TIME], TIME, (None,))
     if np.any(np.diff(time) <= 0):
         raise InvalidValueError(TIME, "times that do not increase", "times that increase")
+    if is_parquet(target):
+        checked = {name: as_finite(values, name, (time.size,)) for name, values in columns.items()}
+        write_columns(target, checked, meaning)
+        return target
     table = np.column_stack([as_finite(values, name, (time.size,)) for name, values in columns.items()])
     companion = target.parent / COLUMNS_FILE
     known = load_columns(companion) if companion.exists() else {}
@@ -83,7 +89,11 @@ def load_columns(path: PathName) -> dict[str, dict[str, Any]]:
     Raises:
         FileFormatError: where it cannot be read or holds something else.
     """
-    content, _ = read_json(path)
+    return _meanings(path, read_json(path)[0])
+
+
+def _meanings(path: PathName, content: Any) -> dict[str, dict[str, Any]]:
+    """Return what columns are, once it is sure that this is said of each."""
     rows = content.values() if isinstance(content, dict) else [None]
     if not all(isinstance(row, dict) and set(row) == _KEYS and _texts(row) for row in rows):
         raise FileFormatError(path, "does not map columns to unit, quantity and joint")
@@ -100,7 +110,7 @@ def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
     """Read a table that `save_table` wrote.
 
     Args:
-        path: The CSV file.
+        path: The file, CSV or Parquet.
         expected: The columns it must have, in this order; any that are well-formed if omitted.
 
     Returns:
@@ -111,9 +121,54 @@ def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
             that are missing, unknown, doubled or in another order; a line cut short; a NaN; times that
             do not rise.
     """
+    if is_parquet(path):
+        columns, _ = read_columns(path)
+        _check_parquet(path, columns)
+        _check_header(path, list(columns), expected)
+        return columns
     names, rows = read_lines(path)
     _check_header(path, names, expected)
     return numbers_of(path, names, rows)
+
+
+def is_parquet(path: PathName) -> bool:
+    """Return whether the suffix of a table is that of Parquet."""
+    return as_path(path).suffix.lower() == ".parquet"
+
+
+def column_names(path: PathName) -> list[str]:
+    """Return the names of a table's columns, "time" first.
+
+    Raises:
+        FileFormatError: for a file that is no table.
+    """
+    if not is_parquet(path):
+        return read_lines(path)[0]
+    columns, _ = read_columns(path)
+    _check_parquet(path, columns)
+    return list(columns)
+
+
+def column_meaning(path: PathName) -> dict[str, dict[str, Any]]:
+    """Return column -> {"unit", "quantity", "joint"} of a table, as far as it, or the file beside it, says.
+
+    Raises:
+        FileFormatError: where that is something else.
+    """
+    companion = as_path(path).with_name(COLUMNS_FILE)
+    if is_parquet(path):
+        return _meanings(path, read_columns(path)[1])
+    return load_columns(companion) if companion.exists() else {}
+
+
+def _check_parquet(path: PathName, columns: Mapping[str, Array]) -> None:
+    """Refuse columns that are no table over time."""
+    if next(iter(columns), None) != TIME:
+        raise FileFormatError(path, f"is not a table: its first column is not {TIME!r}")
+    if not columns[TIME].size:
+        raise FileFormatError(path, "has no row of numbers")
+    if np.any(np.diff(columns[TIME]) <= 0):
+        raise FileFormatError(path, "times do not increase")
 
 
 def numbers_of(path: PathName, names: list[str], rows: list[str]) -> dict[str, Array]:

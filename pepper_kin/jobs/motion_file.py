@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pepper_kin.exceptions import FileFormatError
 from pepper_kin.files import load
+from pepper_kin.files.table_file import column_names
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import Run, load_recording, load_run
@@ -20,7 +21,7 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
-        path: A file that `pepper_kin.files.save` or `Run.save` wrote (in a CSV, columns of torque tell a
+        path: A file that `pepper_kin.files.save` or `Run.save` wrote (in a table, columns of torque tell a
             run), or the folder of a `Recorder`.
         pepper: The robot whose joints it must have.
 
@@ -37,7 +38,9 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
         if recording.joint_names != pepper.joint_names:
             raise FileFormatError(path, f"has other joints: {', '.join(recording.joint_names)}")
         return recording.run()
-    if Path(path).suffix.lower() == ".csv" and _RUN_COLUMN in _first_line(path):
+    suffix = Path(path).suffix.lower()
+    columns = ",".join(column_names(path)) if suffix == ".parquet" else ""
+    if _RUN_COLUMN in (_first_line(path) if suffix == ".csv" else columns):
         return load_run(path, pepper)
     return load(path, pepper)
 

@@ -220,7 +220,7 @@ class Run(FrozenArrays):
         return plot_motions(pepper, self, path, **options)
 
     def save(self, path: PathName) -> Path:
-        """Write the run as CSV, with `columns.json` beside it; see `pepper_kin.files.save_table`.
+        """Write the run as CSV, with `columns.json` beside it, or as Parquet; see `files.save_table`.
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
         `.reference_velocity`, then of the robot `.external_force_x` to `.external_moment_z`, and

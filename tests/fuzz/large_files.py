@@ -13,6 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from reader_cases import READERS, Reader, with_path
 from reader_checks import motion
 from reader_files import (
@@ -31,6 +33,7 @@ from reader_files import (
     reach_arrays,
     recording_files,
     run_file,
+    sample,
     trajectory_file,
 )
 
@@ -161,6 +164,26 @@ def long_archive(size: int) -> bytes:
     arrays["breaks"] = np.arange(count + 1.0)
     arrays["coefficients"] = np.zeros((count, *arrays["coefficients"].shape[1:]))
     return packed(arrays)
+
+
+def long_parquet(size: int) -> bytes:
+    """Return a motion whose columns of zeros take hundreds of times more than its file."""
+    names = [f"{joint}.{kind}" for kind in ("position", "velocity") for joint in sample().joint_names]
+    count = 200 * size
+    return parquet({"time": np.arange(float(count)), **{name: np.zeros(count) for name in names}})
+
+
+def wide_parquet(size: int) -> bytes:
+    """Return a motion of many joints."""
+    names = [f"j{k}.{kind}" for kind in ("position", "velocity") for k in range(2 * size // 3)]
+    return parquet({"time": np.arange(2.0), **{name: np.zeros(2) for name in names}})
+
+
+def parquet(columns: dict[str, Any]) -> bytes:
+    """Return columns as a file of Parquet."""
+    content = io.BytesIO()
+    pq.write_table(pa.table(columns), content, compression="zstd")
+    return content.getvalue()
 
 
 def members(size: int) -> bytes:
@@ -435,6 +458,7 @@ FILES: dict[str, dict[str, Build]] = {
         "rows of a log": filled("time,A_command,A_measured\n", lambda i: f"{2 + 0.2 * i:.1f},0.1,0.1\n")
     },
     "joint states CSV": {"rows of states": rows_of(".csv")},
+    "Parquet": {"rows of zeros": long_parquet, "columns of Parquet": wide_parquet},
     "JSON": {"segments": long_json},
     "NPZ": {"zeros": long_archive, "members": members},
     "ROS YAML": {
@@ -522,6 +546,6 @@ def reader_of(file: str) -> Reader:
     kind = LARGE[name][0]
     build = FILES[kind][name]
     reader = replace(READERS[kind], damage=lambda _: build(size))
-    if kind in ("CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP"):
+    if kind in ("CSV", "Parquet", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP"):
         reader = replace(reader, read=with_path(load, motion))  # once, without a robot
     return reader

@@ -237,6 +237,7 @@ READERS: dict[str, Reader] = {
     "compare": Reader("robot.urdf", lambda path: report(compare(path, ROBOT)), xml_damage(ROBOT)),
     "scene": Reader("scene.json", with_path(Scene.load, scene), json_damage(lambda: SCENE)),
     "CSV": trajectory_reader(".csv", _trajectory_text(".csv")),
+    "Parquet": trajectory_reader(".parquet", lambda rng: changed_bytes(trajectory_file(".parquet"), rng)),
     "JSON": trajectory_reader(".json", json_damage(lambda: json.loads(trajectory_file(".json")))),
     "NPZ": trajectory_reader(".npz", archive_damage(lambda: trajectory_file(".npz"))),
     "ROS YAML": trajectory_reader(".yaml", _trajectory_text(".yaml")),

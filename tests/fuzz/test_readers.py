@@ -27,8 +27,9 @@ LARGE = (20, 300, 4900)
 """Sizes of large files [kB]."""
 READERS = (
     "URDF", "URDF text", "URDF on a base", "URDF of Pepper", "xacro", "SDF", "SRDF", "SRDF text", "audit",
-    "audit of meshes", "compare", "scene", "CSV", "JSON", "NPZ", "ROS YAML", "NAOqi script", "MCAP",
-    "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns", "columns of a CSV",
+    "audit of meshes", "compare", "scene", "CSV", "Parquet", "JSON", "NPZ", "ROS YAML", "NAOqi script",
+    "MCAP", "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns",
+    "columns of a CSV",
     "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run",
     "motion", "recording header", "recording", "reach map", "policy", "data set job",
     "manifest", "shard", "key points", "key points CSV", "STL",
