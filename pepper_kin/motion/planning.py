@@ -22,7 +22,7 @@ from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_se
 from pepper_kin.motion.moving_plan import plan_in_motion
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
-from pepper_kin.motion.path_search import PathSearch, compared
+from pepper_kin.motion.path_search import LEAST_GAIN, SHORTCUTS, PathSearch, compared
 from pepper_kin.motion.plan_request import (
     PlanOptions,
     PlanRequest,
@@ -40,8 +40,9 @@ from pepper_kin.planners.deadline import PausedClock, Slices, whole
 PLANNERS = ("rrt_connect", "aorrtc")
 
 BASE_JOINTS = frozenset(("BaseX", "BaseY"))
-SAMPLES_OF_BASE, GAP_OF_BASE = 1000, 0.05
-"""How long a shorter way is looked for where the base drives, since a detour costs seconds there."""
+SEARCHES_OF_BASE, DETOURS_OF_BASE, GAP_OF_BASE = 4, 400, 0.1
+"""Where the base drives: searches for a shorter way, attempts to shorten the shortest, and the part of the
+straight way's length by which one may be longer before there are more: a detour costs seconds there."""
 
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
@@ -287,13 +288,40 @@ def find_path(
         return planners.ompl_plan(problem, planner, seed=seed, timeout=timeout)
     first = planners.rrt_connect(problem, seed=seed, timeout=timeout)
     if first.path is not None and BASE_JOINTS.intersection(problem.labels or ()):
-        better = planners.aorrtc(
-            problem, first.path, seed=seed, timeout=_left(begin, timeout), max_iterations=SAMPLES_OF_BASE,
-            gap=GAP_OF_BASE,
-        )  # fmt: skip
-        goal = _to_a_goal(better, first).goal_index
-        return replace(first, path=better.path, cost=better.cost, goal_index=goal)
+        return _shortest_of_base(problem, first, seed, planners.Deadline(_left(begin, timeout)))
     return compared(problem, first, seed, timeout) if compare else first
+
+
+def _shortest_of_base(
+    problem: planners.Problem, first: planners.Result, seed: int, deadline: planners.Deadline
+) -> planners.Result:
+    """Return the shortest of several paths, with fewer detours: a base that drives around costs most.
+
+    Searches end where a shortened path is hardly longer than the straight way to its goal.
+    """
+
+    def straight(result: planners.Result) -> float:
+        goal = problem.goals[int(result.goal_index or 0)]
+        return float(problem.metric.distance(problem.start, goal[None])[0])
+
+    def shortened(result: planners.Result, iterations: int, **options: Any) -> planners.Result:
+        assert result.path is not None
+        path = planners.shortcut(
+            problem, result.path, seed=seed, iterations=iterations, resolution=problem.spacing,
+            timeout=max(deadline.left, 1e-3), **options,
+        )  # fmt: skip
+        return replace(result, path=path, cost=path.length)
+
+    best = shortened(first, SHORTCUTS, least_gain=LEAST_GAIN)
+    for k in range(1, SEARCHES_OF_BASE):
+        if best.cost <= straight(best) * (1.0 + GAP_OF_BASE) or deadline.expired:
+            break
+        other = planners.rrt_connect(problem, seed=seed + (k << 64), timeout=max(deadline.left, 1e-3))
+        if other.path is not None:
+            best = min(best, shortened(other, SHORTCUTS, least_gain=LEAST_GAIN), key=lambda found: found.cost)
+    if best.cost > straight(best) * (1.0 + GAP_OF_BASE / 2):
+        best = shortened(best, DETOURS_OF_BASE, least_gain=LEAST_GAIN / 2, detours=True)
+    return best
 
 
 def _left(begin: float, timeout: float) -> float:

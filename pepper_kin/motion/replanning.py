@@ -15,6 +15,7 @@ from pepper_kin.motion.moving_plan import way_on
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
 from pepper_kin.trajectory import Splice, Trajectory
+from pepper_kin.trajectory.limits import JerkLike
 from pepper_kin.trajectory.splice import MovingStart
 
 
@@ -30,6 +31,7 @@ def replan(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 1.0,
+    jerk: JerkLike | None = None,
 ) -> Splice:
     """Return a motion with a new goal from an instant on, by a planned way where others are not free.
 
@@ -49,6 +51,7 @@ def replan(
         margin: Distance that the planned path keeps to all things [m], as in `plan`.
         seed: Seed of the search.
         timeout: Time that the search may take [s].
+        jerk: As in `retime`, for a motion that is to have continuous accelerations.
 
     Raises:
         InvalidValueError: as for `Trajectory.replaced` and `plan`.
@@ -58,8 +61,8 @@ def replan(
     world = checked_world(scene)
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
-    moving = MovingStart(pepper, trajectory, at, world, torque, balance)
-    limits = {"torque": torque, "balance": balance}
+    moving = MovingStart(pepper, trajectory, at, world, torque, balance, jerk=jerk)
+    limits = {"torque": torque, "balance": balance, "jerk": jerk}
 
     def search(begin: Array) -> Plan:
         return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=balance)

@@ -12,16 +12,22 @@ sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies b
 program with tangents at the last y leaves only motions that keep the limit, and its solution is at least as
 fast.  (Sequential convex programming of convex-concave constraints: F. Debrouwere et al., IEEE Trans.
 Robotics 29, 2013.)  y is a quadratic spline in tau, so that jerk is smooth between its knots.
+
+A motion that begins with ds/dt and d2s/dt2 joins that one: a polynomial of degree 5 leads from both to those
+of an instant of the motion from rest.  Of the instants and durations tried, the soonest way that keeps all
+limits is taken.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.splines import derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import maxima
@@ -41,6 +47,10 @@ _TRUST = 2.0  # factor by which y may change in one step
 _PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
 _WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up, and
 _SHARES = (0.05, 0.2, 0.6)  # of the duration without jerk limits: widths of the moving average to try
+_JOINS = 32  # instants of the motion from rest at which one from motion may join it
+_DURATIONS = (0.4, 2.5, 24)  # of the way there, of what it would take evenly: least, most and number
+_ROUGH = 0.05  # of limits, by which a look at few states may be off
+_PIECE = 0.005  # [s] of the polynomials of that way
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
 _SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the programs look at
@@ -63,12 +73,17 @@ class _Rate:
 
 
 def limit_jerk(
-    pepper: PepperModel, curve: CubicPath, fastest: Trajectory, s: Array, limits: Limits
+    pepper: PepperModel,
+    curve: CubicPath,
+    fastest: Trajectory,
+    s: Array,
+    limits: Limits,
+    start: tuple[float, float] = (0.0, 0.0),
 ) -> Trajectory:
-    """Return a fast trajectory along a path that keeps jerk limits too, from rest to rest.
+    """Return a fast trajectory along a path to rest that keeps jerk limits too.
 
-    Accelerations are continuous and zero at both ends.  Positions lie on the path at the knots, and between
-    them, some milliseconds apart, to the accuracy of quintic interpolation.
+    Accelerations are continuous and zero at the end, and at a start at rest.  Positions lie on the path at
+    the knots, and between them, some milliseconds apart, to the accuracy of quintic interpolation.
 
     Args:
         pepper: The robot.
@@ -76,9 +91,13 @@ def limit_jerk(
         fastest: The time-optimal trajectory without jerk limits.
         s: Path parameter at its knots, shape (N + 1,).
         limits: The limits, those of jerk among them, inf for none.
+        start: ds/dt and d2s/dt2 with which it begins.
 
     Returns:
         The trajectory; see `_within` for where limits hold.
+
+    Raises:
+        InfeasibleError: where no way from the start was found.
     """
     assert limits.jerk is not None
     jerk, velocity, acceleration = (
@@ -108,10 +127,14 @@ def limit_jerk(
             break
     rate = _Rate(base.knots, *rows.polynomials(y))
     for parts in _PARTS:
-        trajectory = _trajectory(pepper, curve, base, rate, parts)
+        trajectory, law = _trajectory(pepper, curve, base, rate, parts)
         if _keeps_positions(pepper, trajectory):
             break
-    return _within(pepper, trajectory, limits)
+    slow = _within(pepper, trajectory, limits)
+    if start == (0.0, 0.0):
+        return slow
+    stretch = slow.duration / trajectory.duration
+    return _from_motion(pepper, curve, slow, law / stretch ** np.arange(3.0)[:, None], limits, start)
 
 
 def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
@@ -137,8 +160,11 @@ def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
 
 def _trajectory(
     pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate, parts: int
-) -> Trajectory:
-    """Return quintics in time through states at the knots of y and instants that cut each piece in parts."""
+) -> tuple[Trajectory, Array]:
+    """Return quintics in time through states at the knots of y and instants that cut each piece in parts.
+
+    And s and its first two derivatives in time there, shape (3, K).
+    """
     step = np.diff(base.knots)
     segment = np.repeat(np.arange(step.size), parts)
     width = step[segment] / parts
@@ -153,7 +179,90 @@ def _trajectory(
     velocity = np.sqrt(y)[:, None] * first
     acceleration = y[:, None] * second + slope[:, None] * first / 2
     time = np.concatenate([[0.0], np.cumsum(times)])
-    return Samples(pepper.joint_names, time, q, velocity, acceleration, pepper.joint_units).to_trajectory()
+    s, s1, s2, _ = base.at(segments, local)
+    law = np.stack([s, np.sqrt(y) * s1, y * s2 + slope * s1 / 2])
+    return _through(pepper, time, q, velocity, acceleration), law
+
+
+def _through(pepper: PepperModel, time: Array, *states: Array) -> Trajectory:
+    return Samples(pepper.joint_names, time, *states, pepper.joint_units).to_trajectory()
+
+
+def _from_motion(
+    pepper: PepperModel, curve: CubicPath, slow: Trajectory, law: Array, limits: Limits,
+    start: tuple[float, float],
+) -> Trajectory:  # fmt: skip
+    """Return the motion that joins one from rest in the soonest way tried that keeps limits.
+
+    Args:
+        pepper: The robot.
+        curve: The path.
+        slow: The motion from rest.
+        law: s, ds/dt and d2s/dt2 at its breaks, shape (3, K).
+        limits: The limits.
+        start: ds/dt and d2s/dt2.
+
+    Raises:
+        InfeasibleError: where there is none.
+    """
+    joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
+    even = 2.0 * (law[0, joins] - law[0, 0]) / (start[0] + law[1, joins] + _TOLERANCE)
+    times = (even[:, None] * np.geomspace(*_DURATIONS)).ravel()
+    joins = np.repeat(joins, _DURATIONS[2])
+    first = np.array([law[0, 0], *start])
+    ways = _quintics(times, np.broadcast_to(first[:, None], (3, times.size)), law[:, joins])
+    share = np.linspace(0.0, 1.0, 33)
+    use = _use(curve, ways, times[:, None] * share, limits)
+    for way in np.argsort(times - slow.breaks[joins]):
+        if use[way] > 1.0 + _ROUGH:
+            continue
+        local = np.linspace(0.0, times[way], math.ceil(times[way] / _PIECE) + 2)[None]
+        q, v, a, _ = _along(curve, ways[way : way + 1], local)
+        begun = _through(pepper, local[0], q[0], v[0], a[0])
+        state = begun(sample_times(begun.duration, 0.001))
+        stretch = max(stretch_at_extremes(begun, limits), measure_use(pepper, state, limits).stretch)
+        if stretch <= 1.0 + _TOLERANCE and _keeps_positions(pepper, begun):
+            if joins[way] == slow.breaks.size - 1:
+                return begun
+            return begun.then(slow.between(slow.breaks[joins[way]], slow.duration))
+    raise InfeasibleError(
+        "start_velocity", "no way from it into the motion from rest keeps all limits",
+        "a slower one, a longer path, or `Trajectory.replaced`",
+    )  # fmt: skip
+
+
+def _quintics(times: Array, start: Array, end: Array) -> Array:
+    """Return polynomials of degree 5 between states, shape (3, m) each, in times [s], (m,): shape (m, 6)."""
+    h = times
+    (p, v, a), (p1, v1, a1) = start, end
+    d, e, f = p1 - p - h * (v + h * a / 2), h * (v1 - v - h * a), h * h * (a1 - a)
+    third, fourth, fifth = 10 * d - 4 * e + f / 2, -15 * d + 7 * e - f, 6 * d - 3 * e + f / 2
+    return np.stack([p, v, a / 2, third / h**3, fourth / h**4, fifth / h**5], axis=1)
+
+
+def _along(curve: CubicPath, ways: Array, local: Array) -> Array:
+    """Return q and three derivatives in time along ways, shape (m, 6), at times (m, T): (4, m, T, n)."""
+    powers, rows, found = np.arange(6.0), ways, []
+    for _ in range(4):
+        found.append(sum(rows[:, p, None] * local**p for p in range(rows.shape[1])))
+        rows = (rows * powers[: rows.shape[1]])[:, 1:]
+    s, s1, s2, s3 = (value[..., None] for value in found)
+    inside = np.clip(s[..., 0], curve.breaks[0], curve.breaks[-1])
+    piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
+    within = (inside - curve.breaks[piece]).ravel()
+    q = derivatives_on_segments(curve.coefficients, piece.ravel(), within, 4)
+    q0, q1, q2, q3 = q.reshape(4, *inside.shape, -1)
+    return np.stack([q0, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3])
+
+
+def _use(curve: CubicPath, ways: Array, local: Array, limits: Limits) -> Array:
+    """Return the greatest share of joints' limits that ways use, shape (m,); inf where they turn back."""
+    _, *rates = np.abs(_along(curve, ways, local))
+    use = np.zeros(len(ways))
+    for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
+        use = np.maximum(use, (rate / most).max(axis=(1, 2)))
+    speed = sum(p * ways[:, p, None] * local ** (p - 1) for p in range(1, 6))
+    return np.where(speed.min(axis=1) < -_TOLERANCE, np.inf, use)
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, MissingDependencyError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
@@ -17,6 +14,7 @@ from pepper_kin.model.joint_vectors import (
     check_positive,
     check_within_limits,
 )
+from pepper_kin.trajectory.jerk_steering import load_ruckig, steer_with_jerk
 from pepper_kin.trajectory.limits import JerkLike, checked_share, jerk_limits
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -34,8 +32,7 @@ class OnlineMotion:
     """Jerk-limited motion to a target that may be replaced at any time; all joints arrive together.
 
     The motion is time-optimal from state to state within limits on velocity, acceleration and jerk, each
-    joint for itself and then slowed to the slowest (Berscheid and Kroeger, Jerk-limited real-time trajectory
-    generation with arbitrary target states, RSS 2021; by the package `ruckig`, in this process).  It knows
+    joint for itself and then slowed to the slowest (`pepper_kin.trajectory.jerk_steering`).  It knows
     no obstacles, torques or balance; positions between start and target may leave their limits where the
     robot is already too fast to stop, which `set_target` refuses.  The wheels of a planar base keep their
     limits: where the motion would turn or speed them up too much, the base's joints are given smaller ones,
@@ -72,7 +69,7 @@ class OnlineMotion:
         velocity_scale: float = 1.0,
         acceleration_scale: float = 1.0,
     ) -> None:
-        self._ruckig = _load()
+        load_ruckig()
         self.pepper = pepper
         self._limits = tuple(
             _finite_limits(pepper, name, limit)
@@ -94,7 +91,6 @@ class OnlineMotion:
         self._wheels = None if wheels is None else wheels.scaled(velocity_scale, acceleration_scale)
         self._refuse_wheels(state)
         self.time = 0.0
-        self._planner = self._ruckig.Ruckig(pepper.n)
         self._segments: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
         self._plan = _standing(state)
         self._begun = 0.0
@@ -260,24 +256,10 @@ class OnlineMotion:
         Returns:
             Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n), the last of which goes on for ever.
         """
-        module = self._ruckig
-        parameters = module.InputParameter(self.pepper.n)
-        parameters.current_position, parameters.current_velocity, parameters.current_acceleration = map(
-            np.ndarray.tolist, now
-        )
-        parameters.target_position, parameters.target_velocity = position.tolist(), velocity.tolist()
-        parameters.max_velocity, parameters.max_acceleration, parameters.max_jerk = (
-            limit.tolist() for limit in limits
-        )
-        parameters.synchronization = module.Synchronization.Time
-        found = module.Trajectory(self.pepper.n)
-        try:
-            result = self._planner.calculate(parameters, found)
-        except Exception as error:  # the package's own exception class is not always raised
-            raise InfeasibleError("motion", str(error), "choose another target") from error
-        if result not in (module.Result.Working, module.Result.Finished):
-            raise InfeasibleError("motion", f"ruckig says {result}", "choose another target")
-        return _cubics(found, now, position, velocity)
+        still = np.zeros_like(position)
+        breaks, cubics = steer_with_jerk(now, State(position, velocity, still), limits)
+        on = np.stack([position, velocity, still, still])
+        return breaks, np.concatenate([cubics, on[None]])
 
     def _refuse_outside(self, plan: tuple[Array, Array]) -> None:
         """Refuse a motion that leaves the position limits by more than where it is now.
@@ -313,14 +295,6 @@ class OnlineMotion:
             for start, cubic in zip(breaks, cubics, strict=True)
             if begun + start < until - _SAME_TIME
         ]
-
-
-def _load() -> Any:
-    try:
-        import ruckig
-    except ImportError as error:
-        raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "online motion") from error
-    return ruckig
 
 
 def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
@@ -366,45 +340,6 @@ def _stopping_point(state: State, limits: tuple[Array, ...]) -> Array:
     v, a = state.velocity, state.acceleration
     after = v + a * np.abs(a) / (2 * limits[2])
     return state.position + after * np.abs(after) / limits[1] + after * limits[1] / (2 * limits[2])
-
-
-def _cubics(found: Any, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return a motion of ruckig's as cubics between the instants at which any joint changes its jerk.
-
-    Args:
-        found: The motion.
-        now: State to start from, shape (n,) each.
-        position: Of the target [rad or m], shape (n,).
-        velocity: Of the target [rad/s or m/s], shape (n,).
-
-    Returns:
-        Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
-    """
-    changes = [0.0, float(found.duration)]
-    for profile in found.profiles[0]:
-        brake = [0.0, *np.cumsum(profile.brake.t)] if hasattr(profile, "brake") else [0.0]
-        changes += brake
-        changes += list(brake[-1] + np.cumsum(profile.t))
-    times = np.unique(np.clip(changes, 0.0, found.duration))
-    times = times[np.append(np.diff(times) > _SAME_TIME, True)]
-    if times[-1] <= _SAME_TIME:
-        return _standing(State(position, velocity, velocity))[0], _going_on(position, velocity)[None]
-    cubics = []
-    q, v, a = (np.array(part) for part in now)
-    for start, end in itertools.pairwise(times):
-        h = end - start
-        a_end = np.array(found.at_time(end)[2])
-        j = (a_end - a) / h
-        cubics.append(np.stack([q, v, a / 2, j / 6]))
-        q, v, a = q + h * (v + h * (a / 2 + h * j / 6)), v + h * (a + h * j / 2), a_end
-    cubics.append(_going_on(position, velocity))
-    return times, np.stack(cubics)
-
-
-def _going_on(position: Array, velocity: Array) -> Array:
-    """Return the cubic of going on from the target with its velocity, shape (4, n)."""
-    still = np.zeros_like(position)
-    return np.stack([position, velocity, still, still])
 
 
 def _at(plan: tuple[Array, Array], time: float) -> tuple[Array, Array, Array]:

@@ -182,32 +182,72 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 
-def as_tangent_path(pepper: PepperModel, path: PathLike, velocity: Array) -> tuple[CubicPath, float]:
-    """Return a path that begins in the direction of a velocity, shape (n,), and ds/dt there.
+def as_tangent_path(
+    pepper: PepperModel, path: PathLike, velocity: Array, acceleration: Array | None = None
+) -> tuple[CubicPath, float, float]:
+    """Return a path along which a robot in motion can go on, and ds/dt and d2s/dt2 at its start.
 
-    Way-points are joined by the cubic spline over the chord length that begins in that direction.
+    Way-points are joined by a cubic spline over the chord length that begins in the direction of the
+    velocity, or of the acceleration from rest.  With both, its second derivative there is such that
+    q' d2s/dt2 + q'' (ds/dt)^2 is the acceleration; another knot in the first interval makes that possible.
+
+    Args:
+        pepper: The robot.
+        path: As of `as_cubic_path`.
+        velocity: At the start [rad/s or m/s], shape (n,).
+        acceleration: At the start [rad/s^2 or m/s^2], shape (n,); None for d2s/dt2 = 0.
 
     Raises:
-        InvalidValueError: for a curve that begins in another direction; else as `as_cubic_path`.
+        InvalidValueError: for a curve that begins in another direction, or bends otherwise; else as
+            `as_cubic_path`.
     """
     curve = as_cubic_path(pepper, path)
-    if not velocity.any():
-        return curve, 0.0
+    pushed = np.zeros_like(velocity) if acceleration is None else acceleration
+    along = velocity if velocity.any() else pushed
+    if not along.any():
+        return curve, 0.0, 0.0
     if not (is_plan(path) or isinstance(path, PiecewiseCubic)):
-        from scipy.interpolate import CubicSpline
-
-        points = _waypoints(pepper, path)
-        chords = np.diff(points, axis=0)
-        lengths = np.linalg.norm(chords, axis=1)
-        ends = (1, velocity / np.linalg.norm(velocity)), (1, chords[-1] / lengths[-1])
-        spline = CubicSpline(np.append(0.0, np.cumsum(lengths)), points, bc_type=ends)
-        curve = _checked(pepper, CubicPath(spline.x, np.moveaxis(spline.c[::-1], 0, 1)))
-    tangent = curve.coefficients[0, 1]
-    speed = float(velocity @ tangent) / max(float(tangent @ tangent), 1e-300)
-    if not (speed > 0.0 and np.abs(velocity - speed * tangent).max() <= _ALONG * np.abs(velocity).max()):
+        size = float(np.linalg.norm(velocity))
+        direction = along / np.linalg.norm(along)
+        bent = size > 0.0 and acceleration is not None
+        bend = (pushed - direction * (pushed @ direction)) / size**2 if bent else None
+        curve = _checked(pepper, _begun_spline(_waypoints(pepper, path), direction, bend))
+    tangent, bend = curve.coefficients[0, 1], 2.0 * curve.coefficients[0, 2]
+    square = max(float(tangent @ tangent), 1e-300)
+    speed = float(velocity @ tangent) / square
+    across = np.abs(velocity - speed * tangent).max() > _ALONG * np.abs(velocity).max()
+    if speed < 0.0 or across:
         allowed = "a velocity along the beginning of the path; else motion.replan or Trajectory.replaced"
         raise InvalidValueError("start_velocity", np.array2string(velocity, precision=4), allowed)
-    return curve, speed
+    if acceleration is None:
+        return curve, speed, 0.0
+    left = pushed - bend * speed**2
+    change = float(left @ tangent) / square
+    if np.abs(left - change * tangent).max() > _ALONG * max(1.0, np.abs(pushed).max()):
+        allowed = "one that the path's curvature has at this velocity; else Trajectory.replaced"
+        raise InvalidValueError("start_acceleration", np.array2string(pushed, precision=4), allowed)
+    return curve, speed, change
+
+
+def _begun_spline(points: Array, direction: Array, bend: Array | None) -> CubicPath:
+    """Return the spline through points, shape (k, n), with a first derivative at its start, shape (n,).
+
+    With a second derivative, too, if one is given: it is linear in the point at another knot.
+    """
+    from scipy.interpolate import CubicSpline
+
+    chords = np.diff(points, axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    knots, last = np.append(0.0, np.cumsum(lengths)), (1, chords[-1] / lengths[-1])
+    if bend is not None:
+        knots = np.insert(knots, 1, knots[1] / 2)
+        points = np.insert(points, 1, 0.0, axis=0)
+        still = (1, np.zeros(1))
+        effect = CubicSpline(knots, np.eye(knots.size)[:, 1:2], bc_type=(still, still)).c[1, 0]
+        without = CubicSpline(knots, points, bc_type=((1, direction), last)).c[1, 0]
+        points[1] = (bend / 2 - without) / effect
+    spline = CubicSpline(knots, points, bc_type=((1, direction), last))
+    return CubicPath(spline.x, np.moveaxis(spline.c[::-1], 0, 1))
 
 
 def is_plan(path: object) -> bool:

@@ -82,6 +82,7 @@ def retime(
     scene: Scene | None = None,
     path_speed: float | None = None,
     start_velocity: ArrayLike | None = None,
+    start_acceleration: ArrayLike | None = None,
 ) -> Trajectory:
     """Return the time-optimal trajectory along a plan or another path, to rest; see the module.
 
@@ -112,8 +113,11 @@ def retime(
         path_speed: Greatest rate of the parameter of a curve [1/s], as [m/s] where it is a way in meters;
             None for any. Not with `jerk`, nor by "toppra".
         start_velocity: With which the motion begins [rad/s or m/s], shape (n,), in the direction in which a
-            curve begins; way-points are joined by a spline that begins in that direction.  Not with `jerk`,
+            curve begins; way-points are joined by a spline that begins in that direction.  Not with
             `duration` or solver="toppra".
+        start_acceleration: With which a motion with jerk limits begins [rad/s^2 or m/s^2], shape (n,): what a
+            curve asks for at `start_velocity`, and any along it; way-points are joined by a spline that
+            begins so.  None for what goes with an even rate along the path.
 
     Returns:
         The trajectory; its `binding` says which limit acts at each instant.
@@ -145,9 +149,11 @@ def retime(
     )  # fmt: skip
     if path_speed is not None and (rate is not None or solver != "fast"):
         raise InvalidValueError("path_speed", path_speed, "None with `jerk`, and with another solver")
-    if start_velocity is not None and (rate is not None or requested is not None or solver != "fast"):
-        raise InvalidValueError("start_velocity", "with jerk, duration or toppra", "none of these")
-    curve, start = _begun(pepper, path, start_velocity)
+    if start_velocity is not None and (requested is not None or solver != "fast"):
+        raise InvalidValueError("start_velocity", "with duration or toppra", "none of these")
+    if start_acceleration is not None and rate is None:
+        raise InvalidValueError("start_acceleration", "without jerk", "with `jerk`: else accelerations jump")
+    curve, *start = _begun(pepper, path, start_velocity, start_acceleration)
     drives = _drives(pepper, curve.coefficients)
     if acceleration_limits is None:
         limits = _kept_limits(pepper, allowed, drives)
@@ -161,7 +167,7 @@ def retime(
         limits = replace(limits, path_speed=check_positive("path_speed", path_speed, "1/s"))
     count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
     try:
-        parts = [(part, 0.0 if k else start) for k, part in enumerate(_without_kinks(curve))]
+        parts = [(part, [0.0, 0.0] if k else start) for k, part in enumerate(_without_kinks(curve))]
         timed = [_timed(pepper, part, limits, rate, count, solver, at) for part, at in parts]
     except TooLongError as error:
         raise _too_long(error.duration, allowed[:3]) from None
@@ -169,11 +175,17 @@ def retime(
     return trajectory if requested is None else _last(pepper, trajectory, requested, limits)
 
 
-def _begun(pepper: PepperModel, path: PathLike, velocity: ArrayLike | None) -> tuple[CubicPath, float]:
-    """Return a path as a curve, and the rate of its parameter [1/s] with which the motion begins."""
-    if velocity is None:
-        return as_cubic_path(pepper, path), 0.0
-    return as_tangent_path(pepper, path, as_joint_vector(pepper, velocity, "start_velocity"))
+def _begun(
+    pepper: PepperModel, path: PathLike, velocity: ArrayLike | None, acceleration: ArrayLike | None
+) -> tuple[CubicPath, float, float]:
+    """Return a path as a curve, and ds/dt and d2s/dt2 with which the motion begins."""
+    if velocity is None and acceleration is None:
+        return as_cubic_path(pepper, path), 0.0, 0.0
+    first = np.zeros(pepper.n) if velocity is None else as_joint_vector(pepper, velocity, "start_velocity")
+    second = None
+    if acceleration is not None:
+        second = as_joint_vector(pepper, acceleration, "start_acceleration")
+    return as_tangent_path(pepper, path, first, second)
 
 
 def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:
@@ -260,12 +272,12 @@ def grid_parameters(curve: CubicPath, intervals: int) -> Array:
 
 def _timed(
     pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str,
-    start: float,
+    start: list[float],
 ) -> Trajectory:  # fmt: skip
-    """Return the fastest trajectory from ds/dt; jerk limits have shape (n,) [rad/s^3 or m/s^3], or None."""
+    """Return the fastest trajectory from ds/dt and, with jerk limits [rad/s^3 or m/s^3], d2s/dt2."""
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
     if solver == "fast":
-        trajectory = fastest_motion(problem, start)
+        trajectory = fastest_motion(problem, start[0] if jerk is None else 0.0)
     else:
         from pepper_kin.trajectory.toppra_solver import toppra_motion
 
@@ -276,7 +288,7 @@ def _timed(
     s = problem.grid.s.copy()
     from pepper_kin.trajectory.jerk_retiming import limit_jerk
 
-    return limit_jerk(pepper, curve, trajectory, s, replace(limits, jerk=jerk))
+    return limit_jerk(pepper, curve, trajectory, s, replace(limits, jerk=jerk), (start[0], start[1]))
 
 
 def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, cast
 
@@ -21,13 +21,16 @@ from pepper_kin.core.timing.steering import bridge, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
-from pepper_kin.trajectory.limits import motion_limits
+from pepper_kin.trajectory.jerk_steering import steer_with_jerk
+from pepper_kin.trajectory.limits import JerkLike, jerk_limits, motion_limits
+from pepper_kin.trajectory.path import CubicPath
 from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
+from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, State, sample_times
 from pepper_kin.trajectory.stop import (
     checked_instant,
     first_exceeded,
     joined_phases,
+    like,
     limits_of,
     stop_within,
 )
@@ -75,9 +78,10 @@ def replaced(
     scene: Scene | None = None,
     torque: bool = True,
     balance: float | None = None,
+    jerk: JerkLike | None = None,
 ) -> Splice:
     """Return a motion with a new goal from an instant on; see `Trajectory.replaced`."""
-    moving = MovingStart(pepper, trajectory, at, scene, torque, balance)
+    moving = MovingStart(pepper, trajectory, at, scene, torque, balance, jerk=jerk)
     if isinstance(goal, type(trajectory)):
         refuse_other_joints(pepper, goal.joint_names)
         joined = moving.onto(goal)
@@ -115,6 +119,7 @@ class MovingStart:
         balance: As in `retime`.
         payload: As in `retime`.
         margins: To the scene and to the robot itself, kept by all ways on but the stop [m].
+        jerk: As in `retime`: ways on begin with the motion's acceleration, too.
     """
 
     def __init__(
@@ -128,6 +133,7 @@ class MovingStart:
         *,
         payload: Mapping[str, float] | None = None,
         margins: tuple[float, float] = (0.0, 0.0),
+        jerk: JerkLike | None = None,
     ) -> None:
         refuse_other_joints(pepper, trajectory.joint_names)
         self.pepper, self.trajectory, self.scene = pepper, trajectory, scene
@@ -137,11 +143,13 @@ class MovingStart:
         self.at, self._margins = checked_instant(trajectory, at), margins
         allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
         self.limits = limits_of(pepper, allowed)
-        if not np.isfinite([self.limits.velocity, self.limits.acceleration]).all():
-            expected = "finite limits of velocity and acceleration"
-            raise InvalidValueError("limits", "none for some joint", expected)
-        now = trajectory(self.at)
-        self.state: Array = np.stack([now.position, now.velocity])
+        needed, words = [self.limits.velocity, self.limits.acceleration], "velocity and acceleration"
+        if jerk is not None:
+            self.limits = replace(self.limits, jerk=jerk_limits(pepper, jerk))
+            needed, words = [*needed, self.limits.jerk], "velocity, acceleration and jerk"
+        if not np.isfinite(needed).all():
+            raise InvalidValueError("limits", "none for some joint", f"finite limits of {words}")
+        self.state: Array = self._at(trajectory, np.array([self.at]))[0]
 
     @cached_property
     def stopped(self) -> Trajectory | None:
@@ -178,7 +186,8 @@ class MovingStart:
             return None
         if np.abs(self.stopped.end - goal).max() <= _SAME:
             return self._spliced("after a stop", 1.0, self.stopped)
-        found = self._steered(np.stack([self.stopped.end, np.zeros(goal.size)]), goal, [])
+        rest = np.stack([self.stopped.end, *np.zeros((len(self.state) - 1, goal.size))])
+        found = self._steered(rest, goal, [])
         return None if found is None else self._spliced("after a stop", found[1], self.stopped, found[0])
 
     def onto(self, other: Trajectory) -> Splice | None:
@@ -190,37 +199,40 @@ class MovingStart:
         stopped = self.stopped
         leaves = np.zeros(1) if stopped is None else _LEAVES * stopped.duration
         joins = np.linspace(0.0, other.duration, _JOINS + 1)[1:]
-        targets = np.stack(other(joins)[:2], axis=1)
-        starts = self.state[None] if stopped is None else np.stack(stopped(leaves)[:2], axis=1)
+        targets = self._at(other, joins)
+        starts = self.state[None] if stopped is None else self._at(stopped, leaves)
         meets = stopped is not None and np.abs(stopped.end - other.start).max() <= _SAME
         most = stopped.duration if meets and stopped is not None else _LONGEST
-        pepper, top, phases = self.pepper, self.limits.acceleration, np.empty((self.pepper.n, 3, 4))
-        limits = np.stack([self.limits.velocity, top, pepper.lower_limits, pepper.upper_limits])
-        full = np.ones(pepper.n)
+        full = np.ones(self.pepper.n)
         ways: list[tuple[float, int, int, Array]] = []
 
-        def bridged(i: int, k: int, share: Array) -> float:
-            limits[1] = share * top
+        def bridged(i: int, k: int, share: Array) -> tuple[float, Callable[[], Trajectory]]:
             longest = min(most + joins[k] - leaves[i], _LONGEST)
-            return bridge(starts[i], targets[k], limits, longest, phases)
+            try:
+                return self._bridged(starts[i], targets[k], share, longest)
+            except InfeasibleError:  # for jerk limits
+                return 0.0, lambda: other
 
         for i, k in itertools.product(range(leaves.size), range(_JOINS)):
-            if time := bridged(i, k, full):
+            if time := bridged(i, k, full)[0]:
                 ways.append((leaves[i] + time - joins[k], i, k, full))
         heapify(ways)
         while ways:
             _, i, k, share = heappop(ways)
-            bridged(i, k, share)
-            between = joined_phases(self.trajectory, starts[i, 0], phases)
+            between = bridged(i, k, share)[1]()
             exceeded, used = self._exceeded(between)
             if not exceeded:
                 first = () if i == 0 or stopped is None else (stopped.between(0.0, leaves[i]),)
                 last = () if k == _JOINS - 1 else (other.between(joins[k], other.duration),)
                 return self._spliced("joined", float(share.min()), *first, between, *last)
-            share = self._slower(share, used)
-            if "clearance" in exceeded or share.min() < _LEAST:
+            before, share = share, self._slower(share, used)
+            if (
+                {"clearance", "position"} & set(exceeded)
+                or share.min() < _LEAST
+                or not (share < before).any()
+            ):
                 continue
-            if time := bridged(i, k, share):
+            if time := bridged(i, k, share)[0]:
                 heappush(ways, (leaves[i] + time - joins[k], i, k, share))
         return self._spliced("after a stop", 1.0, stopped, other) if meets and stopped is not None else None
 
@@ -236,32 +248,79 @@ class MovingStart:
     def _steered(
         self, state: Array, goal: Array, exceeded: list[str], least: float = _SLOW
     ) -> tuple[Trajectory, float] | None:
-        """Return the way from position and velocity, shape (2, n), to rest, and its share of acceleration."""
-        pepper, limits, (position, velocity) = self.pepper, self.limits, state
+        """Return the way from a state to rest, and its share of acceleration; see `_at`."""
+        pepper, limits, (position, velocity) = self.pepper, self.limits, state[:2]
         # A joint passes no position beyond its start, its goal and where it first stops.
         room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
         needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
         if needed.max() > 1.0:
             exceeded.append("position")
             return None
-        share, phases = np.ones(goal.size), np.empty((goal.size, 3, 4))
+        share = np.ones(goal.size)
         for _ in range(_TRIALS):
-            allowed = np.stack([limits.velocity, np.maximum(share, needed) * limits.acceleration])
-            if steer(state, goal, allowed, phases) <= _ROUNDING:
-                raise InvalidValueError("goal", "the position where the robot rests", "another one")
-            motion = joined_phases(self.trajectory, position, phases)
+            try:
+                motion = self._to_rest(state, goal, np.maximum(share, needed))
+            except InfeasibleError:  # for jerk limits
+                exceeded.append("jerk")
+                return None
             names, used = self._exceeded(motion)
             if not names:
                 return motion, float(share.min())
             exceeded += [name for name in names if name not in exceeded]
             share = self._slower(share, used)
-            if "clearance" in names and share.max() < least:
+            if "position" in names or ("clearance" in names and share.max() < least):
                 break
         return None
 
+    def _to_rest(self, state: Array, goal: Array, share: Array) -> Trajectory:
+        """Return the way from a state to rest at a goal with shares of accelerations, shape (n,) each."""
+        limits, phases = self.limits, np.empty((goal.size, 3, 4))
+        if limits.jerk is not None:
+            rest = np.stack([goal, *np.zeros((2, goal.size))])
+            time, made = self._bridged(state, rest, share, np.inf)
+        else:
+            allowed = np.stack([limits.velocity, share * limits.acceleration])
+            time = steer(state, goal, allowed, phases)
+            made = partial(joined_phases, self.trajectory, state[0], phases)
+        if time <= _ROUNDING:
+            raise InvalidValueError("goal", "the position where the robot rests", "another one")
+        return made()
+
+    def _bridged(
+        self, start: Array, target: Array, share: Array, longest: float
+    ) -> tuple[float, Callable[[], Trajectory]]:
+        """Return the time of the way between two states, 0 where there is none, and what makes its motion.
+
+        Args:
+            start: As of `_at`, shape (2 or 3, n).
+            target: Likewise.
+            share: Of the acceleration limits, shape (n,).
+            longest: Time that it may take [s].
+        """
+        pepper, most = self.pepper, share * self.limits.acceleration
+        if self.limits.jerk is not None:
+            limits = (self.limits.velocity, most, self.limits.jerk)
+            breaks, pieces = steer_with_jerk(State(*start), State(*target), limits)
+            time = float(breaks[-1])
+            return time * (time <= longest), lambda: like(self.trajectory, breaks, pieces)
+        phases = np.empty((pepper.n, 3, 4))
+        limits = np.stack([self.limits.velocity, most, pepper.lower_limits, pepper.upper_limits])
+        time = bridge(start, target, limits, longest, phases)
+        return time, partial(joined_phases, self.trajectory, start[0], phases)
+
+    def _at(self, motion: Trajectory, times: Array) -> Array:
+        """Return states at times [s], shape (T, 2, n): position and velocity; with jerk limits (T, 3, n)."""
+        return np.stack(motion(times)[: 2 if self.limits.jerk is None else 3], axis=1)
+
     def _exceeded(self, motion: Trajectory) -> tuple[tuple[str, ...], Array]:
         """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
-        names, used = first_exceeded(self.pepper, motion, self.limits)
+        names, used = (), np.full(self.pepper.n, np.inf)
+        if self.limits.jerk is not None:  # steering knows no position limits
+            points = CubicPath(motion.breaks, motion.coefficients).extremes()
+            outside = np.maximum(points - self.pepper.upper_limits, self.pepper.lower_limits - points)
+            names = ("position",) * bool(outside.max() > _SAME)
+        if not names:
+            names, used = first_exceeded(self.pepper, motion, self.limits)
         if not names and self.scene is not None:
             checks = curve_checks_for(self.pepper, checked_world(self.scene))
             strictly = max(self._margins) > 0.0

@@ -139,13 +139,14 @@ def limits_of(pepper: PepperModel, allowed: MotionLimits) -> Limits:
     return allowed.of(pepper, pepper.acceleration_limits, drives=True)
 
 
-def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+def like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
+    """Return a motion of the joints of another one."""
     return type(trajectory)(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
 
 def _resting(trajectory: Trajectory, at: float) -> Trajectory:
     """Return a millisecond of rest, for a robot that does not move."""
-    return _like(trajectory, np.array([0.0, EXAMINED_EVERY]), trajectory(at).position[None, None])
+    return like(trajectory, np.array([0.0, EXAMINED_EVERY]), trajectory(at).position[None, None])
 
 
 def _along_path(trajectory: Trajectory, at: float, limits: Limits, pepper: PepperModel) -> Trajectory:
@@ -189,7 +190,7 @@ def _along_path(trajectory: Trajectory, at: float, limits: Limits, pepper: Peppe
     stop_polynomials(used, path, times, motion)
     if times[-1] > left > TIME_TOLERANCE and _ends_at_rest(trajectory):
         return trajectory.between(at, trajectory.duration)
-    return _like(trajectory, times, motion)
+    return like(trajectory, times, motion)
 
 
 def _ends_at_rest(trajectory: Trajectory) -> bool:
@@ -389,7 +390,7 @@ def _with_jerk(
         acceleration = path.acceleration * speed**2 + path.velocity * change
         times = duration * r.ravel()
         pieces = quintic_hermite(np.diff(times), path.position, velocity, acceleration)
-        motion = _like(trajectory, times, pieces)
+        motion = like(trajectory, times, pieces)
         if not _exceeded(pepper, motion, limits):
             return Stop(motion, "path")
         duration *= _LONGER

@@ -382,19 +382,21 @@ class Trajectory(FrozenArrays):
 
         Straight to rest, each joint with a share of its acceleration limit, or more to turn within its range;
         or onto another motion and along it, left for now or on the way to a `stop`.  Joints arrive together
-        (`pepper_kin.core.timing.steering`); accelerations may jump.  Limits of position, velocity and
-        acceleration hold at every instant; torque and balance are examined every millisecond and beside every
-        knot; that nothing is touched is proven for the new way, of a stop looked at every millisecond.  Where
-        no share tried will do, or only such a small one that a stop and the way from there end sooner, the
-        motion stops first, and `Splice.how` says so.
+        (`pepper_kin.core.timing.steering`; with `jerk`, `pepper_kin.trajectory.jerk_steering`); without
+        `jerk` accelerations may jump.  Limits of position, velocity, acceleration and jerk hold at every
+        instant; torque and balance are examined every millisecond and beside every knot; that nothing is
+        touched is proven for the new way, of a stop looked at every millisecond.  Where no share tried will
+        do, or only such a small one that a stop and the way from there end sooner, the motion stops first,
+        and `Splice.how` says so.
 
         Args:
             pepper: The robot, which gives the limits.
             at: The instant [s].
             goal: Joint positions [rad or m], shape (n,); or a motion that keeps limits and touches nothing,
                 best one that begins where `stop` ends.
-            **options: `scene`, which no body may touch; `torque`, False to leave it out; `balance` [m] as in
-                `retime`.
+            **options: `scene`, which no body may touch; `torque`, False to leave it out; `balance` [m] and
+                `jerk` as in `retime`: with `jerk` accelerations are continuous, too, but at the start of a
+                stop of a motion without jerk limits.
 
         Raises:
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the

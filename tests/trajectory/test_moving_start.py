@@ -7,7 +7,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.trajectory.path import CubicPath, as_tangent_path
+from pepper_kin.trajectory.path import CubicPath, as_cubic_path, as_tangent_path
 
 OPTIONS = {"velocity and acceleration": {"torque": False}, "torque": {}, "balance": {"balance": 0.0}}
 
@@ -52,7 +52,7 @@ def test_toppra_is_as_fast_from_the_same_speed(pepper):
     accelerations = np.stack([-pepper.acceleration_limits, pepper.acceleration_limits], axis=1)
     for points, velocity in cases(pepper, 6, torque=False):
         motion = pk.retime(pepper, points, start_velocity=velocity, torque=False, gridpoints=400)
-        curve, speed = as_tangent_path(pepper, points, velocity)
+        curve, speed, _ = as_tangent_path(pepper, points, velocity)
         s = np.linspace(curve.breaks[0], curve.breaks[-1], 2000)
         segment = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
         path = toppra.SplineInterpolator(s, curve.at(segment, s - curve.breaks[segment]))
@@ -110,9 +110,74 @@ def test_rest_is_the_usual_start_and_what_is_refused(pepper):
     points, velocity = next(cases(pepper, 1, torque=False))
     plain = pk.retime(pepper, points, torque=False)
     assert pk.retime(pepper, points, torque=False, start_velocity=0.0 * velocity).is_close(plain)
-    for option in ({"jerk": "brisk"}, {"duration": 10.0}, {"solver": "toppra"}):
+    for option in ({"duration": 10.0}, {"solver": "toppra"}):
         with pytest.raises(InvalidValueError, match="start_velocity"):
             pk.retime(pepper, points, start_velocity=velocity, **option)
+    with pytest.raises(InvalidValueError, match=r"start_acceleration.* without jerk"):
+        pk.retime(pepper, points, start_acceleration=velocity)
     for wrong in (velocity[:3], np.full(pepper.n, np.nan)):
         with pytest.raises(InvalidValueError, match="start_velocity"):
             pk.retime(pepper, points, start_velocity=wrong)
+
+
+def split(curve, s):
+    """Return what is left of a curve from a parameter on."""
+    i = int(np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2))
+    x, (c0, c1, c2, c3) = s - curve.breaks[i], curve.coefficients[i]
+    first = [c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2 * c2 + 3 * x * c3), c2 + 3 * x * c3, c3]
+    return CubicPath(
+        np.array([s, *curve.breaks[i + 1 :]]), np.stack([np.stack(first), *curve.coefficients[i + 1 :]])
+    )
+
+
+@pytest.mark.parametrize("jerk", ["moderate", "brisk"])
+@pytest.mark.parametrize("name", OPTIONS)
+def test_with_jerk_limits_the_acceleration_is_met_too(pepper, name, jerk):
+    """From velocity and acceleration at 0.9 of the speed that a motion along the same curve has there."""
+    options = {**OPTIONS[name], "jerk": jerk}
+    for points, _ in cases(pepper, 3, **options):
+        curve = as_cubic_path(pepper, points)
+        left = split(curve, curve.breaks[0] + 0.3 * np.ptp(curve.breaks))
+        q, tangent, bend, _ = left.coefficients[0]
+        whole = pk.retime(pepper, points, **options)
+        times = np.linspace(0.0, whole.duration, 20_000)
+        now = whole(times[np.linalg.norm(whole(times).position - q, axis=1).argmin()])
+        rate = 0.9 * (now.velocity @ tangent) / (tangent @ tangent)
+        change = 0.81 * (now.acceleration - 2 * bend * (rate / 0.9) ** 2) @ tangent / (tangent @ tangent)
+        velocity, acceleration = rate * tangent, change * tangent + 2 * bend * rate**2
+        motion = pk.retime(pepper, left, start_velocity=velocity, start_acceleration=acceleration, **options)
+        begin, end = motion(0.0), motion(motion.duration)
+        for value, asked in zip(begin, (q, velocity, acceleration), strict=True):
+            np.testing.assert_allclose(value, asked, rtol=0, atol=1e-8)
+        for value, asked in zip(end, (points[-1], 0 * q, 0 * q), strict=True):
+            np.testing.assert_allclose(value, asked, rtol=0, atol=1e-8)
+        balance = options.get("balance")
+        certificate = motion.check(pepper, collisions=False, jerk=jerk, balance=balance)
+        unasked = {"torque"} & set(options) | {"balance"} - set(options)
+        assert set(certificate.failures) <= unasked, certificate.report()
+        assert motion.duration < pk.retime(pepper, left, **options).duration
+
+
+def test_way_points_are_joined_by_a_spline_that_bends_as_the_acceleration_asks(pepper):
+    points, velocity = next(cases(pepper, 1, torque=False))
+    rng = np.random.default_rng(3)
+    for scale in (0.0, 0.01, 0.1):
+        acceleration = scale * (velocity @ velocity) * rng.normal(size=pepper.n)
+        curve, rate, change = as_tangent_path(pepper, points, velocity, acceleration)
+        _, tangent, bend, _ = curve.coefficients[0]
+        np.testing.assert_allclose(rate * tangent, velocity, atol=1e-10)
+        np.testing.assert_allclose(change * tangent + 2 * bend * rate**2, acceleration, atol=1e-9)
+        step = np.diff(curve.breaks)[:, None]
+        c = np.moveaxis(curve.coefficients, 1, 0)
+        place = c[0] + step * (c[1] + step * (c[2] + step * c[3]))
+        ends = place, c[1] + step * (2 * c[2] + 3 * step * c[3]), c[2] + 3 * step * c[3]
+        for value, following in zip(ends, c[:3], strict=True):
+            np.testing.assert_allclose(value[:-1], following[1:], atol=1e-8)
+    motion = pk.retime(pepper, points, jerk="gentle", start_acceleration=0.1 * velocity, torque=False)
+    np.testing.assert_allclose(motion(0.0).acceleration, 0.1 * velocity, atol=1e-8)
+    curve = as_cubic_path(pepper, points)
+    tangent = curve.coefficients[0, 1]
+    with pytest.raises(InvalidValueError, match="start_acceleration"):
+        as_tangent_path(pepper, curve, 0.1 * tangent, np.roll(tangent, 1))
+    with pytest.raises(InfeasibleError, match="from rest"):
+        pk.retime(pepper, points, jerk="gentle", start_velocity=20.0 * velocity, torque=False)

@@ -267,3 +267,34 @@ def test_the_stop_of_a_splice_counts_what_the_robot_carries(pepper):
         assert start.stopped.is_close(moving.stop(pepper, at, scene=held).trajectory)
         differ += not start.stopped.is_close(moving.stop(pepper, at).trajectory)
     assert differ
+
+
+@pytest.mark.parametrize("options", [{"torque": False}, {}, {"balance": 0.0}], ids=str)
+def test_with_jerk_limits_accelerations_are_continuous_too(pepper, options):
+    """Straight to a goal and onto another motion, by the certificate; the acceleration beside the instant."""
+    rng, hows = np.random.default_rng(2), []
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.04 * lower[:3], 0.04 * upper[:3]
+    for _ in range(4):
+        start, away, goal = rng.uniform(lower, upper, (3, pepper.n))
+        motion = pk.retime(pepper, [start, away], jerk="brisk", **options)
+        at = rng.uniform(0.2, 0.8) * motion.duration
+        stop = motion.stop(pepper, at, jerk="brisk", **options)
+        for aim in (goal, pk.retime(pepper, [stop.end, goal], jerk="brisk", **options)):
+            splice = motion.replaced(pepper, at, aim, jerk="brisk", **options)
+            hows.append(splice.how)
+            balance = options.get("balance")
+            certificate = splice.trajectory.check(pepper, collisions=False, jerk="brisk", balance=balance)
+            unasked = {"torque"} & set(options) | {"balance"} - set(options)
+            assert set(certificate.failures) <= unasked, certificate.report()
+            np.testing.assert_allclose(splice.trajectory.end, goal, rtol=0, atol=1e-7)
+    assert {"straight", "joined"} <= set(hows), hows
+
+
+def test_a_motion_without_jerk_limits_is_led_on_with_them(pepper, moving):
+    at = 0.4 * moving.duration
+    splice = moving.replaced(pepper, at, pepper.joint_vector(GOAL), jerk=60.0, torque=False)
+    assert splice.how == "straight"
+    on = splice.trajectory.between(at, splice.trajectory.duration)
+    np.testing.assert_allclose(on(0.0).acceleration, moving(at).acceleration, atol=1e-9)
+    assert on.check(pepper, collisions=False, jerk=60.0).checks["jerk"].success
