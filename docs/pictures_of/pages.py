@@ -30,7 +30,7 @@ from .camera import framing
 from .examples import variables_of
 from .reaching import BODY
 from .sheet import FOLDER, Sheet, save_small
-from .stage import aim
+from .stage import BLUE, aim
 
 LOGS = Path(os.environ.get("PEPPER_KIN_ROBOT_LOGS", Path(__file__).parents[3] / "shared" / "robot_logs"))
 ON_SCREEN = """(place) => {
@@ -54,7 +54,7 @@ def demo_motion() -> tuple[PepperModel, pk.Scene, Trajectory]:
 def draw_demo() -> None:
     """The demo at its end."""
     pepper, scene, trajectory = demo_motion()
-    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET).add_target("gaze", GAZE, BLUE)
     viewer.save_image(FOLDER / "demo.png", trajectory, at_time=trajectory.duration, size=(1280, 720))
 
 
@@ -66,7 +66,7 @@ def draw_film() -> None:
     positions = np.concatenate([wait, there, stay, there[::-1]])
     motion = JointMotion(np.arange(len(positions)) / 40, positions, {})
     size = (640, 460)
-    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET)
+    viewer = pk.Viewer(pepper).add_scene(scene).add_target("hand", TARGET).add_target("gaze", GAZE, BLUE)
     with tempfile.TemporaryDirectory() as folder:
         page = viewer.save_html(Path(folder) / "film.html", motion, series={})
         aim(page, framing([*BODY, *TABLE], size, 42, 12, margin=0.98))
