@@ -11,7 +11,7 @@ from pepper_kin.files import load, naoqi_arguments, ros_points, save
 from pepper_kin.files.certified import SLOWED
 from pepper_kin.trajectory import Trajectory
 
-SUFFIXES = (".yaml", ".py", ".mcap", ".csv", ".npz", ".json")
+SUFFIXES = (".yaml", ".py", ".mcap", ".csv", ".parquet", ".npz", ".json")
 TABLE = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
 
 

@@ -19,7 +19,7 @@ from pepper_kin.trajectory import Trajectory
 
 save = functools.partial(pk.files.save, unchecked=True)  # the motions here are of no robot
 
-SUFFIXES = (".csv", ".npz", ".json", ".yaml", ".py", ".mcap")
+SUFFIXES = (".csv", ".parquet", ".npz", ".json", ".yaml", ".py", ".mcap")
 STEP = 0.013
 
 
@@ -71,13 +71,15 @@ def test_a_format_may_be_named(tmp_path):
     saved = short()
     path = save(saved, tmp_path / "motion.txt", format="json")
     assert load(path, format="json") == saved
-    assert {*FORMATS, *plugins("formats")} == {"csv", "npz", "json", "ros", "naoqi", "mcap"}
+    assert {*FORMATS, *plugins("formats")} == {"csv", "parquet", "npz", "json", "ros", "naoqi", "mcap"}
 
 
 def test_unknown_formats_are_refused(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"unknown suffix '.xls'; available: .csv, .npz, .json, .yaml"):
+    with pytest.raises(
+        UnknownNameError, match=r"unknown suffix '.xls'; available: .csv, .parquet, .npz, .json"
+    ):
         save(short(), tmp_path / "motion.xls")
-    with pytest.raises(UnknownNameError, match="unknown format 'xls'; available: csv, npz"):
+    with pytest.raises(UnknownNameError, match="unknown format 'xls'; available: csv, parquet"):
         load(tmp_path / "motion.csv", format="xls")
 
 
@@ -161,7 +163,7 @@ def test_other_joints_are_named(pepper, trajectory, tmp_path, suffix):
             load(path, pepper)
         wanted = (
             "HipPitch.position' where 'KneePitch.position'"
-            if suffix == ".csv" and "Hip" in message
+            if suffix in (".csv", ".parquet") and "Hip" in message
             else message
         )
         assert wanted in str(caught.value)
