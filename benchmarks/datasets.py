@@ -220,7 +220,7 @@ def lerobot(folder, python):
 
 
 PARTS = {"rows": (rows, 2000), "motions": (motions, 100), "writer": (writer, 200), "kills": (kills, 1000)}
-PARTS["scaling"] = (scaling, 100)
+PARTS["scaling"] = (scaling, 200)
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(

@@ -99,10 +99,10 @@ class Search(NamedTuple):
     """Where the search is.
 
     Attributes:
-        at: Numbers of the search, by the places below.
+        at: Numbers of the search, by the places below, shape (PLACES,).
         best: The least distance that was measured [m], shape (1,).
         roots: Start, end, first pair kept and number of pairs kept of the halves of the first stretches, that
-            number -1 where they have been searched, shape (R, 4).
+            number 0 where they have been searched, shape (R, 4).
         root_bounds: Lower bounds of the distances in them [m], shape (R,).
         waiting: The same of stretches inside one of these, the last of which is next, shape (DEEPEST, 4).
         waiting_bounds: Shape (DEEPEST,).
@@ -456,7 +456,7 @@ def search_least(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, se
     """Search for the least distance along a path until distances have to be measured.
 
     Stretches of the path are halved, each with the pairs that are open in it, those first whose bounds are
-    least, until no bound is below the least distance found by `ROUNDING`.
+    least, until no bound is below the least distance found and `ROUNDING`.
 
     Args:
         bodies: The bodies and pairs.
