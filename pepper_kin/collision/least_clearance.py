@@ -39,7 +39,7 @@ from pepper_kin.model.moving_tree import moving_tree
 
 Indices = NDArray[np.intp]
 
-_GROWING = ("kept", "kept_bounds")  # arrays of the search that may need more room
+_GROWING = ("kept", "kept_bounds")  # arrays of the search that may be too small
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     if not checker.pair_count:
         return 0.0
     full = np.asarray(rates, dtype=float) @ np.abs(np.asarray(pepper.full_map)).T
-    return float((_known(checker.pepper, checker._shapes).levers @ full.T).max())
+    return float((_known(checker.pepper, checker._shapes).motion_bounds @ full.T).max())
 
 
 class _Search:
@@ -222,7 +222,7 @@ class _Search:
         poses = Poses(
             joints=np.empty((joints, PLACEMENT)),
             bodies=np.empty((solids, 12)),
-            levers=np.zeros((solids, joints)),
+            motion_bounds=np.zeros((solids, joints)),
             used=np.empty(solids, dtype=bool),
         )
         search = Search(
@@ -297,7 +297,7 @@ class _Known:
         )
 
     @cached_property
-    def levers(self) -> Array:
+    def motion_bounds(self) -> Array:
         """How far a unit of each joint brings pairs nearer, wherever the joints stand, one row each."""
         shapes, solids = self._shapes, self.bodies.solids
         placed = zip(shapes.bodies, solids[:, :3], solids[:, -1], strict=True)

@@ -77,7 +77,7 @@ def bounds_at(checker, path, pairs):
     clearance._place_joints(bodies, search.path[0], poses)
     clearance._place_bodies(bodies, poses)
     steps = np.abs(search.path[1:] - search.path[0]).reshape(-1, 2, search.path.shape[1])
-    near = [[clearance._approach(bodies, poses.levers, two, pair) for pair in pairs] for two in steps]
+    near = [[clearance._approach(bodies, poses.motion_bounds, two, pair) for pair in pairs] for two in steps]
     balls = np.array([clearance._of_balls(bodies, poses, pair) for pair in pairs])
     solids = [clearance._of_solids(bodies, poses, pair, -np.inf, np.inf) for pair in pairs]
     return balls, *np.transpose(solids), np.moveaxis(near, 1, 2).reshape(len(path) - 1, len(pairs))
@@ -86,7 +86,7 @@ def bounds_at(checker, path, pairs):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scene", ["held", "sheet"])
 def test_no_pair_comes_nearer_than_the_bounds_say(kind, scene):
-    """Any two configurations, near or far: no distance changes by more than joint steps times levers."""
+    """Any two configurations, near or far: no distance changes by more than steps times motion bounds."""
     pepper = pk.load_pepper(**kind)
     checker = checker_for(pepper, SCENES[scene])
     rng = np.random.default_rng(5)

@@ -31,7 +31,7 @@ around all of it.  Of a half-space the center is a point of its plane, and the t
 _HALF, _RADIUS, _BALL = 12, 15, 16
 DONE, MEASURE, GROW = 0, 1, 2
 """What `search_least` returns: it is over; distances of the first `TO_MEASURE` pairs at the configuration
-`MIDDLE` are asked for; or `Search.kept` needs more room."""
+`MIDDLE` are asked for; or `Search.kept` is too small."""
 FIRST = 64
 """Configurations in one of the stretches that the search starts from."""
 DEEPEST = 16
@@ -85,13 +85,13 @@ class Poses(NamedTuple):
     Attributes:
         joints: Origin, rotation by rows and axis of each joint in the world, shape (J, PLACEMENT).
         bodies: Center and axes of each solid, one after the other, shape (B, 12).
-        levers: Greatest distance of a point of each body from the axis of each joint, shape (B, J).
+        motion_bounds: Greatest distance of a point of each body from the axis of each joint, shape (B, J).
         used: Whether a body is of a pair that counts, shape (B,).
     """
 
     joints: Floats2
     bodies: Floats2
-    levers: Floats2
+    motion_bounds: Floats2
     used: Flags1
 
 
@@ -171,7 +171,7 @@ def _place_joints(bodies: Bodies, q: Floats1, poses: Poses) -> None:
 
 @compiled(lean=True)
 def _place_bodies(bodies: Bodies, poses: Poses) -> None:
-    """Write centers and axes of the solids that are used, and the levers of joints that move them."""
+    """Write centers and axes of the solids that are used, and the motion bounds of joints that move them."""
     for b in range(bodies.carriers.size):
         if not poses.used[b]:
             continue
@@ -188,18 +188,21 @@ def _place_bodies(bodies: Bodies, poses: Poses) -> None:
                 pose[3 + 3 * k + i] = r0 * own[3 + 3 * k] + r1 * own[4 + 3 * k] + r2 * own[5 + 3 * k]
         while j >= 0:
             if bodies.slides[j]:
-                poses.levers[b, j] = 1.0
+                poses.motion_bounds[b, j] = 1.0
             else:
                 up = poses.joints[j]
                 x, y, z = pose[0] - up[0], pose[1] - up[1], pose[2] - up[2]
                 x, y, z = up[13] * z - up[14] * y, up[14] * x - up[12] * z, up[12] * y - up[13] * x
-                poses.levers[b, j] = math.sqrt(x * x + y * y + z * z) + own[_BALL]
+                poses.motion_bounds[b, j] = math.sqrt(x * x + y * y + z * z) + own[_BALL]
             j = bodies.parents[j]
 
 
 @compiled(lean=True, inline=True)
 def _nearest(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the point of a box nearest to (x, y, z), both from its center in the world's axes [m]."""
+    """Return the point of a box nearest to (x, y, z), both from its center in the world's axes [m].
+
+    `pose` has shape (12,), `solid` SOLID numbers.
+    """
     u = v = w = 0.0
     for i in range(3):
         h, k = solid[_HALF + i], 3 + 3 * i
@@ -211,7 +214,7 @@ def _nearest(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> tup
 
 @compiled(lean=True, inline=True)
 def _extent(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> float:
-    """Return sum_i h_i |a_i . n| of a box [m], n = (x, y, z)."""
+    """Return sum_i h_i |a_i . n| of a box [m], n = (x, y, z); shapes as of `_nearest`."""
     total = 0.0
     for i in range(3):
         h, k = solid[_HALF + i], 3 + 3 * i
@@ -276,13 +279,13 @@ def _of_solids(bodies: Bodies, poses: Poses, pair: int, known: float, enough: fl
 
 
 @compiled(lean=True, inline=True)
-def _approach(bodies: Bodies, levers: Floats2, steps: Floats2, pair: int) -> tuple[float, float]:
+def _approach(bodies: Bodies, motion_bounds: Floats2, steps: Floats2, pair: int) -> tuple[float, float]:
     """Return how much nearer a pair may come by two sets of steps of the joints, shape (2, J) [m]."""
     one = two = 0.0
     for e in range(bodies.first[pair], bodies.first[pair + 1]):
         j = bodies.joints[e]
-        lever = levers[bodies.pairs[pair, bodies.sides[e]], j]
-        one, two = one + lever * steps[0, j], two + lever * steps[1, j]
+        bound = motion_bounds[bodies.pairs[pair, bodies.sides[e]], j]
+        one, two = one + bound * steps[0, j], two + bound * steps[1, j]
     return one, two
 
 
@@ -298,7 +301,7 @@ def _steps(path: Floats2, start: int, end: int, middle: int, steps: Floats1) -> 
 
 @compiled(lean=True)
 def _later(times: Floats1, start: int, end: int, middle: int) -> float:
-    """Return how much later than at one configuration it becomes at others [s], 0 for not at all."""
+    """Return how much later it becomes than at one configuration, of times of shape (T,) [s]."""
     later = 0.0
     for i in range(start, end):
         later = max(later, times[i] - times[middle])
@@ -307,7 +310,7 @@ def _later(times: Floats1, start: int, end: int, middle: int) -> float:
 
 @compiled(lean=True)
 def _place(bodies: Bodies, path: Floats2, poses: Poses, search: Search) -> None:
-    """Place what the open pairs consist of in the middle of a stretch, and write the steps to its halves."""
+    """Place the open pairs in the middle of a stretch, and write the steps to its halves; path: (T, J)."""
     at = search.at
     middle = at[MIDDLE]
     for b in range(poses.used.size):
@@ -347,7 +350,7 @@ def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: S
     """Bound the distances of the open pairs in the middle of a stretch, and choose those to measure.
 
     A pair is closed where it stays farther than the least distance found, or than what another pair has in
-    this middle at most.
+    this middle at most.  Shapes are those of `search_least`.
     """
     at, count = search.at, 0
     middle = at[MIDDLE]
@@ -357,7 +360,7 @@ def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: S
     for i in range(at[OPEN]):
         pair = search.pair[i]
         lost = time * bodies.growth[pair]
-        one, two = _approach(bodies, poses.levers, search.steps, pair)
+        one, two = _approach(bodies, poses.motion_bounds, search.steps, pair)
         one, two = one + before * bodies.growth[pair], two + after * bodies.growth[pair]
         enough = least + ROUNDING + max(one, two) + lost
         low, high = _of_balls(bodies, poses, pair), math.inf
@@ -463,8 +466,8 @@ def search_least(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, se
         path: Coordinates of the joints, shape (T, J) [rad or m].
         times: Of the configurations [s], shape (T,).
         poses: Workspace.
-        search: Where the search is, changed.  When it goes on, the distances that were asked for are in
-            `low`, but for those that are not needed any more, and the least of all is in `best`.
+        search: Where the search is, changed.  Before it continues, the distances that were asked for are
+            written to `low` (those above the least of all may be left out), and the least to `best`.
 
     Returns:
         DONE, MEASURE or GROW.

@@ -117,7 +117,7 @@ def derivative_bounds(coefficients: Floats3, segment: Ints1, parts: Floats2, bou
 
 @compiled(lean=True)
 def _halve(rows: Floats2, depth: int, count: int) -> None:
-    """Replace a row by the right half of its polynomial, and write the left one behind (de Casteljau)."""
+    """Replace a row, shape (k,), by the right half of its polynomial, and write the left one behind it."""
     right, left = rows[depth], rows[depth + 1]
     for i in range(count):
         left[i] = right[0]

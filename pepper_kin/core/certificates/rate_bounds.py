@@ -57,7 +57,7 @@ def _choices(k: int, i: int) -> float:
 
 @compiled(lean=True)
 def _product(first: Floats1, second: Floats1, order: int, out: Floats1) -> None:
-    """Write bounds on a product and its derivatives up to an order; `out` is none of the factors."""
+    """Write bounds on a product and its derivatives up to an order, shape (order + 1,), not over a factor."""
     for k in range(order + 1):
         total = 0.0
         for i in range(k + 1):
@@ -94,7 +94,7 @@ def _outward(chain: Chain, rates: Floats2, links: Floats2, work: Floats2) -> Non
 
 @compiled(lean=True)
 def _inward(chain: Chain, rates: Floats2, links: Floats2, wrenches: Floats2, work: Floats2) -> None:
-    """Write the rows of forces and moments that joints carry, summed from the tips to the floor."""
+    """Write the rows of forces and moments that joints carry, tips first; shapes: see `bound_rates`."""
     for i in range(chain.parents.size):
         for k in range(WRENCH):
             wrenches[i, k] = 0.0
