@@ -9,6 +9,7 @@ is compared with its peer's results.  Prints Markdown.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import statistics
@@ -18,15 +19,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from dynamics_pinocchio_server import WORLD, pinocchio_calls, seconds_of
 
 import pepper_kin as pk
 from pepper_kin.model.plain_urdf import plain_urdf
 
-WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FRAME = "LArm_effector"
 
 
@@ -260,85 +263,91 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
     return rows
 
 
-def single_calls(pepper: pk.PepperModel) -> list[tuple[str, Callable[[], object], Callable[[], object]]]:
-    """Name, our call for one state, and what of Pinocchio a user would call for the same."""
-    model, data = pepper.inner_model, pepper.inner_model.createData()
-    q, v, a = (x[0].copy() for x in random_states(pepper, 1))
-    frame, d, k = pepper.frame_id(FRAME), pk.dynamics, pk.kinematics
-
-    def pose():
-        pin.forwardKinematics(model, data, q)
-        return pin.updateFramePlacement(model, data, frame).homogeneous
-
-    def velocity():
-        pin.forwardKinematics(model, data, q, v)
-        return pin.getFrameVelocity(model, data, frame, WORLD).vector
-
-    def acceleration():
-        pin.forwardKinematics(model, data, q, v, a)
-        return pin.getFrameClassicalAcceleration(model, data, frame, WORLD).vector
-
-    def rate():
-        pin.computeJointJacobiansTimeVariation(model, data, q, v)
-        pin.updateFramePlacement(model, data, frame)
-        return pin.getFrameJacobianTimeVariation(model, data, frame, WORLD)
-
-    return [
-        ("frame pose", lambda: k.frame_pose(pepper, q, FRAME), pose),
-        ("frame velocity", lambda: k.frame_velocity(pepper, q, v, FRAME), velocity),
-        ("frame acceleration", lambda: k.frame_acceleration(pepper, q, v, a, FRAME), acceleration),
-        ("frame Jacobian", lambda: k.frame_jacobian(pepper, q, FRAME),
-         lambda: pin.computeFrameJacobian(model, data, q, frame, WORLD)),
-        ("frame Jacobian rate", lambda: k.frame_jacobian_rate(pepper, q, v, FRAME), rate),
-        ("inverse dynamics", lambda: d.inverse_dynamics(pepper, q, v, a),
-         lambda: pin.rnea(model, data, q, v, a)),
-        ("forward dynamics", lambda: d.forward_dynamics(pepper, q, v, a),
-         lambda: pin.aba(model, data, q, v, a)),
-        ("mass matrix", lambda: d.mass_matrix(pepper, q), lambda: pin.crba(model, data, q)),
-        ("inverse mass matrix", lambda: d.inverse_mass_matrix(pepper, q),
-         lambda: pin.computeMinverse(model, data, q)),
-        ("Coriolis matrix", lambda: d.coriolis_matrix(pepper, q, v),
-         lambda: pin.computeCoriolisMatrix(model, data, q, v)),
-        ("gravity torque", lambda: d.gravity_torque(pepper, q),
-         lambda: pin.computeGeneralizedGravity(model, data, q)),
-        ("inverse dynamics derivatives", lambda: d.inverse_dynamics_derivatives(pepper, q, v, a),
-         lambda: pin.computeRNEADerivatives(model, data, q, v, a)),
-        ("forward dynamics derivatives", lambda: d.forward_dynamics_derivatives(pepper, q, v, a),
-         lambda: pin.computeABADerivatives(model, data, q, v, a)),
-        ("regressor", lambda: d.regressor(pepper, q, v, a),
-         lambda: pin.computeJointTorqueRegressor(model, data, q, v, a)),
-        ("center of mass", lambda: d.center_of_mass(pepper, q), lambda: pin.centerOfMass(model, data, q)),
-        ("center-of-mass Jacobian", lambda: d.center_of_mass_jacobian(pepper, q),
-         lambda: pin.jacobianCenterOfMass(model, data, q)),
-        ("centroidal map", lambda: d.centroidal_map(pepper, q), lambda: pin.ccrba(model, data, q, v)),
-        ("centroidal momentum", lambda: d.centroidal_momentum(pepper, q, v),
-         lambda: pin.computeCentroidalMomentum(model, data, q, v)),
-        ("kinetic energy", lambda: d.kinetic_energy(pepper, q, v),
-         lambda: pin.computeKineticEnergy(model, data, q, v)),
-        ("potential energy", lambda: d.potential_energy(pepper, q),
-         lambda: pin.computePotentialEnergy(model, data, q)),
-        ("base wrench", lambda: d.base_wrench(pepper, q, v, a),
-         lambda: pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)),
-    ]  # fmt: skip
+ASKED = {
+    "forward dynamics": 3.0,
+    "inverse dynamics": 2.0,
+    "inverse dynamics derivatives": 6.0,
+    "mass matrix": 2.0,
+}
+"""Time of a call from Python [us]; else no more than 1 us beyond Pinocchio's own call (2 of derivatives)."""
 
 
-def single_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ...]]:
-    def many(function: Callable[[], object]) -> Callable[[], object]:
-        def loop() -> None:
-            for _ in range(settings.calls // 10):
-                function()
+def own_calls(pepper: pk.PepperModel, q, v, a) -> dict[str, Callable[[], object]]:
+    """Our call for each quantity of one state, named as in `pinocchio_calls`."""
+    d, k = pk.dynamics, pk.kinematics
+    return {
+        "frame pose": lambda: k.frame_pose(pepper, q, FRAME),
+        "frame velocity": lambda: k.frame_velocity(pepper, q, v, FRAME),
+        "frame acceleration": lambda: k.frame_acceleration(pepper, q, v, a, FRAME),
+        "frame Jacobian": lambda: k.frame_jacobian(pepper, q, FRAME),
+        "frame Jacobian rate": lambda: k.frame_jacobian_rate(pepper, q, v, FRAME),
+        "inverse dynamics": lambda: d.inverse_dynamics(pepper, q, v, a),
+        "forward dynamics": lambda: d.forward_dynamics(pepper, q, v, a),
+        "mass matrix": lambda: d.mass_matrix(pepper, q),
+        "inverse mass matrix": lambda: d.inverse_mass_matrix(pepper, q),
+        "Coriolis matrix": lambda: d.coriolis_matrix(pepper, q, v),
+        "gravity torque": lambda: d.gravity_torque(pepper, q),
+        "inverse dynamics derivatives": lambda: d.inverse_dynamics_derivatives(pepper, q, v, a),
+        "forward dynamics derivatives": lambda: d.forward_dynamics_derivatives(pepper, q, v, a),
+        "regressor": lambda: d.regressor(pepper, q, v, a),
+        "center of mass": lambda: d.center_of_mass(pepper, q),
+        "center-of-mass Jacobian": lambda: d.center_of_mass_jacobian(pepper, q),
+        "centroidal map": lambda: d.centroidal_map(pepper, q),
+        "centroidal momentum": lambda: d.centroidal_momentum(pepper, q, v),
+        "kinetic energy": lambda: d.kinetic_energy(pepper, q, v),
+        "potential energy": lambda: d.potential_energy(pepper, q),
+        "base wrench": lambda: d.base_wrench(pepper, q, v, a),
+    }
 
-        return loop
 
-    rows = []
-    for name, ours, peer in single_calls(pepper):
-        mine, theirs = median_times(max(settings.repeats, 10), many(ours), many(peer))
-        per_call = 1e6 / (settings.calls // 10)
-        extra = statistics.median(m - t for m, t in zip(mine, theirs, strict=True)) * per_call
-        asked = 2 if "derivatives" in name else 1
-        rows.append((name, f"{asked} µs", f"{extra:.1f} µs", f"{statistics.median(mine) * per_call:.1f} µs",
-                     f"{statistics.median(theirs) * per_call:.1f} µs", verdict(extra <= asked)))  # fmt: skip
-    return rows
+class OtherPinocchio:
+    """Another version of Pinocchio in a process of its own."""
+
+    def __init__(self, interpreter: str, pepper: pk.PepperModel, *state: np.ndarray) -> None:
+        server = Path(__file__).with_name("dynamics_pinocchio_server.py")
+        with tempfile.TemporaryDirectory() as folder:
+            urdf = Path(folder) / "robot.urdf"
+            urdf.write_text(plain_urdf(pepper.document))
+            command = [interpreter, str(server), str(urdf), FRAME]
+            self.process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            self.version = self.ask([x.tolist() for x in state])
+
+    def ask(self, question: object) -> Any:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        print(json.dumps(question), file=self.process.stdin, flush=True)
+        return json.loads(self.process.stdout.readline())
+
+    def close(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def single_table(pepper: pk.PepperModel, settings: Settings, interpreter: str | None) -> None:
+    """Processor time of one state, in turn with Pinocchio's of this process and of another one."""
+    state = [x[0].copy() for x in random_states(pepper, 1)]
+    own, peer = own_calls(pepper, *state), pinocchio_calls(pepper.inner_model, FRAME, *state)
+    other = OtherPinocchio(interpreter, pepper, *state) if interpreter else None
+    count, rows = settings.calls // 10, []
+    for name, call in own.items():
+        runs = [lambda f=call: seconds_of(f, count), lambda f=peer[name]: seconds_of(f, count)]
+        if other:
+            runs.append(lambda name=name: other.ask([name, count]))
+        times = [[run() for run in runs] for _ in range(max(settings.repeats, 10) + 1)]
+        ours, *theirs = (1e6 / count * np.median(column) for column in np.transpose(times[1:]))
+        extra = 1e6 / count * np.median([row[0] - row[1] for row in times[1:]])
+        limit = 2.0 if "derivatives" in name else 1.0
+        if name in ASKED:
+            wanted, ok = f"{ASKED[name]:.0f} µs", ours <= ASKED[name]
+        else:
+            wanted, ok = f"{limit:.0f} µs beyond", extra <= limit
+        cells = (f"{time:.1f} µs" for time in (ours, *theirs))
+        rows.append((name, wanted, *cells, f"{min(theirs) / ours:.1f}x", verdict(ok)))
+    versions = [pin.__version__, *([other.version] if other else [])]
+    if other:
+        other.close()
+    table("One state from Python (processor time, in turn):", rows,
+          ("quantity", "asked", "ours", *(f"Pinocchio {v}" for v in versions), "times faster", "ok"))  # fmt: skip
 
 
 ALL_KERNELS = """
@@ -382,6 +391,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer states and repeats")
     parser.add_argument("--skip-mimic", action="store_true", help="without the report for mimic hands")
+    parser.add_argument("--pinocchio-python", help="interpreter of an environment with another Pinocchio")
     options = parser.parse_args()
     settings = QUICK if options.quick else FULL
     pepper, target = pk.load_pepper(), pk.kernels.host_target()
@@ -402,8 +412,7 @@ def main() -> None:
           kernel_rows(pepper, settings),
           ("kernel", "a state", "operations", "Gflop/s", "float32, asked 1.8x", "ok",
            "two threads, asked 1.7x", "ok"))  # fmt: skip
-    table("One state from Python, beyond Pinocchio's own call:", single_rows(pepper, settings),
-          ("quantity", "asked", "extra", "ours", "Pinocchio", "ok"))  # fmt: skip
+    single_table(pepper, settings, options.pinocchio_python)
     table("New processes:", process_rows(pepper, settings), ("job", "asked", "measured", "ok"))
     if not options.skip_mimic:
         mimic = pk.load_pepper(hands="mimic")

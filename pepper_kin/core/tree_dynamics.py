@@ -23,20 +23,24 @@ W_j or 2 U_j, g that of the angular velocity.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from pepper_kin.core.plain_vectors import in_range
+from pepper_kin.core.sines import sines_and_cosines
 from pepper_kin.kernels import compiled
-from pepper_kin.kernels.records import RecordView, double
+from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.lanes import double_at, store_double, word_at
+from pepper_kin.kernels.records import RecordView, double, word
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 Vector: TypeAlias = tuple[float, float, float]
 Symmetric: TypeAlias = tuple[float, float, float, float, float, float]
 
-PARENT, LEADER, SLIDES = range(3)
+LINK = RecordView("LINK", parent=word, leader=word, slides=word)
+"""The row of a joint's parent among the bodies (0: the world; joint i moves body i + 1), its coordinate of
+the robot, and whether it slides."""
 
 JOINT = RecordView(
     "JOINT",
@@ -73,19 +77,28 @@ class TreeTables(NamedTuple):
     """A tree of joints, parents before children.
 
     Attributes:
-        links: For each joint the row of its parent among the bodies (0: the world; joint i moves body i + 1),
-            the coordinate of the robot that it follows, and whether it slides, shape (N, 3).
+        links: Rows of LINK, shape (N, LINK.width).
         joints: Rows of JOINT, shape (N, JOINT.width).
         gravity: Gravity vector [m/s^2], shape (3,).
-        starts: Where the columns of each row of L begin, and where the last ends, shape (n + 1,).
-        columns: Columns of the entries of L below its diagonal, row by row, from the right to the left.
+        starts: Where the packed rows of M begin, and where the last ends, shape (n + 1,).  Row a has the
+            entry on the diagonal, then one for each coordinate above a in the elimination tree, the nearest
+            first: those that may be coupled to it, and L has no other entries.
+        above: The nearest coordinate above each, -1 for none, shape (n,).
+        work: Memory for rows of BODY and for angles, their sines and cosines, shape (work_size(N),); one for
+            each thread.
     """
 
     links: Ints2
     joints: Floats2
     gravity: Floats1
     starts: Ints1
-    columns: Ints1
+    above: Ints1
+    work: Floats1
+
+
+def work_size(count: int) -> int:
+    """Return the size of the memory for a number of joints."""
+    return (count + 1) * BODY.width + 3 * (count + 3)
 
 
 # Vectors of machine code whose products and sums may be contracted, unlike those of `ray_casting`.
@@ -140,24 +153,31 @@ def _wrench(bodies: int, k: int, a: Vector, alpha: Vector) -> tuple[Vector, Vect
 
 
 @compiled(lean=True, vector=True)
-def _place(tree: TreeTables, q: Floats1, work: Floats1) -> None:
+def _place(tree: TreeTables, q: Floats1) -> None:
     """Write the axes, origins and inertias of all bodies."""
-    joints, bodies = tree.joints.ctypes.data, work.ctypes.data
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
+    count = tree.links.shape[0]
+    behind, padded = BODY.at(bodies, count + 1), (count + 3) // 4 * 4
+    angles = floats_at(behind, padded)
+    sines, cosines = floats_at(behind + 8 * padded, padded), floats_at(behind + 16 * padded, padded)
+    angles[padded - 1] = angles[padded - 2] = angles[padded - 3] = 0.0
+    for i in range(count):
+        angles[i] = JOINT.gain(joints, i) * q[LINK.leader(links, i)] + JOINT.offset(joints, i)
+    sines_and_cosines(angles, sines, cosines)
     BODY.set_x(bodies, (1.0, 0.0, 0.0))
     BODY.set_y(bodies, (0.0, 1.0, 0.0))
     BODY.set_z(bodies, (0.0, 0.0, 1.0))
-    for i in range(tree.links.shape[0]):
-        parent, k = tree.links[i, PARENT], i + 1
-        value = JOINT.gain(joints, i) * q[tree.links[i, LEADER]] + JOINT.offset(joints, i)
+    for i in range(count):
+        parent, k = LINK.parent(links, i), i + 1
         px, py, pz = BODY.x(bodies, parent), BODY.y(bodies, parent), BODY.z(bodies, parent)
         r = _combined(px, py, pz, JOINT.origin(joints, i))
         x = _combined(px, py, pz, JOINT.axis_x(joints, i))
         y = _combined(px, py, pz, JOINT.axis_y(joints, i))
         z = _combined(px, py, pz, JOINT.axis_z(joints, i))
-        if tree.links[i, SLIDES]:
-            r = _add(r, value, z)
+        if LINK.slides(links, i):
+            r = _add(r, angles[i], z)
         else:
-            c, s = math.cos(value), math.sin(value)
+            c, s = cosines[i], sines[i]
             x, y = (
                 (c * x[0] + s * y[0], c * x[1] + s * y[1], c * x[2] + s * y[2]),
                 (c * y[0] - s * x[0], c * y[1] - s * x[1], c * y[2] - s * x[2]),
@@ -190,22 +210,22 @@ def _place(tree: TreeTables, q: Floats1, work: Floats1) -> None:
 
 
 @compiled(lean=True, vector=True)
-def _move(tree: TreeTables, v: Floats1, a: Floats1, work: Floats1) -> None:
+def _move(tree: TreeTables, v: Floats1, a: Floats1) -> None:
     """Write the motion of all bodies and the wrench that each takes."""
-    bodies = work.ctypes.data
-    joints, still = tree.joints.ctypes.data, (0.0, 0.0, 0.0)
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
+    still = (0.0, 0.0, 0.0)
     BODY.set_omega(bodies, still)
     BODY.set_alpha(bodies, still)
     BODY.set_a(bodies, (-tree.gravity[0], -tree.gravity[1], -tree.gravity[2]))
     for i in range(tree.links.shape[0]):
-        parent, leader, k = tree.links[i, PARENT], tree.links[i, LEADER], i + 1
+        parent, leader, k = LINK.parent(links, i), LINK.leader(links, i), i + 1
         gain = JOINT.gain(joints, i)
         speed, rate = gain * v[leader], gain * a[leader]
         z, r = BODY.z(bodies, k), BODY.r(bodies, k)
         omega, alpha = BODY.omega(bodies, parent), BODY.alpha(bodies, parent)
         linear = _plus(BODY.a(bodies, parent), _plus(_cross(alpha, r), _cross(omega, _cross(omega, r))))
         across = _cross(omega, z)
-        if tree.links[i, SLIDES]:
+        if LINK.slides(links, i):
             linear = _add(_add(linear, rate, z), 2.0 * speed, across)
         else:
             alpha = _add(_add(alpha, rate, z), speed, across)
@@ -221,16 +241,16 @@ def _move(tree: TreeTables, v: Floats1, a: Floats1, work: Floats1) -> None:
 
 
 @compiled(lean=True, vector=True)
-def _gather_torques(tree: TreeTables, a: Floats1, work: Floats1, tau: Floats1) -> None:
+def _gather_torques(tree: TreeTables, a: Floats1, tau: Floats1) -> None:
     """Add the wrench of each body to its parent's, and write the torques."""
-    joints, bodies = tree.joints.ctypes.data, work.ctypes.data
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     for j in range(tau.shape[0]):
         tau[j] = 0.0
     for i in range(tree.links.shape[0] - 1, -1, -1):
-        parent, leader, k = tree.links[i, PARENT], tree.links[i, LEADER], i + 1
+        parent, leader, k = LINK.parent(links, i), LINK.leader(links, i), i + 1
         force, moment, z = BODY.force(bodies, k), BODY.moment(bodies, k), BODY.z(bodies, k)
         gain = JOINT.gain(joints, i)
-        own = _dot(z, force) if tree.links[i, SLIDES] else _dot(z, moment)
+        own = _dot(z, force) if LINK.slides(links, i) else _dot(z, moment)
         tau[leader] += gain * (own + JOINT.rotor(joints, i) * gain * a[leader])
         if parent > 0:
             moment = _plus(moment, _cross(BODY.r(bodies, k), force))
@@ -239,11 +259,11 @@ def _gather_torques(tree: TreeTables, a: Floats1, work: Floats1, tau: Floats1) -
 
 
 @compiled(lean=True, vector=True)
-def _gather_inertias(tree: TreeTables, work: Floats1) -> None:
+def _gather_inertias(tree: TreeTables) -> None:
     """Add the inertia of each body to its parent's, from the tips to the roots."""
-    bodies = work.ctypes.data
+    links, bodies = tree.links.ctypes.data, tree.work.ctypes.data
     for i in range(tree.links.shape[0] - 1, -1, -1):
-        parent, k = tree.links[i, PARENT], i + 1
+        parent, k = LINK.parent(links, i), i + 1
         if parent == 0:
             continue
         mass, h, r = BODY.mass(bodies, k), BODY.first(bodies, k), BODY.r(bodies, k)
@@ -265,92 +285,151 @@ def _gather_inertias(tree: TreeTables, work: Floats1) -> None:
         )
 
 
-@compiled(lean=True)
-def _clear(matrix: Floats2) -> None:
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            matrix[i, j] = 0.0
+@compiled(lean=True, inline=True)
+def _place_in_rows(starts: int, a: int, b: int) -> int:
+    """Return the place of the entry (a, b) of M in its packed rows."""
+    low, high = max(a, b), min(a, b)
+    return word_at(starts, low + 1) - word_at(starts, high + 1) + word_at(starts, high)
 
 
 @compiled(lean=True, vector=True)
-def _write_masses(tree: TreeTables, work: Floats1, masses: Floats2) -> None:
-    """Write the mass matrix of the robot's coordinates from composite bodies."""
-    joints, bodies = tree.joints.ctypes.data, work.ctypes.data
-    _clear(masses)
+def _write_masses(tree: TreeTables, rows: Floats1) -> None:
+    """Write the packed rows of the mass matrix of the robot's coordinates, from composite bodies."""
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
+    starts, packed = tree.starts.ctypes.data, rows.ctypes.data
+    for at in range(rows.shape[0]):
+        rows[at] = 0.0
     for i in range(tree.links.shape[0]):
-        parent, leader, k = tree.links[i, PARENT], tree.links[i, LEADER], i + 1
+        parent, leader, k = LINK.parent(links, i), LINK.leader(links, i), i + 1
         gain, z, still = JOINT.gain(joints, i), BODY.z(bodies, k), (0.0, 0.0, 0.0)
-        if tree.links[i, SLIDES]:
+        if LINK.slides(links, i):
             force, moment = _wrench(bodies, k, z, still)
             own = _dot(z, force)
         else:
             force, moment = _wrench(bodies, k, still, z)
             own = _dot(z, moment)
-        masses[leader, leader] += gain * gain * (own + JOINT.rotor(joints, i))
+        at, own = word_at(starts, leader), gain * gain * (own + JOINT.rotor(joints, i))
+        store_double(packed, double_at(packed, at) + own, at)
         while parent > 0:
             moment = _plus(moment, _cross(BODY.r(bodies, k), force))
             k, j = parent, parent - 1
             z = BODY.z(bodies, k)
-            own = _dot(z, force) if tree.links[j, SLIDES] else _dot(z, moment)
+            own = _dot(z, force) if LINK.slides(links, j) else _dot(z, moment)
             own *= gain * JOINT.gain(joints, j)
-            other = tree.links[j, LEADER]
-            masses[leader, other] += own
-            masses[other, leader] += own
-            parent = tree.links[j, PARENT]
+            other = LINK.leader(links, j)
+            own += own if leader == other else 0.0
+            at = _place_in_rows(starts, leader, other)
+            store_double(packed, double_at(packed, at) + own, at)
+            parent = LINK.parent(links, j)
 
 
 @compiled(lean=True)
-def _factorize(tree: TreeTables, masses: Floats2) -> bool:
-    """Overwrite the lower half of M with L below the diagonal and 1 / D on it; False if M has no inverse."""
-    starts, columns = tree.starts, tree.columns
-    for k in range(masses.shape[0] - 1, -1, -1):
-        begin, end = starts[k], starts[k + 1]
-        pivot = masses[k, k]
+def _unpack(tree: TreeTables, rows: Floats1, masses: Floats2) -> None:
+    """Write M from its packed rows."""
+    starts, above = tree.starts.ctypes.data, tree.above.ctypes.data
+    packed, target, n = rows.ctypes.data, masses.ctypes.data, masses.shape[0]
+    for at in range(n * n):
+        store_double(target, 0.0, at)
+    for a in range(n):
+        b = a
+        for at in range(word_at(starts, a), word_at(starts, a + 1)):
+            value = double_at(packed, at)
+            store_double(target, value, n * a + b)
+            store_double(target, value, n * b + a)
+            b = word_at(above, b)
+
+
+@compiled(lean=True)
+def _factorize(tree: TreeTables, rows: Floats1) -> bool:
+    """Overwrite the packed rows of M with 1 / D and L of M = L^T D L; False if M has no inverse."""
+    starts, above, packed = tree.starts.ctypes.data, tree.above.ctypes.data, rows.ctypes.data
+    for a in range(tree.above.shape[0] - 1, -1, -1):
+        begin, end, b = word_at(starts, a), word_at(starts, a + 1), word_at(above, a)
+        pivot = double_at(packed, begin)
         if not pivot > 0.0:
             return False
-        masses[k, k] = 1.0 / pivot
-        for at in range(begin, end):
-            i = columns[at]
-            factor = masses[k, i] / pivot
-            before = masses[i, i]
-            for other in range(at, end):
-                masses[i, columns[other]] -= factor * masses[k, columns[other]]
-            if masses[i, i] < SINGULAR * before:
+        store_double(packed, 1.0 / pivot, begin)
+        for at in range(begin + 1, end):
+            entry, other = double_at(packed, at), word_at(starts, b)
+            factor, before = entry / pivot, double_at(packed, other)
+            rest = before - factor * entry
+            if rest < SINGULAR * before:
                 return False
-            masses[k, i] = factor
+            store_double(packed, rest, other)
+            for k in range(1, end - at):
+                changed = double_at(packed, other + k) - factor * double_at(packed, at + k)
+                store_double(packed, changed, other + k)
+            store_double(packed, factor, at)
+            b = word_at(above, b)
     return True
 
 
-@compiled(lean=True)
-def _solve(tree: TreeTables, factors: Floats2, x: Floats1, end: int) -> None:
+@compiled(lean=True, vector=True)
+def _solve(tree: TreeTables, factors: Floats1, x: Floats1, end: int) -> None:
     """Overwrite the elements before `end` of x, behind which it is zero, with those of M^-1 x."""
-    starts, columns = tree.starts, tree.columns
-    for k in range(end - 1, -1, -1):
-        for at in range(starts[k], starts[k + 1]):
-            x[columns[at]] -= factors[k, columns[at]] * x[k]
-    for k in range(end):
-        total = factors[k, k] * x[k]
-        for at in range(starts[k], starts[k + 1]):
-            total -= factors[k, columns[at]] * x[columns[at]]
-        x[k] = total
+    starts, above = tree.starts.ctypes.data, tree.above.ctypes.data
+    packed, target = factors.ctypes.data, x.ctypes.data
+    for a in range(end - 1, -1, -1):
+        b, value = word_at(above, a), double_at(target, a)
+        for at in range(word_at(starts, a) + 1, word_at(starts, a + 1)):
+            store_double(target, double_at(target, b) - double_at(packed, at) * value, b)
+            b = word_at(above, b)
+    for a in range(end):
+        begin, b = word_at(starts, a), word_at(above, a)
+        total = double_at(packed, begin) * double_at(target, a)
+        for at in range(begin + 1, word_at(starts, a + 1)):
+            total -= double_at(packed, at) * double_at(target, b)
+            b = word_at(above, b)
+        store_double(target, total, a)
 
 
 @compiled(lean=True, vector=True)
-def _write_rates(tree: TreeTables, v: Floats1, work: Floats1) -> None:
+def _solve_columns(tree: TreeTables, factors: Floats1, x: Floats2) -> None:
+    """Overwrite the columns of x, shape (n, m), with M^-1 times these."""
+    for a in range(x.shape[0] - 1, -1, -1):
+        b = tree.above[a]
+        for at in range(tree.starts[a] + 1, tree.starts[a + 1]):
+            for k in range(x.shape[1]):
+                x[b, k] -= factors[at] * x[a, k]
+            b = tree.above[b]
+    for a in range(x.shape[0]):
+        b = tree.above[a]
+        for k in range(x.shape[1]):
+            x[a, k] *= factors[tree.starts[a]]
+        for at in range(tree.starts[a] + 1, tree.starts[a + 1]):
+            for k in range(x.shape[1]):
+                x[a, k] -= factors[at] * x[b, k]
+            b = tree.above[b]
+
+
+@compiled(lean=True)
+def _invert(tree: TreeTables, factors: Floats1, inverse: Floats2) -> None:
+    """Write M^-1, symmetric, from the factors of M."""
+    for a in range(inverse.shape[0]):
+        for b in range(a):
+            inverse[a, b] = 0.0
+        inverse[a, a] = 1.0
+        _solve(tree, factors, inverse[a], a + 1)
+        for b in range(a):
+            inverse[b, a] = inverse[a, b]
+
+
+@compiled(lean=True, vector=True)
+def _write_rates(tree: TreeTables, v: Floats1) -> None:
     """Write S, U and W of all joints, and p and Pi of all composite bodies; bodies are not composite yet."""
-    bodies = work.ctypes.data
-    joints, none = tree.joints.ctypes.data, (0.0, 0.0, 0.0)
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
+    none = (0.0, 0.0, 0.0)
     BODY.set_v(bodies, none)
     for i in range(tree.links.shape[0]):
-        parent, k = tree.links[i, PARENT], i + 1
+        parent, k = LINK.parent(links, i), i + 1
         z, omega = BODY.z(bodies, k), BODY.omega(bodies, parent)
         velocity = _plus(BODY.v(bodies, parent), _cross(omega, BODY.r(bodies, k)))
         first = _cross(omega, z)
         second = _plus(_cross(BODY.alpha(bodies, parent), z), _cross(omega, first))
         s, u, w = z, first, second
         t, u_angular, w_angular = none, none, none
-        if tree.links[i, SLIDES]:
-            velocity = _add(velocity, JOINT.gain(joints, i) * v[tree.links[i, LEADER]], z)
+        if LINK.slides(links, i):
+            velocity = _add(velocity, JOINT.gain(joints, i) * v[LINK.leader(links, i)], z)
         else:
             s, u, w = none, _cross(velocity, z), _cross(BODY.a(bodies, k), z)
             t, u_angular, w_angular = z, first, second
@@ -370,7 +449,7 @@ def _write_rates(tree: TreeTables, v: Floats1, work: Floats1) -> None:
         BODY.set_pi_y(bodies, _add(_cross(omega, (xy, yy, yz)), h[1], velocity), k)
         BODY.set_pi_z(bodies, _add(_cross(omega, (xz, yz, zz)), h[2], velocity), k)
     for i in range(tree.links.shape[0] - 1, -1, -1):
-        parent, k = tree.links[i, PARENT], i + 1
+        parent, k = LINK.parent(links, i), i + 1
         if parent > 0:
             p, r = BODY.p(bodies, k), BODY.r(bodies, k)
             BODY.set_p(bodies, _plus(BODY.p(bodies, parent), p), parent)
@@ -389,16 +468,14 @@ def _gyroscopic(bodies: int, k: int, wrench: tuple[Vector, Vector], d: Vector) -
 
 
 @compiled(lean=True, vector=True)
-def _write_derivatives(
-    tree: TreeTables, work: Floats1, by_q: Floats2, by_v: Floats2, masses: Floats2
-) -> None:
+def _write_derivatives(tree: TreeTables, by_q: Floats2, by_v: Floats2, masses: Floats2) -> None:
     """Write the derivatives of the torques, from composite bodies with their wrenches and rates."""
-    joints, bodies = tree.joints.ctypes.data, work.ctypes.data
-    _clear(by_q)
-    _clear(by_v)
-    _clear(masses)
+    links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
+    for a in range(by_q.shape[0]):
+        for b in range(by_q.shape[0]):
+            by_q[a, b] = by_v[a, b] = masses[a, b] = 0.0
     for i in range(tree.links.shape[0]):
-        k, leader, gain = i + 1, tree.links[i, LEADER], JOINT.gain(joints, i)
+        k, leader, gain = i + 1, LINK.leader(links, i), JOINT.gain(joints, i)
         s, t = BODY.s_linear(bodies, k), BODY.s_angular(bodies, k)
         u, upsilon = BODY.u_linear(bodies, k), BODY.u_angular(bodies, k)
         x, y, z = BODY.pi_x(bodies, k), BODY.pi_y(bodies, k), BODY.pi_z(bodies, k)
@@ -414,14 +491,14 @@ def _write_derivatives(
         masses[leader, leader] += gain * gain * (_dot(s, f) + _dot(t, n) + JOINT.rotor(joints, i))
         by_q[leader, leader] += gain * gain * (_dot(s, qf) + _dot(t, qn))
         by_v[leader, leader] += gain * gain * (_dot(s, vf) + _dot(t, vn))
-        parent = tree.links[i, PARENT]
+        parent = LINK.parent(links, i)
         while parent > 0:
             r = BODY.r(bodies, k)
             n, qn, vn = _plus(n, _cross(r, f)), _plus(qn, _cross(r, qf)), _plus(vn, _cross(r, vf))
             k, j = parent, parent - 1
             s, t, upsilon = BODY.s_linear(bodies, k), BODY.s_angular(bodies, k), BODY.u_angular(bodies, k)
             w, w_angular = BODY.w_linear(bodies, k), BODY.w_angular(bodies, k)
-            other, both = tree.links[j, LEADER], gain * JOINT.gain(joints, j)
+            other, both = LINK.leader(links, j), gain * JOINT.gain(joints, j)
             own = both * (_dot(s, f) + _dot(t, n))
             masses[leader, other] += own
             masses[other, leader] += own
@@ -430,34 +507,25 @@ def _write_derivatives(
             changed = _dot(f, BODY.u_linear(bodies, k)) + _dot(n, upsilon) + _dot(g, t)
             by_v[leader, other] += 2.0 * both * changed
             by_v[other, leader] += both * (_dot(s, vf) + _dot(t, vn))
-            parent = tree.links[j, PARENT]
+            parent = LINK.parent(links, j)
 
 
 @compiled(lean=True)
-def _invert(tree: TreeTables, masses: Floats2, inverse: Floats2) -> bool:
-    """Write M^-1, symmetric, and overwrite M with its factors; False if it has none."""
-    if not _factorize(tree, masses):
-        return False
-    for i in range(masses.shape[0]):
-        for j in range(i):
-            inverse[i, j] = 0.0
-        inverse[i, i] = 1.0
-        _solve(tree, masses, inverse[i], i + 1)
-        for j in range(i):
-            inverse[j, i] = inverse[i, j]
-    return True
-
-
-@compiled(lean=True)
-def _differentiate(
-    tree: TreeTables, v: Floats1, a: Floats1, work: Floats1, tau: Floats1, derivatives: Floats3
-) -> None:
+def _differentiate(tree: TreeTables, v: Floats1, a: Floats1, tau: Floats1, derivatives: Floats3) -> None:
     """Write torques and their derivatives, shape (3, n, n), of bodies that are placed."""
-    _move(tree, v, a, work)
-    _gather_torques(tree, a, work, tau)
-    _write_rates(tree, v, work)
-    _gather_inertias(tree, work)
-    _write_derivatives(tree, work, derivatives[0], derivatives[1], derivatives[2])
+    _move(tree, v, a)
+    _gather_torques(tree, a, tau)
+    _write_rates(tree, v)
+    _gather_inertias(tree)
+    _write_derivatives(tree, derivatives[0], derivatives[1], derivatives[2])
+
+
+@compiled(lean=True)
+def _factorize_masses(tree: TreeTables, rows: Floats1) -> bool:
+    """Write the factors of M of bodies that are placed, and leave composite bodies; False without M^-1."""
+    _gather_inertias(tree)
+    _write_masses(tree, rows)
+    return bool(_factorize(tree, rows))
 
 
 @compiled("boolean(TreeTables, float64[::1], float64[::1], float64[::1], float64[::1])")
@@ -474,32 +542,54 @@ def inverse_dynamics(tree: TreeTables, q: Floats1, v: Floats1, a: Floats1, tau: 
     Returns:
         Whether the vectors have shape (n,) and are within range; else nothing is written.
     """
-    n = tree.starts.shape[0] - 1
+    n = tree.above.shape[0]
     if not (in_range(n, q) and in_range(n, v) and in_range(n, a)):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
-    _place(tree, q, work)
-    _move(tree, v, a, work)
-    _gather_torques(tree, a, work, tau)
+    _place(tree, q)
+    _move(tree, v, a)
+    _gather_torques(tree, a, tau)
     return True
 
 
 @compiled("boolean(TreeTables, float64[::1], float64[::1])")
 def gravity_torque(tree: TreeTables, q: Floats1, tau: Floats1) -> bool:
     """Write g(q), the torques of rest, shape (n,) [N m or N]; see `inverse_dynamics`."""
-    still = np.zeros(tree.starts.shape[0] - 1)
+    still = np.zeros(tree.above.shape[0])
     return bool(inverse_dynamics(tree, q, still, still, tau))
 
 
 @compiled("boolean(TreeTables, float64[::1], float64[:, ::1])")
 def mass_matrix(tree: TreeTables, q: Floats1, masses: Floats2) -> bool:
     """Write M(q), shape (n, n) [kg m^2, kg m or kg]; see `inverse_dynamics`."""
-    if not in_range(tree.starts.shape[0] - 1, q):
+    if not in_range(tree.above.shape[0], q):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
-    _place(tree, q, work)
-    _gather_inertias(tree, work)
-    _write_masses(tree, work, masses)
+    rows = np.empty(tree.starts[-1])
+    _place(tree, q)
+    _gather_inertias(tree)
+    _write_masses(tree, rows)
+    _unpack(tree, rows, masses)
+    return True
+
+
+@compiled(lean=True)
+def _accelerate(
+    tree: TreeTables,
+    q: Floats1,
+    v: Floats1,
+    tau: Floats1,
+    still: Floats1,
+    rows: Floats1,
+    a: Floats1,
+) -> bool:
+    """Write accelerations and the factors of M; `still` has n zeros. False if M has no inverse."""
+    _place(tree, q)
+    _move(tree, v, still)
+    _gather_torques(tree, still, a)
+    for j in range(a.shape[0]):
+        a[j] = tau[j] - a[j]
+    if not _factorize_masses(tree, rows):
+        return False
+    _solve(tree, rows, a, a.shape[0])
     return True
 
 
@@ -517,36 +607,25 @@ def forward_dynamics(tree: TreeTables, q: Floats1, v: Floats1, tau: Floats1, a: 
     Returns:
         Whether the vectors have shape (n,) and are within range, and M has an inverse.
     """
-    n = tree.starts.shape[0] - 1
+    n = tree.above.shape[0]
     if not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
-    masses, still = np.empty((n, n)), np.zeros(n)
-    _place(tree, q, work)
-    _move(tree, v, still, work)
-    _gather_torques(tree, still, work, a)
-    _gather_inertias(tree, work)
-    _write_masses(tree, work, masses)
-    for i in range(n):
-        a[i] = tau[i] - a[i]
-    if not _factorize(tree, masses):
-        return False
-    _solve(tree, masses, a, n)
-    return True
+    still, rows = np.zeros(n), np.empty(tree.starts[-1])
+    return bool(_accelerate(tree, q, v, tau, still, rows, a))
 
 
 @compiled("boolean(TreeTables, float64[::1], float64[:, ::1])")
 def inverse_mass_matrix(tree: TreeTables, q: Floats1, inverse: Floats2) -> bool:
     """Write M(q)^-1, shape (n, n); whether q is within range and there is one."""
-    n = tree.starts.shape[0] - 1
+    n = tree.above.shape[0]
     if not in_range(n, q):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
-    masses = np.empty((n, n))
-    _place(tree, q, work)
-    _gather_inertias(tree, work)
-    _write_masses(tree, work, masses)
-    return _invert(tree, masses, inverse)
+    rows = np.empty(tree.starts[-1])
+    _place(tree, q)
+    if not _factorize_masses(tree, rows):
+        return False
+    _invert(tree, rows, inverse)
+    return True
 
 
 @compiled("boolean(TreeTables, float64[::1], float64[::1], float64[::1], float64[:, :, ::1])")
@@ -554,13 +633,12 @@ def inverse_dynamics_derivatives(
     tree: TreeTables, q: Floats1, v: Floats1, a: Floats1, derivatives: Floats3
 ) -> bool:
     """Write the derivatives of the torques by q, v and a, shape (3, n, n); see `inverse_dynamics`."""
-    n = tree.starts.shape[0] - 1
+    n = tree.above.shape[0]
     if not (in_range(n, q) and in_range(n, v) and in_range(n, a)):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
     tau = np.empty(n)
-    _place(tree, q, work)
-    _differentiate(tree, v, a, work, tau, derivatives)
+    _place(tree, q)
+    _differentiate(tree, v, a, tau, derivatives)
     return True
 
 
@@ -572,22 +650,18 @@ def forward_dynamics_derivatives(
 
     They are -M^-1 dtau/dq and -M^-1 dtau/dv at the acceleration that tau causes, and M^-1.
     """
-    a, n = np.empty(tree.starts.shape[0] - 1), tree.starts.shape[0] - 1
-    if not forward_dynamics(tree, q, v, tau, a):
+    n = tree.above.shape[0]
+    if not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
         return False
-    work = np.empty((tree.links.shape[0] + 1) * BODY.width)
-    torques, by = np.empty(n), np.empty((3, n, n))
-    _place(tree, q, work)
-    _differentiate(tree, v, a, work, torques, by)
-    inverse = derivatives[2]
-    if not _invert(tree, by[2], inverse):
+    rows, still, a = np.empty(tree.starts[-1]), np.zeros(n), np.empty(n)
+    if not _accelerate(tree, q, v, tau, still, rows, a):
         return False
+    _place(tree, q)  # bodies alone, not composite ones
+    _differentiate(tree, v, a, still, derivatives)
     for which in range(2):
         for i in range(n):
             for j in range(n):
-                derivatives[which, i, j] = 0.0
-            for k in range(n):
-                factor = -inverse[i, k]
-                for j in range(n):
-                    derivatives[which, i, j] += factor * by[which, k, j]
+                derivatives[which, i, j] = -derivatives[which, i, j]
+        _solve_columns(tree, rows, derivatives[which])
+    _invert(tree, rows, derivatives[2])
     return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -11,11 +12,17 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states
 from pepper_kin.core import tree_dynamics
-from pepper_kin.core.tree_dynamics import JOINT, TreeTables
+from pepper_kin.core.tree_dynamics import JOINT, LINK, TreeTables, work_size
 from pepper_kin.kernels.compiled_function import INTERPRETED, CompiledFunction
 from pepper_kin.model import PepperModel, dynamics_model, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.moving_tree import MovingTree, moving_tree
+
+TABLES = "tree tables"
+"""Where `pepper.kept` has the tables of each thread, of a robot whose `pinocchio_model` nobody was handed.
+
+The functions of this package look there first, and pass them to machine code with what they are given: the
+frequent case is (n,) arrays of floats within range.  All else is for `all_states`."""
 
 SOLVERS = ("compiled", "pinocchio")
 """What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""
@@ -34,20 +41,24 @@ def _tables_for(function: CompiledFunction, pepper: PepperModel, solver: str) ->
         check_choice("solver", solver, SOLVERS)
         return None
     if pepper.dynamics_model.handed_out:
-        return None if function in QUICK else _tables(pepper)
+        return None if function in QUICK else _with_memory(_tables(pepper))
+    kept = pepper.kept.setdefault(TABLES, threading.local())
     try:
-        found: TreeTables | None = pepper.kept[_tables]
-    except KeyError:
-        found = pepper.kept[_tables] = _tables(pepper)
+        found: TreeTables | None = kept.tables
+    except AttributeError:
+        found = kept.tables = _with_memory(_tables(pepper))
     return found
+
+
+def _with_memory(tables: TreeTables | None) -> TreeTables | None:
+    """Return tables with a workspace of their own."""
+    return None if tables is None else tables._replace(work=np.empty(work_size(len(tables.links))))
 
 
 def one_state(
     function: CompiledFunction, pepper: PepperModel, solver: str, shape: tuple[int, ...], *state: Any
 ) -> Array | None:
     """Return a new array, filled by a function of `core.tree_dynamics` for one state.
-
-    This is the frequent case: (n,) arrays of floats within range.
 
     Returns:
         The result; None where its arguments must be converted or refused, or Pinocchio is to compute.
@@ -120,14 +131,21 @@ def _tables(pepper: PepperModel) -> TreeTables | None:
             first=inertia.mass * center,
             second=second[np.triu_indices(3)],
         )
-    links = [(tree.parents[i + 1], leader, tree.slides[i + 1]) for i, leader in enumerate(leaders)]
-    rows = _rows_of_factor(tree, leaders, pepper.n)
+    links = [
+        LINK.row(parent=tree.parents[i + 1], leader=leader, slides=tree.slides[i + 1])
+        for i, leader in enumerate(leaders)
+    ]
+    above = _elimination_tree(tree, leaders, pepper.n)
+    depths: list[int] = []
+    for other in above:
+        depths.append(0 if other < 0 else depths[other] + 1)
     return TreeTables(
-        np.array(links, np.int64).reshape(-1, 3),
+        np.array(links, np.int64).reshape(-1, LINK.width),
         joints,
         np.array(model.gravity.linear),
-        np.cumsum([0, *map(len, rows)], dtype=np.int64),
-        np.array([column for row in rows for column in row], np.int64),
+        np.cumsum([0, *(depth + 1 for depth in depths)], dtype=np.int64),
+        np.array(above, np.int64),
+        np.empty(0),
     )
 
 
@@ -138,17 +156,21 @@ def _frame_along(axis: Array) -> Array:
     return np.stack([x, np.cross(axis, x), axis], axis=1)
 
 
-def _rows_of_factor(tree: MovingTree, leaders: list[int], n: int) -> list[list[int]]:
-    """Return the columns of the entries of L of M = L^T D L in each row, from the right to the left.
+def _elimination_tree(tree: MovingTree, leaders: list[int], n: int) -> list[int]:
+    """Return the coordinate above each, -1 for none, when the rows of M are eliminated from the last on.
 
     Joints are coupled where one carries the other, and so are the coordinates that they follow; eliminating
-    the rows from the last on couples all that are coupled to one.
+    one couples all those that it is coupled to.  What may be coupled to a coordinate stands above it in the
+    tree (Liu, The role of elimination trees in sparse factorization, 1990); without joints that follow others
+    it is the tree of the joints.
     """
-    rows: list[set[int]] = [set() for _ in range(n)]
+    coupled: list[set[int]] = [set() for _ in range(n)]
     for joint, own in enumerate(leaders, start=1):
         for other in {leaders[above - 1] for above in tree.path(joint)} - {own}:
-            rows[max(own, other)].add(min(own, other))
-    for row in reversed(rows):
-        for column in row:
-            rows[column] |= {other for other in row if other < column}
-    return [sorted(row, reverse=True) for row in rows]
+            coupled[max(own, other)].add(min(own, other))
+    above = [-1] * n
+    for own in reversed(range(n)):
+        if coupled[own]:
+            above[own] = max(coupled[own])
+            coupled[above[own]] |= coupled[own] - {above[own]}
+    return above
