@@ -28,6 +28,7 @@ import pinocchio as pin
 from dynamics_pinocchio_server import WORLD, pinocchio_calls, seconds_of
 
 import pepper_kin as pk
+from pepper_kin.batch.states import kernel_for
 from pepper_kin.model.plain_urdf import plain_urdf
 
 FRAME = "LArm_effector"
@@ -212,7 +213,7 @@ def batch_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ..
         if not error < 1e-9:
             raise SystemExit(f"{name}: results differ by {error:.1e}")
         del found, expected
-        kernel = pk.batch.kernel(pepper, *quantity, wide=True)
+        kernel = kernel_for(pepper, settings.states, *quantity)
         out = kernel(*many)
         times = median_times(
             settings.repeats,
@@ -300,6 +301,10 @@ def own_calls(pepper: pk.PepperModel, q, v, a) -> dict[str, Callable[[], object]
     }
 
 
+def one_state(pepper: pk.PepperModel) -> list[np.ndarray]:
+    return [x[0].copy() for x in random_states(pepper, 1)]
+
+
 class OtherPinocchio:
     """Another version of Pinocchio in a process of its own."""
 
@@ -313,7 +318,8 @@ class OtherPinocchio:
             self.version = self.ask([x.tolist() for x in state])
 
     def ask(self, question: object) -> Any:
-        assert self.process.stdin is not None and self.process.stdout is not None
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
         print(json.dumps(question), file=self.process.stdin, flush=True)
         return json.loads(self.process.stdout.readline())
 
@@ -323,19 +329,18 @@ class OtherPinocchio:
         self.process.wait()
 
 
-def single_table(pepper: pk.PepperModel, settings: Settings, interpreter: str | None) -> None:
+def single_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio | None) -> None:
     """Processor time of one state, in turn with Pinocchio's of this process and of another one."""
-    state = [x[0].copy() for x in random_states(pepper, 1)]
+    state = one_state(pepper)
     own, peer = own_calls(pepper, *state), pinocchio_calls(pepper.inner_model, FRAME, *state)
-    other = OtherPinocchio(interpreter, pepper, *state) if interpreter else None
     count, rows = settings.calls // 10, []
     for name, call in own.items():
         runs = [lambda f=call: seconds_of(f, count), lambda f=peer[name]: seconds_of(f, count)]
         if other:
             runs.append(lambda name=name: other.ask([name, count]))
-        times = [[run() for run in runs] for _ in range(max(settings.repeats, 10) + 1)]
-        ours, *theirs = (1e6 / count * np.median(column) for column in np.transpose(times[1:]))
-        extra = 1e6 / count * np.median([row[0] - row[1] for row in times[1:]])
+        times = [[run() for run in runs] for _ in range(max(settings.repeats, 10) + 1)][1:]
+        ours, *theirs = (1e6 / count * statistics.median(column) for column in zip(*times, strict=True))
+        extra = 1e6 / count * statistics.median(row[0] - row[1] for row in times)
         limit = 2.0 if "derivatives" in name else 1.0
         if name in ASKED:
             wanted, ok = f"{ASKED[name]:.0f} µs", ours <= ASKED[name]
@@ -343,11 +348,35 @@ def single_table(pepper: pk.PepperModel, settings: Settings, interpreter: str | 
             wanted, ok = f"{limit:.0f} µs beyond", extra <= limit
         cells = (f"{time:.1f} µs" for time in (ours, *theirs))
         rows.append((name, wanted, *cells, f"{min(theirs) / ours:.1f}x", verdict(ok)))
-    versions = [pin.__version__, *([other.version] if other else [])]
-    if other:
-        other.close()
-    table("One state from Python (processor time, in turn):", rows,
-          ("quantity", "asked", "ours", *(f"Pinocchio {v}" for v in versions), "times faster", "ok"))  # fmt: skip
+    peers = [f"Pinocchio {version}" for version in (pin.__version__, *([other.version] if other else []))]
+    title = f"One state from Python, {pepper.n} joints (processor time, in turn):"
+    table(title, rows, ("quantity", "asked", "ours", *peers, "times faster", "ok"))
+
+
+ASKED_OF_BATCHES = {"forward dynamics": 40, "inverse dynamics": 50, "inverse dynamics derivatives": 20}
+
+
+def newest_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio) -> None:
+    """Batches beside loops over the other Pinocchio, in turn."""
+    states, d, rows = random_states(pepper, settings.states), pk.dynamics, []
+    for name, asked in ASKED_OF_BATCHES.items():
+        quantity = name.replace(" ", "_")
+        public, kernel = getattr(d, quantity), kernel_for(pepper, settings.states, quantity)
+        out = kernel(*states)
+        runs = [
+            (settings.states, lambda f=public: seconds_of(lambda: f(pepper, *states), 1)),
+            (settings.states, lambda f=kernel, o=out: seconds_of(lambda: f(*states, out=o), 1)),
+            (settings.peer_states, lambda name=name: other.ask([name, settings.peer_states, "loop"])),
+        ]
+        times = [[run() / count for count, run in runs] for _ in range(settings.repeats + 1)][1:]
+        new, reused, loop = (statistics.median(column) for column in zip(*times, strict=True))
+        cells = (f"{1e9 * time:.0f} ns" for time in (new, reused, loop))
+        rows.append((name, f"{asked}x", f"{loop / new:.0f}x", f"{loop / reused:.0f}x", *cells,
+                     f"{verdict(loop / new >= asked)}, {verdict(loop / reused >= asked)}"))  # fmt: skip
+    title = f"Batches, times faster than a loop over Pinocchio {other.version} (processor time, in turn):"
+    table(title, rows,
+          ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state", "loop, a state",
+           "ok (new, `out=`)"))  # fmt: skip
 
 
 ALL_KERNELS = """
@@ -401,6 +430,8 @@ def main() -> None:
         f"{settings.states} states (loops: {settings.peer_states}), "
         f"medians of {settings.repeats} interleaved repeats."
     )
+    interpreter = options.pinocchio_python
+    other = OtherPinocchio(interpreter, pepper, *one_state(pepper)) if interpreter else None
     heads = ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state",
              "loop, a state", "ok (new, `out=`)")  # fmt: skip
     title = (
@@ -412,7 +443,10 @@ def main() -> None:
           kernel_rows(pepper, settings),
           ("kernel", "a state", "operations", "Gflop/s", "float32, asked 1.8x", "ok",
            "two threads, asked 1.7x", "ok"))  # fmt: skip
-    single_table(pepper, settings, options.pinocchio_python)
+    single_table(pepper, settings, other)
+    if other:
+        newest_table(pepper, settings, other)
+        other.close()
     table("New processes:", process_rows(pepper, settings), ("job", "asked", "measured", "ok"))
     if not options.skip_mimic:
         mimic = pk.load_pepper(hands="mimic")

@@ -4,7 +4,7 @@
 
 Run by `dynamics.py --pinocchio-python`: placo keeps this library at Pinocchio 3.8, so newer ones have an
 environment and a process of their own (`pip install pin`).  Reads q, v and a, then [name, calls] a line, and
-writes the processor time of that many calls [s].
+writes the processor time of that many calls [s]; of [name, states, "loop"], that of a loop over states.
 """
 
 import json
@@ -72,14 +72,41 @@ def seconds_of(call: Callable[[], object], count: int) -> float:
     return time.process_time() - begin
 
 
+LOOPS = {
+    "inverse dynamics": (pin.rnea, (), 3),
+    "forward dynamics": (pin.aba, (), 3),
+    "mass matrix": (pin.crba, ("nv",), 1),
+    "inverse dynamics derivatives": (pin.computeRNEADerivatives, ("nv",), 3),
+}
+"""Function of Pinocchio, further axis of its result, and number of vectors that it takes."""
+
+
+def seconds_of_loop(model, name: str, count: int) -> float:
+    """Processor time of a loop over states, as lean as a user would write it."""
+    function, axes, inputs = LOOPS[name]
+    states = np.random.default_rng(0).normal(size=(3, count, model.nv))[:inputs]
+    shape = (model.nv, *(model.nv for _ in axes))
+    data, out = model.createData(), np.empty((3, count, *shape))
+    begin = time.process_time()
+    if "derivatives" in name:
+        for i, state in enumerate(zip(*states, strict=True)):
+            out[0, i], out[1, i], out[2, i] = function(model, data, *state)
+    else:
+        first = out[0]
+        for i, state in enumerate(zip(*states, strict=True)):
+            first[i] = function(model, data, *state)
+    return time.process_time() - begin
+
+
 def main() -> None:
     model = pin.buildModelFromUrdf(sys.argv[1])
     state = [np.array(x) for x in json.loads(sys.stdin.readline())]
     calls = pinocchio_calls(model, sys.argv[2], *state)
     print(json.dumps(pin.__version__), flush=True)
     for line in sys.stdin:
-        name, count = json.loads(line)
-        print(json.dumps(seconds_of(calls[name], count)), flush=True)
+        name, count, *loop = json.loads(line)
+        found = seconds_of_loop(model, name, count) if loop else seconds_of(calls[name], count)
+        print(json.dumps(found), flush=True)
 
 
 if __name__ == "__main__":
