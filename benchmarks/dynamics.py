@@ -2,7 +2,8 @@
 
 python benchmarks/dynamics.py [--quick]
 
-Peers run in the same process, interleaved; ratios are medians over repeats.  Before it is timed, each batch
+Peers run in the same process, or in one of their own with `--pinocchio-python`, interleaved; ratios are
+medians over repeats, of processor time where one thread computes.  Before it is timed, each batch
 is compared with its peer's results.  Prints Markdown.
 """
 
@@ -46,17 +47,19 @@ FULL = Settings(states=100_000, peer_states=10_000, repeats=15, calls=2000)
 QUICK = Settings(states=20_000, peer_states=1_000, repeats=3, calls=200)
 
 
-def seconds(function: Callable[[], object]) -> float:
-    begin = time.perf_counter()
+def seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
+    begin = clock()
     function()
-    return time.perf_counter() - begin
+    return clock() - begin
 
 
-def median_times(repeats: int, *functions: Callable[[], object]) -> list[list[float]]:
+def median_times(
+    repeats: int, *functions: Callable[[], object], clock: Callable[[], float] = time.process_time
+) -> list[list[float]]:
     """Times of each function [s], taken in turn."""
     for function in functions:
         function()
-    rounds = [[seconds(function) for function in functions] for _ in range(repeats)]
+    rounds = [[seconds(function, clock) for function in functions] for _ in range(repeats)]
     return [list(column) for column in zip(*rounds, strict=True)]
 
 
@@ -252,6 +255,7 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
             lambda f=double, x=wide, o=out: f(*x, out=o),
             lambda f=double, x=wide, o=out: f(*x, out=o, threads=2),
             lambda f=single, x=short, o=out32: f(*x, out=o),
+            clock=time.perf_counter,
         )
         precision = statistics.median(x / y for x, y in zip(one, half, strict=True))
         threads = statistics.median(x / y for x, y in zip(one, two, strict=True))
@@ -406,7 +410,9 @@ def process_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, 
     def start(text: str) -> Callable[[], object]:
         return lambda: subprocess.run([sys.executable, "-c", text], check=True)
 
-    bare, package = median_times(settings.repeats, start("pass"), start("import pepper_kin"))
+    bare, package = median_times(
+        settings.repeats, start("pass"), start("import pepper_kin"), clock=time.perf_counter
+    )
     extra = statistics.median(p - b for p, b in zip(package, bare, strict=True))
     slow, fast = statistics.median(cold), statistics.median(warm)
     return [
