@@ -73,6 +73,11 @@ SINGULAR = 1e-14
 """Where so little of a diagonal entry of M remains in D, the rest are rounding errors: M has no inverse."""
 
 
+DEEP = 32
+"""Where rows of L have so many entries on average, M = L^T D L takes longer than recursions along the tree: its
+operations grow with the cube of the depth.  That is a chain of 64 joints; for M^-1, one of half as many."""
+
+
 class TreeTables(NamedTuple):
     """A tree of joints, parents before children.
 
@@ -572,6 +577,11 @@ def mass_matrix(tree: TreeTables, q: Floats1, masses: Floats2) -> bool:
 
 
 @compiled(lean=True)
+def _is_deep(tree: TreeTables, limit: int) -> bool:
+    return bool(tree.starts[-1] > limit * tree.above.shape[0])
+
+
+@compiled(lean=True)
 def _accelerate(
     tree: TreeTables,
     q: Floats1,
@@ -605,10 +615,10 @@ def forward_dynamics(tree: TreeTables, q: Floats1, v: Floats1, tau: Floats1, a: 
         a: Receives M(q)^-1 (tau - C(q, v) v - g(q)), shape (n,) [rad/s^2 or m/s^2].
 
     Returns:
-        Whether the vectors have shape (n,) and are within range, and M has an inverse.
+        Whether the vectors have shape (n,) and are within range, M has an inverse, and the tree is not DEEP.
     """
     n = tree.above.shape[0]
-    if not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
+    if _is_deep(tree, DEEP) or not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
         return False
     still, rows = np.zeros(n), np.empty(tree.starts[-1])
     return bool(_accelerate(tree, q, v, tau, still, rows, a))
@@ -616,9 +626,9 @@ def forward_dynamics(tree: TreeTables, q: Floats1, v: Floats1, tau: Floats1, a: 
 
 @compiled("boolean(TreeTables, float64[::1], float64[:, ::1])")
 def inverse_mass_matrix(tree: TreeTables, q: Floats1, inverse: Floats2) -> bool:
-    """Write M(q)^-1, shape (n, n); whether q is within range and there is one."""
+    """Write M(q)^-1, shape (n, n); see `forward_dynamics`."""
     n = tree.above.shape[0]
-    if not in_range(n, q):
+    if _is_deep(tree, DEEP // 2) or not in_range(n, q):
         return False
     rows = np.empty(tree.starts[-1])
     _place(tree, q)
@@ -651,7 +661,7 @@ def forward_dynamics_derivatives(
     They are -M^-1 dtau/dq and -M^-1 dtau/dv at the acceleration that tau causes, and M^-1.
     """
     n = tree.above.shape[0]
-    if not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
+    if _is_deep(tree, DEEP // 2) or not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
         return False
     rows, still, a = np.empty(tree.starts[-1]), np.zeros(n), np.empty(n)
     if not _accelerate(tree, q, v, tau, still, rows, a):
