@@ -75,7 +75,7 @@ SINGULAR = 1e-14
 
 DEEP = 32
 """Where rows of L have so many entries on average, M = L^T D L takes longer than recursions along the tree:
-its operations grow with the cube of the depth.  That is a chain of 64 joints; for M^-1, one of half as many."""
+its operations grow with the cube of the depth.  That is a chain of 64 joints; for M^-1, one of half that."""
 
 
 class TreeTables(NamedTuple):
