@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FILE = re.compile(
-    r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml))\b"
+    r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml|ipynb))\b"
 )
 TO_BE_WRITTEN = {  # by who follows CONTRIBUTING
     "pepper_kin/ik/tasks/frame_distance.py",
