@@ -494,7 +494,7 @@ class Player:
         self._task = None
 
     def stop(self) -> None:
-        """Stand, and begin anew with the next play."""
+        """Stand, and begin again with the next play."""
         self.pause()
         self._frame = self._timeline.first
 
