@@ -25,6 +25,11 @@ def on_config(config: Any) -> Any:
     return config
 
 
+def on_post_page(output: str, **_: Any) -> str:
+    """Name the dialog of the search, which the theme leaves without a name."""
+    return output.replace('role="dialog">', 'role="dialog" aria-label="Search">')
+
+
 def on_shutdown() -> None:
     """Remove the copies."""
     while _folders:
