@@ -30,6 +30,9 @@ def on_post_page(output: str, **_: Any) -> str:
     return output.replace('role="dialog">', 'role="dialog" aria-label="Search">')
 
 
+on_post_template = on_post_page  # of the page for addresses that are not there
+
+
 def on_shutdown() -> None:
     """Remove the copies."""
     while _folders:

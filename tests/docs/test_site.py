@@ -89,3 +89,15 @@ def test_links_and_anchors_of_the_site_lead_somewhere(site: Path) -> None:
             if not there or (target.fragment and known and unquote(target.fragment) not in known.anchors):
                 broken.add((page.removeprefix(PLACE), link))
     assert broken == set()
+
+
+def test_pictures_and_dialogs_of_the_site_have_names(site: Path) -> None:
+    dialogs = 0
+    for path in site.rglob("*.html"):
+        text = path.read_text("utf-8")
+        pictures = re.findall(r"<img\b[^>]*>", text)
+        assert [picture for picture in pictures if not re.search(r'alt="[^"]{8,}"', picture)] == [], path
+        named = re.findall(r'role="dialog"( aria-label="\w+")?', text)
+        assert all(named), path
+        dialogs += len(named)
+    assert dialogs > 80
