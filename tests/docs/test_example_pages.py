@@ -36,17 +36,6 @@ def test_examples_have_numbers_words_pictures_and_a_check_of_their_own():
             assert 600 <= image.size[0] <= 1000
 
 
-def test_the_gallery_shows_every_example_and_leads_to_it():
-    home = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    card = r"^\[!\[([^\]]+)\]\(([^)]+)\)\{ loading=lazy \} ([^\]]+)\]\(examples\.md#([^)]+)\)$"
-    titles = [section.partition("\n")[0] for section in SECTIONS]
-    expected = [
-        (*LINK.findall(section)[0], title[3:], title.lower().replace(" ", "-"))
-        for section, title in zip(SECTIONS, titles, strict=True)
-    ]
-    assert re.findall(card, home, re.MULTILINE) == expected
-
-
 def test_pictures_that_pages_show_are_those_that_are_there():
     texts = [(page, page.read_text(encoding="utf-8")) for page in PAGES]
     shown = [

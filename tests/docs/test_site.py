@@ -91,6 +91,13 @@ def test_links_and_anchors_of_the_site_lead_somewhere(site: Path) -> None:
     assert broken == set()
 
 
+def test_the_gallery_shows_every_example_and_leads_to_it(site: Path) -> None:
+    home = (site / "index.html").read_text("utf-8")
+    cards = re.findall(r'href="examples/#(\d+)-[\w-]+"><img alt="[^"]+" loading="lazy" src="([^"]+)"', home)
+    numbers = [path.name[:2] for path in sorted((ROOT / "examples").glob("[0-9]*.py"))]
+    assert cards == [(number, f"pictures/example_{number}.png") for number in numbers]
+
+
 def test_pictures_and_dialogs_of_the_site_have_names(site: Path) -> None:
     dialogs = 0
     for path in site.rglob("*.html"):
