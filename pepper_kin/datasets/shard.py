@@ -77,7 +77,7 @@ def run_shard(job: DatasetJob, shard: int) -> pa.Table:
         shard: Number of the shard, from 0.
 
     Returns:
-        The rows; `Column.of` tells of a field's shape, unit and names.
+        The rows; `Column.of` describes a field's shape, unit and names.
 
     Raises:
         InvalidValueError: for a shard that there is not.
