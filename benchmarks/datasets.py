@@ -4,7 +4,8 @@
     motions   certified trajectories past a table: processor time of each
     writer    frames a second of the LeRobot writer, 30 columns, statistics included, beside pandas' writer
     kills     50 workers killed in 1,000 shards, by the pool and by Dask: the bytes are those of a quiet run
-    scaling   two workers over one, by the pool and by Dask: wall time, alone on the machine only
+    scaling   two workers over one, by the pool and by Dask: wall time, alone on the machine only; and the
+              processor time that two take over one, which other programs change little
     lerobot   the real lerobot reads a data set: --lerobot names the Python of an environment that has it
 
 All parts but the last without names.  Everything is written to a temporary folder.
@@ -180,16 +181,17 @@ def dask(workers):
 
 
 def scaling(folder, shards):
-    job = DatasetJob("trajectories", 10 * shards, rows_per_shard=10, targets=NEAR, scenes=[TABLE])
-    times = {}
+    job = DatasetJob("trajectories", 50 * shards, rows_per_shard=50, targets=NEAR, scenes=[TABLE])
+    times, spent = {}, {}
     for turn in range(2):
         for workers in (1, 2):
             for name in ("pool", "Dask"):
                 place = folder / f"{name}{workers}{turn}"
                 if name == "pool":
-                    begin = time.monotonic()
+                    begin, used = time.monotonic(), sum(os.times()[:4])
                     datasets.make(job, place, workers=workers)
                     times.setdefault((name, workers), []).append(time.monotonic() - begin)
+                    spent.setdefault(workers, []).append(sum(os.times()[:4]) - used)
                 else:
                     with dask(workers) as client:
                         begin = time.monotonic()
@@ -198,6 +200,8 @@ def scaling(folder, shards):
     for name in ("pool", "Dask"):
         ratio = min(times[name, 1]) / min(times[name, 2])
         print(f"{name}: two workers over one {ratio:.2f}, one takes {min(times[name, 1]):.1f} s")
+    one, two = (min(spent[workers]) for workers in (1, 2))
+    print(f"pool: processor time {one:.1f} s by one, {two:.1f} s by two workers: {2 * one / two:.2f} at most")
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 
@@ -216,7 +220,7 @@ def lerobot(folder, python):
 
 
 PARTS = {"rows": (rows, 2000), "motions": (motions, 100), "writer": (writer, 200), "kills": (kills, 1000)}
-PARTS["scaling"] = (scaling, 40)
+PARTS["scaling"] = (scaling, 200)
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(

@@ -2,13 +2,15 @@
 
 python benchmarks/dynamics.py [--quick]
 
-Peers run in the same process, interleaved; ratios are medians over repeats.  Before it is timed, each batch
+Peers run in the same process, or in one of their own with `--pinocchio-python`, interleaved; ratios are
+medians over repeats, of processor time where one thread computes.  Before it is timed, each batch
 is compared with its peer's results.  Prints Markdown.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import statistics
@@ -18,15 +20,18 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from dynamics_pinocchio_server import WORLD, pinocchio_calls, seconds_of
 
 import pepper_kin as pk
+from pepper_kin.batch.states import kernel_for
 from pepper_kin.model.plain_urdf import plain_urdf
 
-WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 FRAME = "LArm_effector"
 
 
@@ -42,17 +47,19 @@ FULL = Settings(states=100_000, peer_states=10_000, repeats=15, calls=2000)
 QUICK = Settings(states=20_000, peer_states=1_000, repeats=3, calls=200)
 
 
-def seconds(function: Callable[[], object]) -> float:
-    begin = time.perf_counter()
+def seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
+    begin = clock()
     function()
-    return time.perf_counter() - begin
+    return clock() - begin
 
 
-def median_times(repeats: int, *functions: Callable[[], object]) -> list[list[float]]:
+def median_times(
+    repeats: int, *functions: Callable[[], object], clock: Callable[[], float] = time.process_time
+) -> list[list[float]]:
     """Times of each function [s], taken in turn."""
     for function in functions:
         function()
-    rounds = [[seconds(function) for function in functions] for _ in range(repeats)]
+    rounds = [[seconds(function, clock) for function in functions] for _ in range(repeats)]
     return [list(column) for column in zip(*rounds, strict=True)]
 
 
@@ -209,7 +216,7 @@ def batch_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ..
         if not error < 1e-9:
             raise SystemExit(f"{name}: results differ by {error:.1e}")
         del found, expected
-        kernel = pk.batch.kernel(pepper, *quantity, wide=True)
+        kernel = kernel_for(pepper, settings.states, *quantity)
         out = kernel(*many)
         times = median_times(
             settings.repeats,
@@ -248,6 +255,7 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
             lambda f=double, x=wide, o=out: f(*x, out=o),
             lambda f=double, x=wide, o=out: f(*x, out=o, threads=2),
             lambda f=single, x=short, o=out32: f(*x, out=o),
+            clock=time.perf_counter,
         )
         precision = statistics.median(x / y for x, y in zip(one, half, strict=True))
         threads = statistics.median(x / y for x, y in zip(one, two, strict=True))
@@ -260,85 +268,119 @@ def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, .
     return rows
 
 
-def single_calls(pepper: pk.PepperModel) -> list[tuple[str, Callable[[], object], Callable[[], object]]]:
-    """Name, our call for one state, and what of Pinocchio a user would call for the same."""
-    model, data = pepper.inner_model, pepper.inner_model.createData()
-    q, v, a = (x[0].copy() for x in random_states(pepper, 1))
-    frame, d, k = pepper.frame_id(FRAME), pk.dynamics, pk.kinematics
-
-    def pose():
-        pin.forwardKinematics(model, data, q)
-        return pin.updateFramePlacement(model, data, frame).homogeneous
-
-    def velocity():
-        pin.forwardKinematics(model, data, q, v)
-        return pin.getFrameVelocity(model, data, frame, WORLD).vector
-
-    def acceleration():
-        pin.forwardKinematics(model, data, q, v, a)
-        return pin.getFrameClassicalAcceleration(model, data, frame, WORLD).vector
-
-    def rate():
-        pin.computeJointJacobiansTimeVariation(model, data, q, v)
-        pin.updateFramePlacement(model, data, frame)
-        return pin.getFrameJacobianTimeVariation(model, data, frame, WORLD)
-
-    return [
-        ("frame pose", lambda: k.frame_pose(pepper, q, FRAME), pose),
-        ("frame velocity", lambda: k.frame_velocity(pepper, q, v, FRAME), velocity),
-        ("frame acceleration", lambda: k.frame_acceleration(pepper, q, v, a, FRAME), acceleration),
-        ("frame Jacobian", lambda: k.frame_jacobian(pepper, q, FRAME),
-         lambda: pin.computeFrameJacobian(model, data, q, frame, WORLD)),
-        ("frame Jacobian rate", lambda: k.frame_jacobian_rate(pepper, q, v, FRAME), rate),
-        ("inverse dynamics", lambda: d.inverse_dynamics(pepper, q, v, a),
-         lambda: pin.rnea(model, data, q, v, a)),
-        ("forward dynamics", lambda: d.forward_dynamics(pepper, q, v, a),
-         lambda: pin.aba(model, data, q, v, a)),
-        ("mass matrix", lambda: d.mass_matrix(pepper, q), lambda: pin.crba(model, data, q)),
-        ("inverse mass matrix", lambda: d.inverse_mass_matrix(pepper, q),
-         lambda: pin.computeMinverse(model, data, q)),
-        ("Coriolis matrix", lambda: d.coriolis_matrix(pepper, q, v),
-         lambda: pin.computeCoriolisMatrix(model, data, q, v)),
-        ("gravity torque", lambda: d.gravity_torque(pepper, q),
-         lambda: pin.computeGeneralizedGravity(model, data, q)),
-        ("inverse dynamics derivatives", lambda: d.inverse_dynamics_derivatives(pepper, q, v, a),
-         lambda: pin.computeRNEADerivatives(model, data, q, v, a)),
-        ("forward dynamics derivatives", lambda: d.forward_dynamics_derivatives(pepper, q, v, a),
-         lambda: pin.computeABADerivatives(model, data, q, v, a)),
-        ("regressor", lambda: d.regressor(pepper, q, v, a),
-         lambda: pin.computeJointTorqueRegressor(model, data, q, v, a)),
-        ("center of mass", lambda: d.center_of_mass(pepper, q), lambda: pin.centerOfMass(model, data, q)),
-        ("center-of-mass Jacobian", lambda: d.center_of_mass_jacobian(pepper, q),
-         lambda: pin.jacobianCenterOfMass(model, data, q)),
-        ("centroidal map", lambda: d.centroidal_map(pepper, q), lambda: pin.ccrba(model, data, q, v)),
-        ("centroidal momentum", lambda: d.centroidal_momentum(pepper, q, v),
-         lambda: pin.computeCentroidalMomentum(model, data, q, v)),
-        ("kinetic energy", lambda: d.kinetic_energy(pepper, q, v),
-         lambda: pin.computeKineticEnergy(model, data, q, v)),
-        ("potential energy", lambda: d.potential_energy(pepper, q),
-         lambda: pin.computePotentialEnergy(model, data, q)),
-        ("base wrench", lambda: d.base_wrench(pepper, q, v, a),
-         lambda: pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)),
-    ]  # fmt: skip
+ASKED = {
+    "forward dynamics": 3.0,
+    "inverse dynamics": 2.0,
+    "inverse dynamics derivatives": 6.0,
+    "mass matrix": 2.0,
+}
+"""Time of a call from Python [us]; else no more than 1 us beyond Pinocchio's own call (2 of derivatives)."""
 
 
-def single_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ...]]:
-    def many(function: Callable[[], object]) -> Callable[[], object]:
-        def loop() -> None:
-            for _ in range(settings.calls // 10):
-                function()
+def own_calls(pepper: pk.PepperModel, q, v, a) -> dict[str, Callable[[], object]]:
+    """Our call for each quantity of one state, named as in `pinocchio_calls`."""
+    d, k = pk.dynamics, pk.kinematics
+    return {
+        "frame pose": lambda: k.frame_pose(pepper, q, FRAME),
+        "frame velocity": lambda: k.frame_velocity(pepper, q, v, FRAME),
+        "frame acceleration": lambda: k.frame_acceleration(pepper, q, v, a, FRAME),
+        "frame Jacobian": lambda: k.frame_jacobian(pepper, q, FRAME),
+        "frame Jacobian rate": lambda: k.frame_jacobian_rate(pepper, q, v, FRAME),
+        "inverse dynamics": lambda: d.inverse_dynamics(pepper, q, v, a),
+        "forward dynamics": lambda: d.forward_dynamics(pepper, q, v, a),
+        "mass matrix": lambda: d.mass_matrix(pepper, q),
+        "inverse mass matrix": lambda: d.inverse_mass_matrix(pepper, q),
+        "Coriolis matrix": lambda: d.coriolis_matrix(pepper, q, v),
+        "gravity torque": lambda: d.gravity_torque(pepper, q),
+        "inverse dynamics derivatives": lambda: d.inverse_dynamics_derivatives(pepper, q, v, a),
+        "forward dynamics derivatives": lambda: d.forward_dynamics_derivatives(pepper, q, v, a),
+        "regressor": lambda: d.regressor(pepper, q, v, a),
+        "center of mass": lambda: d.center_of_mass(pepper, q),
+        "center-of-mass Jacobian": lambda: d.center_of_mass_jacobian(pepper, q),
+        "centroidal map": lambda: d.centroidal_map(pepper, q),
+        "centroidal momentum": lambda: d.centroidal_momentum(pepper, q, v),
+        "kinetic energy": lambda: d.kinetic_energy(pepper, q, v),
+        "potential energy": lambda: d.potential_energy(pepper, q),
+        "base wrench": lambda: d.base_wrench(pepper, q, v, a),
+    }
 
-        return loop
 
-    rows = []
-    for name, ours, peer in single_calls(pepper):
-        mine, theirs = median_times(max(settings.repeats, 10), many(ours), many(peer))
-        per_call = 1e6 / (settings.calls // 10)
-        extra = statistics.median(m - t for m, t in zip(mine, theirs, strict=True)) * per_call
-        asked = 2 if "derivatives" in name else 1
-        rows.append((name, f"{asked} µs", f"{extra:.1f} µs", f"{statistics.median(mine) * per_call:.1f} µs",
-                     f"{statistics.median(theirs) * per_call:.1f} µs", verdict(extra <= asked)))  # fmt: skip
-    return rows
+def one_state(pepper: pk.PepperModel) -> list[np.ndarray]:
+    return [x[0].copy() for x in random_states(pepper, 1)]
+
+
+class OtherPinocchio:
+    """Another version of Pinocchio in a process of its own."""
+
+    def __init__(self, interpreter: str, pepper: pk.PepperModel, *state: np.ndarray) -> None:
+        server = Path(__file__).with_name("dynamics_pinocchio_server.py")
+        with tempfile.TemporaryDirectory() as folder:
+            urdf = Path(folder) / "robot.urdf"
+            urdf.write_text(plain_urdf(pepper.document))
+            command = [interpreter, str(server), str(urdf), FRAME]
+            self.process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            self.version = self.ask([x.tolist() for x in state])
+
+    def ask(self, question: object) -> Any:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        print(json.dumps(question), file=self.process.stdin, flush=True)
+        return json.loads(self.process.stdout.readline())
+
+    def close(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def single_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio | None) -> None:
+    """Processor time of one state, in turn with Pinocchio's of this process and of another one."""
+    state = one_state(pepper)
+    own, peer = own_calls(pepper, *state), pinocchio_calls(pepper.inner_model, FRAME, *state)
+    count, rows = settings.calls // 10, []
+    for name, call in own.items():
+        runs = [lambda f=call: seconds_of(f, count), lambda f=peer[name]: seconds_of(f, count)]
+        if other:
+            runs.append(lambda name=name: other.ask([name, count]))
+        times = [[run() for run in runs] for _ in range(max(settings.repeats, 10) + 1)][1:]
+        ours, *theirs = (1e6 / count * statistics.median(column) for column in zip(*times, strict=True))
+        extra = 1e6 / count * statistics.median(row[0] - row[1] for row in times)
+        limit = 2.0 if "derivatives" in name else 1.0
+        if name in ASKED:
+            wanted, ok = f"{ASKED[name]:.0f} µs", ours <= ASKED[name]
+        else:
+            wanted, ok = f"{limit:.0f} µs beyond", extra <= limit
+        cells = (f"{time:.1f} µs" for time in (ours, *theirs))
+        rows.append((name, wanted, *cells, f"{min(theirs) / ours:.1f}x", verdict(ok)))
+    peers = [f"Pinocchio {version}" for version in (pin.__version__, *([other.version] if other else []))]
+    title = f"One state from Python, {pepper.n} joints (processor time, in turn):"
+    table(title, rows, ("quantity", "asked", "ours", *peers, "times faster", "ok"))
+
+
+ASKED_OF_BATCHES = {"forward dynamics": 40, "inverse dynamics": 50, "inverse dynamics derivatives": 20}
+
+
+def newest_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio) -> None:
+    """Batches beside loops over the other Pinocchio, in turn."""
+    states, d, rows = random_states(pepper, settings.states), pk.dynamics, []
+    for name, asked in ASKED_OF_BATCHES.items():
+        quantity = name.replace(" ", "_")
+        public, kernel = getattr(d, quantity), kernel_for(pepper, settings.states, quantity)
+        out = kernel(*states)
+        runs = [
+            (settings.states, lambda f=public: seconds_of(lambda: f(pepper, *states), 1)),
+            (settings.states, lambda f=kernel, o=out: seconds_of(lambda: f(*states, out=o), 1)),
+            (settings.peer_states, lambda name=name: other.ask([name, settings.peer_states, "loop"])),
+        ]
+        times = [[run() / count for count, run in runs] for _ in range(settings.repeats + 1)][1:]
+        new, reused, loop = (statistics.median(column) for column in zip(*times, strict=True))
+        cells = (f"{1e9 * time:.0f} ns" for time in (new, reused, loop))
+        rows.append((name, f"{asked}x", f"{loop / new:.0f}x", f"{loop / reused:.0f}x", *cells,
+                     f"{verdict(loop / new >= asked)}, {verdict(loop / reused >= asked)}"))  # fmt: skip
+    title = f"Batches, times faster than a loop over Pinocchio {other.version} (processor time, in turn):"
+    table(title, rows,
+          ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state", "loop, a state",
+           "ok (new, `out=`)"))  # fmt: skip
 
 
 ALL_KERNELS = """
@@ -368,7 +410,9 @@ def process_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, 
     def start(text: str) -> Callable[[], object]:
         return lambda: subprocess.run([sys.executable, "-c", text], check=True)
 
-    bare, package = median_times(settings.repeats, start("pass"), start("import pepper_kin"))
+    bare, package = median_times(
+        settings.repeats, start("pass"), start("import pepper_kin"), clock=time.perf_counter
+    )
     extra = statistics.median(p - b for p, b in zip(package, bare, strict=True))
     slow, fast = statistics.median(cold), statistics.median(warm)
     return [
@@ -382,6 +426,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer states and repeats")
     parser.add_argument("--skip-mimic", action="store_true", help="without the report for mimic hands")
+    parser.add_argument("--pinocchio-python", help="interpreter of an environment with another Pinocchio")
     options = parser.parse_args()
     settings = QUICK if options.quick else FULL
     pepper, target = pk.load_pepper(), pk.kernels.host_target()
@@ -391,6 +436,8 @@ def main() -> None:
         f"{settings.states} states (loops: {settings.peer_states}), "
         f"medians of {settings.repeats} interleaved repeats."
     )
+    interpreter = options.pinocchio_python
+    other = OtherPinocchio(interpreter, pepper, *one_state(pepper)) if interpreter else None
     heads = ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state",
              "loop, a state", "ok (new, `out=`)")  # fmt: skip
     title = (
@@ -402,8 +449,10 @@ def main() -> None:
           kernel_rows(pepper, settings),
           ("kernel", "a state", "operations", "Gflop/s", "float32, asked 1.8x", "ok",
            "two threads, asked 1.7x", "ok"))  # fmt: skip
-    table("One state from Python, beyond Pinocchio's own call:", single_rows(pepper, settings),
-          ("quantity", "asked", "extra", "ours", "Pinocchio", "ok"))  # fmt: skip
+    single_table(pepper, settings, other)
+    if other:
+        newest_table(pepper, settings, other)
+        other.close()
     table("New processes:", process_rows(pepper, settings), ("job", "asked", "measured", "ok"))
     if not options.skip_mimic:
         mimic = pk.load_pepper(hands="mimic")

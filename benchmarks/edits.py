@@ -30,16 +30,16 @@ pepper = pk.load_pepper()
 point = (0.38, 0.22, 0.82)
 assert pk.ik.solve(pepper, [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]).success
 """
-README = re.search(r"^```python\n(.*?)^```", (HERE / "README.md").read_text("utf-8"), re.M | re.S)[1]
+HOME = re.search(r"^```python\n(.*?)^```", (HERE / "docs" / "index.md").read_text("utf-8"), re.M | re.S)[1]
 LOCAL = "core/inverse_kinematics/local_solver.py"
 BALLS = "core/collision/ball_check.py"
 ALGEBRA = "core/linear_algebra.py"
 EDITS = [
-    ("nothing", None, "", "", "README's program", README),
-    ("a comment", ALGEBRA, "import math\n", "import math  # a comment\n", "README's program", README),
-    ("a docstring", ALGEBRA, '"""Return sum', '"""Return the sum', "README's program", README),
+    ("nothing", None, "", "", "home page's program", HOME),
+    ("a comment", ALGEBRA, "import math\n", "import math  # a comment\n", "home page's program", HOME),
+    ("a docstring", ALGEBRA, '"""Return sum', '"""Return the sum', "home page's program", HOME),
     ("a constant", LOCAL, "RAISE = 4.0", "RAISE = 4.5", "one IK", IK),
-    ("a constant", BALLS, "1.0 + 2.0**-22", "1.0 + 2.0**-21", "README's program", README),
+    ("a constant", BALLS, "1.0 + 2.0**-22", "1.0 + 2.0**-21", "home page's program", HOME),
 ]
 """Words, file, what it has, what it gets, program."""
 

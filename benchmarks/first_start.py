@@ -1,9 +1,9 @@
-"""A newcomer's first quarter of an hour, timed: clone, environment, install, demonstration, README.
+"""A newcomer's first quarter of an hour, timed: clone, environment, install, demonstration, first program.
 
-Everything is new: the clone, the environment, the folders for machine code.  Packages come from where pip
-finds them, its download cache included.  Then new processes are timed to their first answers, each several
-times, and the README once more as on a processor that the package's machine code does not fit.  Prints
-Markdown.
+Everything is new: the clone, the environment, the folders for machine code.  The program is
+that of the documentation's home page.  Packages come from where pip finds them, its download cache included.
+Then new processes are timed to their first answers, each several times, and the program once more as on a
+processor that the package's machine code does not fit.  Prints Markdown.
 
 python benchmarks/first_start.py [--repository ADDRESS] [--python PYTHON]
 """
@@ -65,17 +65,17 @@ def main() -> None:
             "PEPPER_KIN_CPU": "x86-64-v2",
             "PEPPER_KIN_CACHE": str(place / "other"),
         }
-        seconds, processor = timed([new, "readme.py"], place / "work", variables)
-        print(f"| the README's Python where nothing shipped fits | {seconds:.1f} | {processor:.1f} |")
+        seconds, processor = timed([new, "home.py"], place / "work", variables)
+        print(f"| the home page's Python where nothing shipped fits | {seconds:.1f} | {processor:.1f} |")
 
 
 def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str], Path]]:
     """Return what a newcomer does: words, command, folder."""
-    clone, script = place / "clone", place / "work" / "readme.py"
+    clone, script = place / "clone", place / "work" / "home.py"
     script.parent.mkdir()
     new = str(clone / "env" / "bin" / "python")
     program = str(clone / "env" / "bin" / "pepper-kin")
-    text = BLOCK.findall((HERE / "README.md").read_text(encoding="utf-8"))[0]
+    text = BLOCK.findall((HERE / "docs" / "index.md").read_text(encoding="utf-8"))[0]
     script.write_text(text, encoding="utf-8")
     return [
         ("`git clone`", ["git", "clone", "--quiet", repository, str(clone)], place),
@@ -83,8 +83,8 @@ def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str
         ("`pip install -e .`", [new, "-m", "pip", "install", "--quiet", "-e", "."], clone),
         ("`pepper-kin demo`", [program, "demo"], clone),
         ("`pepper-kin demo` again", [program, "demo"], clone),
-        ("the README's Python", [new, str(script)], script.parent),
-        ("the README's Python again", [new, str(script)], script.parent),
+        ("the home page's Python", [new, str(script)], script.parent),
+        ("the home page's Python again", [new, str(script)], script.parent),
     ]
 
 

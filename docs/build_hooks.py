@@ -1,5 +1,6 @@
-"""What the build of the documentation needs beyond its pages: the package as a wheel lays it out."""
+"""Parts of the build beyond pages: the package as a wheel lays it out, the gallery, names."""
 
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -23,6 +24,30 @@ def on_config(config: Any) -> Any:
             shutil.copyfile(module, copy)
     config.plugins["mkdocstrings"].config.handlers["python"]["paths"] = [str(folder)]
     return config
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Put every example's picture, with its name, where the home page has its gallery."""
+    if page.file.src_uri != "index.md":
+        return markdown
+    examples = (ROOT / "docs" / "examples.md").read_text("utf-8")
+    cards = [
+        f"[{picture}{{ loading=lazy }} {title}](examples.md#{number}-{title.lower().replace(' ', '-')})"
+        for number, title, picture in re.findall(
+            r"^## (\d+) ([^\n]+)$.*?^(!\[[^\n]+\))$", examples, re.M | re.S
+        )
+    ]
+    return markdown.replace(
+        "<!-- gallery -->", "\n".join(['<div class="gallery" markdown>', "", *cards, "", "</div>"])
+    )
+
+
+def on_post_page(output: str, **_: Any) -> str:
+    """Name the dialog of the search, which the theme leaves without a name."""
+    return output.replace('role="dialog">', 'role="dialog" aria-label="Search">')
+
+
+on_post_template = on_post_page  # of the page for addresses that are not there
 
 
 def on_shutdown() -> None:

@@ -1,4 +1,4 @@
-"""The tables of `docs/concepts/results.md`: every status of a result, with its advice.
+"""The tables of `docs/statuses.md`: every status of a result, with its advice.
 
 python docs/make_statuses.py
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pepper_kin.status import ResultStatus
 
-PAGE = Path(__file__).parent / "concepts" / "results.md"
+PAGE = Path(__file__).parent / "statuses.md"
 PACKAGES = ("ik", "base_placement", "servo", "motion", "planners", "trajectory", "twin", "twin.base")
 SECTION = re.compile(r"(?<=<!-- statuses -->\n).*(?=<!-- end of statuses -->)", re.DOTALL)
 
@@ -27,9 +27,7 @@ def tables() -> str:
     for package, status in statuses():
         rows = [f"| `{member.name}` | {member.advice} |" for member in status]
         first = (status.__doc__ or "").strip().splitlines()[0]
-        parts.append(
-            f"\n### `{package}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n"
-        )
+        parts.append(f"\n## `{package}.{status.__name__}`\n\n{first}\n\n| status | what to do |\n|---|---|\n")
         parts.append("\n".join(rows) + "\n")
     return "".join(parts) + "\n"
 

@@ -44,7 +44,7 @@ timing = twin.run_real_time(
 )
 print(timing.report())
 waits = [state for state in states if state.status in (LiveStatus.STOPPING, LiveStatus.WAITING)]
-print(f"{len(waits) * PERIOD:.1f} s of {DURATION:g} s it gave way: {waits[0].reason}")
+print(f"{len(waits) * PERIOD:.1f} s of {DURATION:g} s it waited: {waits[0].reason}")
 gaps = []
 for at, q in zip(times, positions, strict=True):
     pairs = pk.collision.near_pairs(pepper, q, 2.0, seen(at + PERIOD))

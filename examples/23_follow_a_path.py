@@ -1,4 +1,4 @@
-"""A hand round a path at a set speed: rounded corners, the gaze on the hand, three laps without a stop."""
+"""A hand along a path at a set speed: rounded corners, the gaze on the hand, three laps without a stop."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A network learns to reach from inverse kinematics, in NumPy: it acts, and is told what was right."""
+"""A network learns to reach from inverse kinematics, in NumPy: it acts, its teacher labels what it meets."""
 
 import os
 import tempfile

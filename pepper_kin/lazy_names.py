@@ -45,7 +45,7 @@ def lazily(
 
 
 def _homes_in_source(package: str) -> dict[str, str]:
-    """Return where a package imports names from for type checking; modules of its own are themselves."""
+    """Return where a package imports names from for type checking; its own modules are themselves."""
     loader: Any = sys.modules[package].__loader__
     homes = {}
     for block in ast.parse(loader.get_source(package)).body:

@@ -233,8 +233,11 @@ CERTIFICATES = (
     "pepper_kin/collision/checker.py",
     "pepper_kin/collision/least_clearance.py",
     "pepper_kin/dynamics/newton_euler.py",
+    "pepper_kin/trajectory/extremes.py",
+    "pepper_kin/trajectory/rate_bounds.py",
+    *(str(path.relative_to(ROOT)) for path in (ROOT / "pepper_kin/core/certificates").glob("*.py")),
 )
-"""Modules that certify a motion: by NumPy, Newton-Euler and coal."""
+"""Modules that certify a motion: by Newton-Euler, bounds and coal."""
 
 SHARED = {"collision.motion_tree", "core.motion_bounds"}
 """The bound on how far a joint moves a point is proven and stands once; see its own test."""
@@ -244,8 +247,18 @@ def test_certificates_share_no_code_with_the_core():
     for name in CERTIFICATES:
         for module in facts(ROOT / name).modules:
             parts = module.split(".")[1:]
-            compiled = {*parts[:1]} & {"core", "kernels", "planners"} or "fast" in parts
-            assert not compiled or ".".join(parts) in SHARED, f"{name} imports {module}"
+            compiled = {*parts[:1]} & {"core", "planners"} or "fast" in parts
+            own = parts[:2] == ["core", "certificates"] or ".".join(parts) in SHARED
+            assert not compiled or own, f"{name} imports {module}"
+
+
+def test_what_makes_motions_calls_no_code_of_certificates():
+    for path in ALL_FILES:
+        parts = path.relative_to(ROOT).parts
+        if "certificates" in parts or not {"core", "planners", "fast"} & {*parts}:
+            continue
+        for module in facts(path).modules:
+            assert ".core.certificates" not in module, f"{path} imports {module}"
 
 
 ASKS_WHAT_IS_IMPORTED = {

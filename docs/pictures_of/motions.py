@@ -276,7 +276,7 @@ def draw_21_ros_client() -> None:
 
 
 def draw_22_live_motion() -> None:
-    """Angle of the shoulder, and the distance to the ball, with the time in which the robot gave way."""
+    """Angle of the shoulder, and the distance to the ball, with the time in which the robot waited."""
     example = variables_of("22")
     times, gave_way = np.array(example["times"]), example["waits"]
     joint = example["pepper"].joint_index("LShoulderPitch")

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch.kernels_of import kernel
-from pepper_kin.core.plain_vectors import MOST_SQUARED, are_three_plain, are_two_plain, is_plain
+from pepper_kin.core.plain_vectors import are_three_plain, are_two_plain, is_plain
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels import Kernel
 from pepper_kin.kernels.compiled_function import INTERPRETED
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -22,6 +23,11 @@ KERNEL_FROM = 24
 
 WIDE_FROM = 10_000
 """Number of states from which on code for the widest vectors of the processor is worth making."""
+
+WIDE_OPERATIONS = 16
+"""Operations for each number of the result from which on wide vectors pay.
+
+Results are turned from vectors into rows by shuffles, of which a processor does no more with wide vectors."""
 
 
 _ABSENT: Any = object()
@@ -159,19 +165,27 @@ def _by_kernel(
     Raises:
         InvalidValueError: for NaN, infinity or numbers beyond 1e9.
     """
-    for value, what in zip(arrays, quantities, strict=True):
-        flat_value = value.reshape(-1)
-        # A large sum needs a closer look, or is NaN; by `einsum`, since OpenBLAS wakes threads that spin.
-        if not np.einsum("i,i", flat_value, flat_value) <= MOST_SQUARED:
-            as_joint_vectors(pepper, value, what)
+
+    def refuse_large() -> None:
+        _finite(pepper, arrays, quantities)
+
     name, *args = quantity
-    compiled = kernel(pepper, str(name), *args, wide=math.prod(batch) >= WIDE_FROM)
+    compiled = kernel_for(pepper, math.prod(batch), str(name), *args)
     flat = [
         a if a.ndim == 1 else np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays
     ]
-    results = compiled(*flat, check_finite=False)
+    results = compiled(*flat, check_large=refuse_large)
     parts = results if isinstance(results, tuple) else (results,)
     return tuple(np.asarray(part).reshape(*batch, *shape) for part, shape in zip(parts, shapes, strict=True))
+
+
+def kernel_for(pepper: PepperModel, count: int, quantity: str, *args: object) -> Kernel:
+    """Return the kernel of a quantity that is fastest for so many states; see `kernel`."""
+    found = kernel(pepper, quantity, *args)
+    outputs = sum(found.signature.output_sizes)
+    if count < WIDE_FROM or found.flop_count < WIDE_OPERATIONS * outputs:
+        return found
+    return kernel(pepper, quantity, *args, wide=True)
 
 
 def _shaped(pepper: PepperModel, value: ArrayLike, name: str) -> Array:

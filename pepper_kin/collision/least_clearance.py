@@ -2,27 +2,44 @@
 
 from __future__ import annotations
 
-import heapq
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision.bodies import Body
+from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.collision.movers import Movers, checked_times, movers_of
 from pepper_kin.collision.scene import Scene
+from pepper_kin.core.certificates.clearance import (
+    DEEPEST,
+    DONE,
+    FIRST,
+    GROW,
+    MIDDLE,
+    PLACEMENT,
+    PLACES,
+    ROUNDING,
+    SOLID,
+    TO_MEASURE,
+    Bodies,
+    Poses,
+    Search,
+    search_least,
+)
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.moving_tree import moving_tree
 
 Indices = NDArray[np.intp]
 
-_FIRST = 64  # configurations in one of the stretches that the search starts from
-_STILL = 1e-9  # [m] a pair that moves no more than this has one distance
-_ROUNDING = 2e-6  # [m] what two distances by coal may be off, one against the other
+_GROWING = ("kept", "kept_bounds")  # arrays of the search that may be too small
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +79,10 @@ def least_clearance(
     shape: with that ball's center c and radius r, and the column (v, w) of the Jacobian of j about the
     world's origin, l_j <= |v + w x c| + r |w|.
 
-    So a distance that was measured at q bounds from below what it can be in a stretch of configurations
-    around q.  Stretches are searched in the order of these bounds and halved, each with the pairs that are
-    still open in it, until no bound is below the least distance found.
+    So a distance at q bounds from below what it can be in a stretch of configurations around q.  Stretches
+    are halved, each with the pairs that are still open in it, until no bound is below the least distance
+    found.  Of most pairs a lower bound of the distance at q does (`pepper_kin.core.certificates.clearance`);
+    those that may be the nearest of all are measured by coal.
 
     Args:
         pepper: The robot.
@@ -96,11 +114,11 @@ def least_clearance(
     for table in checker.dependent_ranges:
         violated |= table.violated(path)
     search = _Search(checker, path)
-    index = search.run()
-    pair = checker.closest_pair(path[index])
+    search.run()
+    pair = checker.closest_pair(path[search.index])
     return LeastClearance(
         distance=float("inf") if pair is None else pair.distance,
-        index=index,
+        index=search.index,
         pair=pair,
         forbidden=int(np.argmax(violated)) if violated.any() else None,
         measured=search.measured,
@@ -119,13 +137,13 @@ def least_clearance_of_movers(
         known: A distance above which none is looked for [m].
     """
     checker = checker_for(movers.robot, movers.scene)
-    search = _Search(checker, states)
     uncertainty = {item.name: item.uncertainty for item in movers.items}
     owners = [uncertainty.get(body.owner, 0.0) for body in checker._shapes.bodies]
-    search.times, search.growth = times, np.array(owners)[np.array(checker._shapes.pairs)].max(axis=0)
-    search.best = known
-    index = search.run()
-    return LeastClearance(search.best, index, checker.closest_pair(states[index]), None, search.measured)
+    growth = np.array(owners)[np.array(checker._shapes.pairs)].max(axis=0)
+    search = _Search(checker, states, times, growth, known)
+    search.run()
+    nearest = checker.closest_pair(states[search.index])
+    return LeastClearance(search.best, search.index, nearest, None, search.measured)
 
 
 def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = None) -> float:
@@ -151,197 +169,178 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     checker = checker_for(pepper, scene)
     if not checker.pair_count:
         return 0.0
-    hulls = []
-    for body, center, radius in zip(
-        checker._shapes.bodies, checker._shapes.bounding_centers, _radii(checker), strict=True
-    ):
-        place = body.geometry_object.placement.act(np.asarray(center))
-        hulls.append(Hull(body.joint, place[None], float(radius)))
-    bounds, (first, second) = motion_bounds_of(pepper, hulls), _moves_against(checker)
-    pairs = checker._shapes.pairs
-    against = np.where(first, bounds[pairs[0]], 0.0) + np.where(second, bounds[pairs[1]], 0.0)
     full = np.asarray(rates, dtype=float) @ np.abs(np.asarray(pepper.full_map)).T
-    return float((np.unique(against, axis=0) @ full.T).max())
-
-
-@dataclass(order=True)
-class _Stretch:
-    """Configurations from `start` up to `end`, and the pairs that may be nearest in them.
-
-    `bound` is the least of `bounds`, which bound the distances of the pairs from below.
-    """
-
-    bound: float
-    start: int
-    end: int
-    pairs: Indices = field(compare=False)
-    bounds: Array = field(compare=False)
+    return float((_known(checker.pepper, checker._shapes).motion_bounds @ full.T).max())
 
 
 class _Search:
-    """Branch and bound over stretches of a path.
+    """The search for the least distance along a path.
 
     Args:
         checker: The checker.
         path: Joint positions [rad or m], shape (T, n).
+        times: Of the configurations [s], shape (T,); all 0 if omitted.
+        growth: What distances of pairs lose with time [m/s], shape (p,).
+        known: A distance above which none is looked for [m].
 
     Attributes:
-        times: Of the configurations [s], shape (T,).
-        growth: What distances of pairs lose with time [m/s], shape (p,).
+        best: The least distance that was measured, or `known` [m].
+        index: Where along the path it was measured.
+        measured: Number of configurations at which distances were measured.
     """
 
-    def __init__(self, checker: CollisionChecker, path: Array) -> None:
-        self.checker, self.path = checker, checker.pepper.to_full(path)
-        self.model = checker.pepper.inner_model
-        self.moves = _moves_against(checker)
-        self.radii = _radii(checker)
-        to_plane, normals = checker._shapes.planes
-        self.normals: Array | None = None  # of the half-spaces, one for each pair
-        if to_plane.size:
-            self.normals, self.flat = np.zeros((checker.pair_count, 3)), np.zeros(checker.pair_count, bool)
-            self.normals[to_plane], self.flat[to_plane] = normals, True
-        self.best, self.index, self.measured = float("inf"), 0, 0
-        self.times, self.growth = np.zeros(len(path)), np.zeros(checker.pair_count)
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        path: Array,
+        times: Array | None = None,
+        growth: Array | None = None,
+        known: float = np.inf,
+    ) -> None:
+        self.checker, self.path = checker, np.ascontiguousarray(checker.pepper.to_full(path))
+        self.times = np.zeros(len(path)) if times is None else np.asarray(times, dtype=float)
+        self.bodies = _known(checker.pepper, checker._shapes).bodies
+        if growth is not None:
+            self.bodies = self.bodies._replace(growth=growth)
+        self.best, self.index, self.measured = known, 0, 0
 
-    def run(self) -> int:
-        """Return the configuration at which the bodies come nearest."""
-        pairs = np.arange(self.checker.pair_count)
-        if not pairs.size:
-            return self.index
-        unknown = np.full(pairs.size, -np.inf)
-        count = len(self.path)
-        waiting = [
-            _Stretch(-np.inf, i, min(i + _FIRST, count), pairs, unknown) for i in range(0, count, _FIRST)
-        ]
-        while waiting:
-            stretch = heapq.heappop(waiting)
-            if stretch.bound >= self.best + _ROUNDING:
-                break
-            for part in self._halves(stretch):
-                heapq.heappush(waiting, part)
-        return self.index
+    def run(self) -> None:
+        """Find the configuration at which the bodies come nearest."""
+        if not self.checker.pair_count:
+            return
+        poses, search = self._workspace()
+        while (status := search_least(self.bodies, self.path, self.times, poses, search)) != DONE:
+            if status == GROW:
+                more = {name: np.resize(getattr(search, name), 2 * search.kept.size) for name in _GROWING}
+                search = search._replace(**more)
+            else:
+                self._measure(search)
 
-    def _halves(self, stretch: _Stretch) -> list[_Stretch]:
-        """Measure in the middle of a stretch, and return what is left open of its two halves."""
-        middle = (stretch.start + stretch.end) // 2
-        pairs = stretch.pairs[stretch.bounds < self.best + _ROUNDING]
-        centers, used, places = self._place(self.path[middle], pairs)
-        halves = [(i, j) for i, j in ((stretch.start, middle), (middle + 1, stretch.end)) if i < j]
-        approach = np.zeros((len(halves), pairs.size))
-        if halves:
-            motion_bounds = self._motion_bounds(centers, used)
-            first, second = self.moves[0][pairs], self.moves[1][pairs]
-            lever = motion_bounds[places[0]] * first + motion_bounds[places[1]] * second
-            steps = [np.abs(self.path[i:j] - self.path[middle]).max(axis=0) for i, j in halves]
-            approach = np.array(steps) @ lever.T
-            later = [max(self.times[i:j].max() - self.times[middle], 0.0) for i, j in halves]
-            approach += np.multiply.outer(later, self.growth[pairs])
-        gaps = self._gaps(pairs, centers, places) - self.times[middle] * self.growth[pairs]
-        distance = self._measure(middle, pairs, gaps, approach)
-        parts = []
-        for (start, end), nearer in zip(halves, approach, strict=True):
-            bounds = distance - nearer
-            left = (bounds < self.best + _ROUNDING) & (nearer > _STILL)
-            if left.any():
-                parts.append(_Stretch(float(bounds[left].min()), start, end, pairs[left], bounds[left]))
-        return parts
+    def _workspace(self) -> tuple[Poses, Search]:
+        joints, solids, pairs = len(self.bodies.parents), len(self.bodies.carriers), self.checker.pair_count
+        roots = 2 * (len(self.path) // FIRST + 1)
+        poses = Poses(
+            joints=np.empty((joints, PLACEMENT)),
+            bodies=np.empty((solids, 12)),
+            motion_bounds=np.zeros((solids, joints)),
+            used=np.empty(solids, dtype=bool),
+        )
+        search = Search(
+            at=np.zeros(PLACES, dtype=np.int64),
+            best=np.array([self.best]),
+            roots=np.zeros((roots, 4), dtype=np.int64),
+            root_bounds=np.empty(roots),
+            waiting=np.zeros((DEEPEST, 4), dtype=np.int64),
+            waiting_bounds=np.empty(DEEPEST),
+            kept=np.empty(4 * pairs, dtype=np.int64),
+            kept_bounds=np.empty(4 * pairs),
+            pair=np.empty(pairs, dtype=np.int64),
+            low=np.empty(pairs),
+            high=np.empty(pairs),
+            near=np.empty((pairs, 2)),
+            steps=np.empty((2, joints)),
+        )
+        return poses, search
 
-    def _measure(self, index: int, pairs: Indices, gaps: Array, approach: Array) -> Array:
-        """Return the distances of pairs at one configuration [m], or lower bounds where these are enough.
-
-        Args:
-            index: Of the configuration.
-            pairs: Places of the pairs, shape (p,).
-            gaps: Lower bounds of their distances [m], shape (p,).
-            approach: How much nearer they may come in each half of the stretch [m], shape (halves, p).
-
-        Returns:
-            Shape (p,).
-        """
-        checker, queries = self.checker, self.checker._data[1]
-        self.measured += 1
-        found = gaps.copy()
-        most = approach.max(axis=0) if len(approach) else np.zeros(pairs.size)
-        for k in np.argsort(gaps).tolist():
-            if gaps[k] - most[k] >= self.best + _ROUNDING:
-                continue
-            pair = int(pairs[k])
-            result = queries.distance(pair)
-            found[k] = result.min_distance - checker._shapes.paddings[pair]
-            found[k] -= self.times[index] * self.growth[pair]
-            if found[k] < self.best:
-                self.best, self.index = float(found[k]), index
-        return found
-
-    def _place(self, q: Array, pairs: Indices) -> tuple[Array, Indices, tuple[Indices, Indices]]:
-        """Place all shapes; return centers of balls, the bodies they are of, and where a pair's two are.
-
-        Args:
-            q: A configuration of Pinocchio's model [rad or m], shape (nq,).
-            pairs: Places of the pairs, shape (p,).
-
-        Returns:
-            Centers in the world [m], shape (b, 3); bodies, shape (b,); rows of a pair's two, shape (p,) each.
-        """
+    def _measure(self, search: Search) -> None:
+        """Measure pairs at one configuration, until none of them can be nearer than the nearest."""
         import pinocchio
 
-        checker, (data, queries) = self.checker, self.checker._data
-        pinocchio.computeJointJacobians(self.model, data, q)
+        index, count = int(search.at[MIDDLE]), int(search.at[TO_MEASURE])
+        data, queries = self.checker._data
+        pinocchio.forwardKinematics(self.checker.pepper.inner_model, data, self.path[index])
         queries.place(data)
-        first, second = checker._shapes.pairs[0][pairs], checker._shapes.pairs[1][pairs]
-        place = np.zeros(len(checker._shapes.bodies), dtype=int)
-        place[first] = place[second] = 1
-        used = np.flatnonzero(place)
-        place[used] = np.arange(used.size)
-        listed = used.tolist()
-        balls = zip(listed, queries.poses(listed), strict=True)
-        own = checker._shapes.bounding_centers
-        centers = np.array([pose.act(own[i]) for i, pose in balls])
-        return centers, used, (place[first], place[second])
-
-    def _gaps(self, pairs: Indices, centers: Array, places: tuple[Indices, Indices]) -> Array:
-        """Return the distances of the pairs' balls [m], shape (p,), a lower bound of those of the pairs.
-
-        Args:
-            pairs: Places of the pairs, shape (p,).
-            centers: Centers of the balls in the world [m], shape (b, 3).
-            places: Rows of each pair's two balls, shape (p,) each.
-        """
-        checker = self.checker
-        apart = centers[places[0]] - centers[places[1]]
-        gaps = np.sqrt(np.einsum("ij,ij->i", apart, apart))
-        if self.normals is not None:
-            heights = np.einsum("ij,ij->i", apart, self.normals[pairs])
-            gaps = np.where(self.flat[pairs], heights, gaps)
-        return np.asarray(gaps - checker._shapes.bounding_reach[pairs] - checker._shapes.paddings[pairs])
-
-    def _motion_bounds(self, centers: Array, used: Indices) -> Array:
-        """Return how far each joint moves each body at most, shape (bodies, joints) [m/rad or 1]."""
-        jacobian = np.reshape(self.checker._data[0].J, (6, self.model.nv))
-        linear, angular = jacobian[:3], jacobian[3:]
-        x, y, z = centers.T[:, :, None]
-        a, b, c = angular[:, None]
-        speed = [linear[0] + b * z - c * y, linear[1] + c * x - a * z, linear[2] + a * y - b * x]
-        turns = np.sqrt((angular**2).sum(axis=0))
-        return np.asarray(np.sqrt(sum(s * s for s in speed)) + self.radii[used, None] * turns)
+        self.measured += 1
+        bounds = (search.low[:count] - search.near[:count].max(axis=1)).tolist()
+        for k, pair in enumerate(search.pair[:count].tolist()):
+            if bounds[k] >= self.best + ROUNDING:
+                continue
+            found = queries.distance(pair).min_distance - self.checker._shapes.paddings[pair]
+            found -= self.times[index] * self.bodies.growth[pair]
+            search.low[k] = found
+            if found < self.best:
+                self.best, self.index = float(found), index
+        search.best[0] = self.best
 
 
-def _radii(checker: CollisionChecker) -> Array:
-    """Return the radii of the bodies' balls [m], zero for half-spaces, which never move."""
-    radii = np.zeros(len(checker._shapes.bodies))
-    for k, body in enumerate(checker._shapes.bodies):
-        if not body.is_half_space:
-            radii[k] = float(body.geometry_object.geometry.aabb_radius)
-    return radii
+class _Known:
+    """What the search knows of the shapes and pairs of checkers."""
+
+    def __init__(self, pepper: PepperModel, shapes: CheckedShapes) -> None:
+        self._pepper, self._shapes = pepper, shapes
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Joints, bodies and pairs."""
+        tree = moving_tree(self._pepper)
+        turns = tree.rotations[1:].reshape(-1, 9)
+        shapes, count = self._shapes, len(self._shapes.pairs[0])
+        solids = [_solid(body) for body in shapes.bodies]
+        entries = [np.argwhere(moves) for moves in self._against]
+        sides = np.repeat([0, 1], [len(each) for each in entries])
+        pair, joint = np.concatenate(entries).T
+        order = np.argsort(pair, kind="stable")
+        return Bodies(
+            parents=np.array(tree.parents[1:], dtype=np.int64) - 1,
+            slides=np.array(tree.slides[1:]),
+            placements=np.concatenate([tree.positions[1:], turns, tree.axes[1:]], axis=1),
+            carriers=np.array([body.joint for body in shapes.bodies], dtype=np.int64) - 1,
+            solids=np.array([numbers for numbers, _ in solids]).reshape(-1, SOLID),
+            exact=np.array([exact for _, exact in solids], dtype=bool),
+            flat=np.array([body.is_half_space for body in shapes.bodies], dtype=bool),
+            pairs=np.ascontiguousarray(np.transpose(shapes.pairs), dtype=np.int64),
+            paddings=shapes.paddings,
+            growth=np.zeros(count),
+            first=np.searchsorted(pair[order], np.arange(count + 1)).astype(np.int64),
+            joints=joint[order].astype(np.int64),
+            sides=sides[order].astype(np.int64),
+        )
+
+    @cached_property
+    def motion_bounds(self) -> Array:
+        """How far a unit of each joint brings pairs nearer, wherever the joints stand, one row each."""
+        shapes, solids = self._shapes, self.bodies.solids
+        placed = zip(shapes.bodies, solids[:, :3], solids[:, -1], strict=True)
+        hulls = [Hull(body.joint, center[np.newaxis], float(radius)) for body, center, radius in placed]
+        bounds, (first, second) = motion_bounds_of(self._pepper, hulls), self._against
+        pairs = shapes.pairs
+        against = np.where(first, bounds[pairs[0]], 0.0) + np.where(second, bounds[pairs[1]], 0.0)
+        return np.unique(against, axis=0)
+
+    @cached_property
+    def _against(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which joints move the first body of each pair, and not the second, and the other way round."""
+        carried = moving_tree(self._pepper).carried()
+        joints = np.array([body.joint for body in self._shapes.bodies], dtype=int)
+        first, second = carried[joints[self._shapes.pairs[0]]], carried[joints[self._shapes.pairs[1]]]
+        return first & ~second, second & ~first
 
 
-def _moves_against(checker: CollisionChecker) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which joints move the first body of each pair, and not the second, and the other way round."""
-    model = checker.pepper.inner_model
-    carried = np.zeros((model.njoints, model.nv), dtype=bool)
-    for joint in range(1, model.njoints):
-        for above in model.supports[joint].tolist()[1:]:
-            carried[joint, model.joints[above].idx_v] = True
-    joints = np.array([body.joint for body in checker._shapes.bodies], dtype=int)
-    first, second = carried[joints[checker._shapes.pairs[0]]], carried[joints[checker._shapes.pairs[1]]]
-    return first & ~second, second & ~first
+@kept_for_robot(most=4)
+def _known(pepper: PepperModel, shapes: CheckedShapes) -> _Known:
+    """Return what the search knows of a robot's shapes and pairs."""
+    return _Known(pepper, shapes)
+
+
+def _solid(body: Body) -> tuple[Array, bool]:
+    """Return the `SOLID` numbers of the solid that holds a body, and whether it is the body."""
+    import coal
+
+    placed, numbers = body.geometry_object, np.zeros(SOLID)
+    shape, place, exact = placed.geometry, placed.placement, True
+    if body.is_half_space:
+        numbers[:3], numbers[9:12] = place.act(np.array(shape.n) * shape.d), place.rotation @ shape.n
+        return numbers, True
+    numbers[:3], numbers[3:12] = place.act(np.array(shape.aabb_center)), np.ravel(place.rotation.T)
+    match shape:
+        case coal.Sphere():
+            numbers[15] = shape.radius
+        case coal.Capsule():
+            numbers[14], numbers[15] = shape.halfLength, shape.radius
+        case coal.Box():
+            numbers[12:15] = shape.halfSide
+        case _:
+            box = shape.aabb_local
+            numbers[12:15], exact = (np.array(box.max_) - np.array(box.min_)) / 2, False
+    numbers[16] = shape.aabb_radius
+    return numbers, exact

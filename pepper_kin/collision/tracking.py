@@ -17,7 +17,7 @@ class SceneTracker:
     """Gives the objects of a scene velocities, from where they were when it was seen before.
 
     An object that moved of late goes on at the mean velocity of the last moments; one that has velocity or
-    uncertainty of its own keeps it, and a half-space does not move.
+    its own uncertainty keeps it, and a half-space does not move.
 
     Args:
         uncertainty: By how much the velocity may be off [m/s].

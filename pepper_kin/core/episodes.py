@@ -17,7 +17,7 @@ class Score(NamedTuple):
 
     Attributes:
         distance: Greatest distance of what is led from its goal [m], shape (N,).
-        cost: What else counts, in metres of distance, shape (N,).
+        cost: What else counts, in meters of distance, shape (N,).
         success: Whether the goals are met, shape (N,).
         failed: Whether the episode is lost and ends, shape (N,).
     """

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
@@ -41,23 +39,22 @@ def place_joints(joints: Floats2, q: Floats1, poses: Floats2, axes: Floats2) -> 
         poses: Written, poses of the joints, shape (njoints, 12) [m].
         axes: Written, their axes, shape (njoints, 3).
     """
-    motion, still = np.zeros(12), np.empty(12)
     poses[0] = 0.0
     poses[0, 3], poses[0, 7], poses[0, 11] = 1.0, 1.0, 1.0
     axes[0] = 0.0
     for k in range(1, joints.shape[0]):
-        slides, u = joints[k, 1] > 0.0, joints[k, 14:17]
-        cosine = 1.0 if slides else math.cos(q[k - 1])
-        sine = 0.0 if slides else math.sin(q[k - 1])
+        pose, x, y, z = poses[k], joints[k, 14], joints[k, 15], joints[k, 16]
+        compose(poses[int(joints[k, 0])], joints[k, 2:14], pose)
+        slides = joints[k, 1] > 0.0
+        sine, rest = (0.0, 0.0) if slides else (math.sin(q[k - 1]), 1.0 - math.cos(q[k - 1]))
         for i in range(3):
-            motion[i] = q[k - 1] * u[i] if slides else 0.0
-            for j in range(3):
-                motion[3 + 3 * i + j] = (1.0 - cosine) * u[i] * u[j]
-            # Column i of the rotation: cos e_i + sin (u x e_i) + (1 - cos) u_i u.
-            motion[3 + 4 * i] += cosine
-            motion[3 + 3 * i + (i + 1) % 3] += sine * u[(i + 2) % 3]
-            motion[3 + 3 * i + (i + 2) % 3] -= sine * u[(i + 1) % 3]
-        compose(poses[int(joints[k, 0])], joints[k, 2:14], still)
-        compose(still, motion, poses[k])
-        for i in range(3):
-            axes[k, i] = u[0] * still[3 + i] + u[1] * still[6 + i] + u[2] * still[9 + i]
+            # Row i of R exp([u] q) = R + sin q R [u] + (1 - cos q) (w u^T - R), with w = R u.
+            a, b, c = pose[3 + i], pose[6 + i], pose[9 + i]
+            w = a * x + b * y + c * z
+            axes[k, i] = w
+            if slides:
+                pose[i] += q[k - 1] * w
+            else:
+                pose[3 + i] = a + sine * (b * z - c * y) + rest * (w * x - a)
+                pose[6 + i] = b + sine * (c * x - a * z) + rest * (w * y - b)
+                pose[9 + i] = c + sine * (a * y - b * x) + rest * (w * z - c)

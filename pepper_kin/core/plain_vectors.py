@@ -10,7 +10,7 @@ MOST_SQUARED = 1e18
 
 
 @compiled(inline=True)
-def _is_plain(n: int, x: Floats1) -> bool:
+def in_range(n: int, x: Floats1) -> bool:
     """Whether x has shape (n,) and squares that sum to MOST_SQUARED at most; NaN and infinity do not."""
     if x.size != n:
         return False
@@ -23,19 +23,19 @@ def _is_plain(n: int, x: Floats1) -> bool:
 @compiled("boolean(int64, float64[::1])")
 def is_plain(n: int, a: Floats1) -> bool:
     """Whether a vector has shape (n,) and is within range."""
-    return _is_plain(n, a)
+    return in_range(n, a)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1])")
 def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
     """Whether two vectors have shape (n,) and are within range each."""
-    return _is_plain(n, a) and _is_plain(n, b)
+    return in_range(n, a) and in_range(n, b)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1], float64[::1])")
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
     """Whether three vectors have shape (n,) and are within range each."""
-    return _is_plain(n, a) and _is_plain(n, b) and _is_plain(n, c)
+    return in_range(n, a) and in_range(n, b) and in_range(n, c)
 
 
 @compiled("boolean(float64[:, ::1])")

@@ -30,6 +30,7 @@ from pepper_kin.datasets.making import Progress, make, resume
 from pepper_kin.datasets.shard import run_shard
 
 open = open_dataset
+"""`open_dataset`, by a shorter name."""
 
 __all__ = [
     "FORMATS",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import queue
 import time
 import uuid
 from collections import Counter, deque
@@ -45,6 +46,7 @@ class _Run:
         self._name = uuid.uuid4().hex
         self._tries = Counter[int]()
         self._threads, self._looked, self._seen = 0, -math.inf, math.inf
+        self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def fill(self) -> None:
         """Submit as many shards as the workers of now can take soon.
@@ -63,6 +65,16 @@ class _Run:
             options = {"pure": False, "key": f"{self._name}-{shard}-{self._tries[shard]}"}
             future = self.client.submit(compute, self._values, shard, self._place, **options)
             self.running[future] = shard
+            future.add_done_callback(self._ended.put)
+
+    def wait(self) -> None:
+        """Wait until a shard ends, or for `_LOOK`.
+
+        Not by `distributed.wait`, which asks the newest client of the process, whoever made it, and may hang
+        when another thread closes that one.
+        """
+        with contextlib.suppress(queue.Empty):
+            self._ended.get(timeout=_LOOK)
 
     def ended(self, future: Any, *, killed: type[Exception]) -> tuple[int, dict[str, Any]] | None:
         """Return number and summary of a shard that was written, None for one that is to be computed again.
@@ -118,8 +130,7 @@ def on_dask(
     try:
         while run.waiting or run.running:
             run.fill()
-            with contextlib.suppress(TimeoutError, distributed.CancelledError):
-                distributed.wait(list(run.running), timeout=_LOOK, return_when="FIRST_COMPLETED")
+            run.wait()
             for future in [future for future in run.running if future.status != "pending"]:
                 found = run.ended(future, killed=distributed.scheduler.KilledWorker)
                 if found is not None:

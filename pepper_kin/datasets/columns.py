@@ -85,14 +85,25 @@ def batch_of(schema: pa.Schema, columns: Sequence[Column], values: Mapping[str, 
 
 def _encoded(column: Column, value: Any) -> pa.Array:
     if column.dtype == "str":
-        return pa.array(value, pa.string())
+        texts = [text.encode() for text in value]
+        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(texts))]
+        return pa.Array.from_buffers(pa.string(), len(texts), buffers)
     array = np.ascontiguousarray(value, dtype=column.dtype)
     if array.shape[1:] != column.shape:
         raise ValueError(f"{column.name} has items of shape {array.shape[1:]}, not {column.shape}")
-    found = pa.array(array.reshape(-1))
+    found = _plain(array.reshape(-1))
     if column.shape:
         found = pa.FixedSizeListArray.from_arrays(found, column.size)
-    return pa.ListArray.from_arrays(pa.array([0, len(array)], pa.int32()), found) if column.frames else found
+    edges = np.array([0, len(array)], np.int32)
+    return pa.ListArray.from_arrays(_plain(edges), found) if column.frames else found
+
+
+def _plain(array: NDArray[Any]) -> pa.Array:
+    """Return numbers as Arrow's, without `pa.array`, which imports pandas: half of a worker's start."""
+    if array.dtype == bool:
+        return pa.array(array)
+    return pa.Array.from_buffers(pa.from_numpy_dtype(array.dtype), array.size, [None, pa.py_buffer(array)])
 
 
 def decoded(column: Column, array: pa.Array | pa.ChunkedArray) -> Any:

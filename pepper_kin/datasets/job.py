@@ -26,7 +26,9 @@ from pepper_kin.model.joint_vectors import check_choice, check_positive, check_w
 FORMAT = "pepper_kin data set job"
 VERSION, MADE_BY = 1, "pepper_kin"
 KINDS = ("ik", "reach_maps", "plans", "trajectories", "runs", "demonstrations", "replays")
+"""What rows of a data set hold: the `kind` of a `DatasetJob`."""
 FORMATS = ("parquet", "lerobot", "mcap")
+"""Formats in which a data set is written."""
 MOST_ROWS = 10**12
 MOST_IN_SHARD = 100_000
 

@@ -23,7 +23,7 @@ from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.twin import ActuatorParameters, Run, Twin, actuator_parameters
 from pepper_kin.twin.sensors import SensorSuite
 
-learning = lazy_module("pepper_kin.learning")  # needs an extra of its own
+learning = lazy_module("pepper_kin.learning")  # needs another extra
 identification = lazy_module("pepper_kin.identification")
 
 SOLVED = "solved"
@@ -111,7 +111,7 @@ class IKRows(Kind):
 
 
 class ReachMapRows(Kind):
-    """Maps of where a frame can go, each of samples of its own: their counts can be added."""
+    """Maps of where a frame can go, each of other samples: their counts can be added."""
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)

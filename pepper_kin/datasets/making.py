@@ -86,7 +86,7 @@ def make(
 
     Raises:
         InvalidValueError: for a folder with another data set, or which another process works on.
-        FileFormatError: for files that are damaged, or cannot be written: call again when there is room.
+        FileFormatError: for files that are damaged, or cannot be written: call again when there is space.
         InfeasibleError: where processes or the scheduler died again and again.
         PepperKinError: naming the option of the job that cannot be taken, before anything is written.
     """

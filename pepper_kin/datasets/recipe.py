@@ -1,4 +1,4 @@
-"""What all rows of a job share: robot, scenes, random numbers, goals."""
+"""The parts that all rows of a job share: robot, scenes, random numbers, goals."""
 
 from __future__ import annotations
 

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pepper_kin import __version__
 from pepper_kin.datasets import kinds
-from pepper_kin.datasets.columns import Column, Moments, batch_of, decoded, schema_of
+from pepper_kin.datasets.columns import Moments, batch_of, schema_of
 from pepper_kin.datasets.job import DatasetJob
 from pepper_kin.datasets.recipe import Recipe
 from pepper_kin.datasets.store import Store
@@ -76,7 +77,7 @@ def run_shard(job: DatasetJob, shard: int) -> pa.Table:
         shard: Number of the shard, from 0.
 
     Returns:
-        The rows; `Column.of` tells of a field's shape, unit and names.
+        The rows; `Column.of` describes a field's shape, unit and names.
 
     Raises:
         InvalidValueError: for a shard that there is not.
@@ -102,26 +103,16 @@ def write_shard(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
         store.write(name_of(job, shard)) as file,
         pq.ParquetWriter(file, found, compression="zstd", use_dictionary=["status", "reason"]) as writer,
     ):
-        for batch in rows_of(job, *job.bounds(shard)):
-            writer.write_batch(batch.replace_schema_metadata(found.metadata))
-            _count(kind.columns, batch, counts, moments)
+        for values in kind.rows(*job.bounds(shard)):
+            writer.write_batch(batch_of(found, kind.columns, values))
+            counts.update(values["status"])
+            for column in kind.columns:
+                if column.name in moments:
+                    moments[column.name].add(np.asarray(values[column.name], column.dtype))
         parts = {name: each.parts.tolist() for name, each in moments.items() if each.parts is not None}
         summary = {"statuses": dict(sorted(counts.items())), "moments": parts}
         writer.add_key_value_metadata({_SUMMARY.decode(): json.dumps(summary)})
     return summary_of(job, shard, store)
-
-
-def _count(
-    columns: tuple[Column, ...], batch: pa.RecordBatch, counts: Counter[str], moments: dict[str, Moments]
-) -> None:
-    """Count statuses and numbers of some rows."""
-    for column in columns:
-        if column.name == "status":
-            counts.update(batch.column("status").to_pylist())
-        if column.name in moments:
-            found = decoded(column, batch.column(column.name))
-            for items in found if column.frames else [found]:
-                moments[column.name].add(items)
 
 
 def summary_of(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:

@@ -11,7 +11,7 @@
     kinetic_energy, potential_energy
     center_of_mass, center_of_mass_jacobian
     centroidal_momentum, centroidal_map, centroidal_inertia
-    base_wrench, zero_moment_point            force of the floor on the robot, and its center of pressure
+    base_wrench, zero_moment_point            force of the floor on the robot, and the point where it acts
     tip_over_margin, WHEEL_CONTACTS           distance of that point from the edges of the wheels' triangle
 
 Vectors q, v, a and tau have shape (..., n); spatial vectors are linear first.

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.batch import all_over_states, state_data
-from pepper_kin.core.plain_vectors import is_finite
+from pepper_kin.batch import all_over_states
+from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
+from pepper_kin.dynamics.tree_tables import TABLES, one_state
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -47,47 +48,51 @@ class ForwardDynamicsDerivatives(NamedTuple):
 
 
 def inverse_dynamics_derivatives(
-    pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, solver: str = "compiled"
 ) -> InverseDynamicsDerivatives:
     """Return the derivatives of tau = M(q) a + C(q, v) v + g(q).
 
-    Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms (2018); through
-    Pinocchio.  With mimic joints each is E^T A_full E.
+    Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms (2018).  With mimic
+    joints each is E^T A_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         dtau_dq, dtau_dv and dtau_da, each of shape (..., n, n).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InvalidValueError: for a wrong length, NaN, infinity, batch axes that do not broadcast, or an unknown
+            solver.
     """
-    data = state_data(pepper, q, v, a)
-    if data is not None:
-        return _of_torques(pepper, data, cast("Array", q), cast("Array", v), cast("Array", a))
-    full_map, n = pepper.full_map, pepper.n
+    compute, n = tree_dynamics.inverse_dynamics_derivatives, pepper.n
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty((3, n, n))
+            if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
+                return InverseDynamicsDerivatives(found[0], found[1], found[2])
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
     def one(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
-        rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
-        full = _of_torques(pepper, pepper.pinocchio_data, pepper.to_full(q), *rates)
-        return tuple(full_map.T @ block @ full_map for block in full) if pepper.is_coupled else full
+        found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, a)))
+        if found is not None:
+            return tuple(found)
+        state = pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a)
+        full_map, data = pepper.full_map, pepper.pinocchio_data
+        full = pinocchio.computeRNEADerivatives(pepper.inner_model, data, *state)
+        return tuple(full_map.T @ by @ full_map if pepper.is_coupled else by.copy() for by in full)
 
-    found = all_over_states(pepper, one, ((n, n),) * 3, ("inverse_dynamics_derivatives",), q=q, v=v, a=a)
-    return InverseDynamicsDerivatives(*found)
-
-
-def _of_torques(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> InverseDynamicsDerivatives:
-    """Return the derivatives, shape (n, n) each, at one state; q, v and a have shape (n,)."""
-    by_q, by_v, by_a = pinocchio.computeRNEADerivatives(pepper.inner_model, data, q, v, a)
-    return InverseDynamicsDerivatives(by_q.copy(), by_v.copy(), by_a.copy())
+    quantity = None if solver == "pinocchio" else ("inverse_dynamics_derivatives",)
+    return InverseDynamicsDerivatives(*all_over_states(pepper, one, ((n, n),) * 3, quantity, q=q, v=v, a=a))
 
 
 def forward_dynamics_derivatives(
-    pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike, *, solver: str = "compiled"
 ) -> ForwardDynamicsDerivatives:
     """Return the derivatives of a = M(q)^-1 (tau - C(q, v) v - g(q)).
 
@@ -99,38 +104,40 @@ def forward_dynamics_derivatives(
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         da_dq, da_dv and da_dtau, each of shape (..., n, n).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InvalidValueError: for a wrong length, NaN, infinity, batch axes that do not broadcast, or an unknown
+            solver.
         ModelError: naming joints that move no mass.
     """
-    data = state_data(pepper, q, v, tau)
-    if data is not None:
-        found = _of_accelerations(pepper, data, cast("Array", q), cast("Array", v), cast("Array", tau))
-        if is_finite.native(found.da_dq):  # else a mass matrix has no inverse, which is looked at below
-            return found
-    n = pepper.n
+    compute, n = tree_dynamics.forward_dynamics_derivatives, pepper.n
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty((3, n, n))
+            if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
+                return ForwardDynamicsDerivatives(found[0], found[1], found[2])
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
-    def one(q: Array, v: Array, tau: Array) -> ForwardDynamicsDerivatives:
+    def one(q: Array, v: Array, tau: Array) -> tuple[Array, ...]:
+        found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, tau)))
+        if found is not None:
+            return tuple(found)
         if not pepper.is_coupled:
-            found = _of_accelerations(pepper, pepper.pinocchio_data, q, v, tau)
-            if np.isfinite(found.da_dq).all():
-                return found
-        inverse = inverse_mass_matrix(pepper, q)
-        by = inverse_dynamics_derivatives(pepper, q, v, forward_dynamics(pepper, q, v, tau))
-        return ForwardDynamicsDerivatives(-inverse @ by.dtau_dq, -inverse @ by.dtau_dv, inverse)
+            model, data = pepper.inner_model, pepper.pinocchio_data
+            by = tuple(by.copy() for by in pinocchio.computeABADerivatives(model, data, q, v, tau))
+            if np.isfinite(by[0]).all():  # else a mass matrix has no inverse, which is looked at below
+                return by
+        inverse = inverse_mass_matrix(pepper, q, solver=solver)
+        a = forward_dynamics(pepper, q, v, tau, solver=solver)
+        torque = inverse_dynamics_derivatives(pepper, q, v, a, solver=solver)
+        return -inverse @ torque.dtau_dq, -inverse @ torque.dtau_dv, inverse
 
+    quantity = None if solver == "pinocchio" else ("forward_dynamics_derivatives",)
     return ForwardDynamicsDerivatives(
-        *all_over_states(pepper, one, ((n, n),) * 3, ("forward_dynamics_derivatives",), q=q, v=v, tau=tau)
+        *all_over_states(pepper, one, ((n, n),) * 3, quantity, q=q, v=v, tau=tau)
     )
-
-
-def _of_accelerations(
-    pepper: PepperModel, data: Any, q: Array, v: Array, tau: Array
-) -> ForwardDynamicsDerivatives:
-    """Return the derivatives, shape (n, n) each, at one state; q, v and tau have shape (n,)."""
-    by_q, by_v, by_tau = pinocchio.computeABADerivatives(pepper.inner_model, data, q, v, tau)
-    return ForwardDynamicsDerivatives(by_q.copy(), by_v.copy(), by_tau.copy())

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pepper_kin.batch import over_states, state_data
-from pepper_kin.core.plain_vectors import is_plain
+from pepper_kin.arrays import Array
+from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.mass import solved
+from pepper_kin.dynamics.tree_tables import TABLES, all_states
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -24,11 +25,14 @@ def forward_dynamics(
     v: ArrayLike,
     tau: ArrayLike,
     forces: Mapping[str, ArrayLike] | None = None,
-) -> NDArray[np.float64]:
-    """Return a = M(q)^-1 (tau + sum_k J_k^T f_k - C(q, v) v - g(q)) by the articulated-body algorithm.
+    *,
+    solver: str = "compiled",
+) -> Array:
+    """Return a = M(q)^-1 (tau + sum_k J_k^T f_k - C(q, v) v - g(q)).
 
-    Featherstone (2008), table 7.1; through Pinocchio.  With mimic joints M = E^T M_full E is formed and
-    solved instead.
+    M and bias by composite bodies and recursive Newton-Euler, then M = L^T D L with the zeros of the tree
+    (Featherstone, 2008, section 6.5); by the articulated-body algorithm in Pinocchio.  With mimic joints M is
+    E^T M_full E.
 
     Args:
         pepper: The robot.
@@ -36,30 +40,34 @@ def forward_dynamics(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
         forces: Forces from outside by frame, as `external_torque` takes them.
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InvalidValueError: for a wrong length, NaN, infinity, batch axes that do not broadcast, or an unknown
+            solver.
         UnknownNameError: for a force at a frame that the robot lacks.
         ModelError: where M has no inverse, naming the joints that move no mass.
     """
     if forces:
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
-        return forward_dynamics(pepper, q, v, driven)
-    data = state_data(pepper, q, v, tau)
-    if data is not None:
-        a: NDArray[np.float64] = pinocchio.aba(pepper.inner_model, data, q, v, tau)
-        if is_plain.native(a.size, a):  # else a mass matrix has no inverse, which is looked at below
-            return a
-    model, data = pepper.inner_model, pepper.pinocchio_data
-    full_map = pepper.full_map
+        return forward_dynamics(pepper, q, v, driven, solver=solver)
+    compute, shape = tree_dynamics.forward_dynamics, (pepper.n,)
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty(shape)
+            if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
+                return found
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
-    def one(q: NDArray[np.float64], v: NDArray[np.float64], tau: NDArray[np.float64]) -> NDArray[np.float64]:
+    def reference(q: Array, v: Array, tau: Array) -> Array:
+        model, data, full_map = pepper.inner_model, pepper.pinocchio_data, pepper.full_map
         if not pepper.is_coupled:
             a = np.asarray(pinocchio.aba(model, data, q, v, tau))
-            if np.isfinite(a).all():
+            if np.isfinite(a).all():  # else a mass matrix has no inverse, which is looked at below
                 return a
         q_full, v_full = pepper.to_full(q), pepper.rate_to_full(v)
         upper = np.triu(pinocchio.crba(model, data, q_full))
@@ -67,4 +75,4 @@ def forward_dynamics(
         bias = pinocchio.nonLinearEffects(model, data, q_full, v_full) @ full_map
         return solved(pepper, mass, tau - bias)
 
-    return over_states(pepper, one, (pepper.n,), ("forward_dynamics",), q=q, v=v, tau=tau)
+    return all_states(compute, pepper, solver, shape, reference, "forward_dynamics", q=q, v=v, tau=tau)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pepper_kin.batch import over_states, state_data
+from pepper_kin.arrays import Array
+from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.external_force import external_torque
+from pepper_kin.dynamics.tree_tables import TABLES, all_states
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -21,11 +23,13 @@ def inverse_dynamics(
     v: ArrayLike,
     a: ArrayLike,
     forces: Mapping[str, ArrayLike] | None = None,
-) -> NDArray[np.float64]:
+    *,
+    solver: str = "compiled",
+) -> Array:
     """Return tau = M(q) a + C(q, v) v + g(q) - sum_k J_k^T f_k by the recursive Newton-Euler algorithm.
 
-    Featherstone, Rigid Body Dynamics Algorithms (2008), table 5.1; through Pinocchio.  With mimic joints
-    tau = E^T tau_full, where q_full = E q + e.
+    Featherstone, Rigid Body Dynamics Algorithms (2008), table 5.1.  With mimic joints tau = E^T tau_full,
+    where q_full = E q + e.
 
     Args:
         pepper: The robot.
@@ -33,47 +37,58 @@ def inverse_dynamics(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         forces: Forces from outside by frame, as `external_torque` takes them.
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InvalidValueError: for a wrong length, NaN, infinity, batch axes that do not broadcast, or an unknown
+            solver.
         UnknownNameError: for a force at a frame that the robot lacks.
     """
     if forces:
-        return inverse_dynamics(pepper, q, v, a) - external_torque(pepper, q, forces)
-    data = state_data(pepper, q, v, a)
-    if data is not None:
-        torque: NDArray[np.float64] = pinocchio.rnea(pepper.inner_model, data, q, v, a)
-        return torque
-    model, data = pepper.inner_model, pepper.pinocchio_data
+        return inverse_dynamics(pepper, q, v, a, solver=solver) - external_torque(pepper, q, forces)
+    compute, shape = tree_dynamics.inverse_dynamics, (pepper.n,)
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty(shape)
+            if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
+                return found
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
-    def one(q: NDArray[np.float64], v: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
-        tau = pinocchio.rnea(model, data, pepper.to_full(q), pepper.rate_to_full(v), pepper.rate_to_full(a))
-        return tau @ pepper.full_map if pepper.is_coupled else tau
+    def reference(q: Array, v: Array, a: Array) -> Array:
+        rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
+        tau = pinocchio.rnea(pepper.inner_model, pepper.pinocchio_data, pepper.to_full(q), *rates)
+        return np.asarray(tau @ pepper.full_map if pepper.is_coupled else tau)
 
-    return over_states(pepper, one, (pepper.n,), ("inverse_dynamics",), q=q, v=v, a=a)
+    return all_states(compute, pepper, solver, shape, reference, "inverse_dynamics", q=q, v=v, a=a)
 
 
-def gravity_torque(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+def gravity_torque(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
     """Return g(q), the torques that hold the robot still [N m or N], shape (..., n).
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
+        solver: "compiled", or "pinocchio" as the reference.
 
     Raises:
-        InvalidValueError: for a wrong length, NaN or infinity.
+        InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
-    data = state_data(pepper, q)
-    if data is not None:
-        torque: NDArray[np.float64] = pinocchio.computeGeneralizedGravity(pepper.inner_model, data, q)
-        return torque
-    model, data = pepper.inner_model, pepper.pinocchio_data
+    compute, shape = tree_dynamics.gravity_torque, (pepper.n,)
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty(shape)
+            if compute.native(pepper.kept[TABLES].tables, q, found):
+                return found
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
-    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def reference(q: Array) -> Array:
+        model, data = pepper.inner_model, pepper.pinocchio_data
         tau = pinocchio.computeGeneralizedGravity(model, data, pepper.to_full(q))
-        return tau @ pepper.full_map if pepper.is_coupled else tau
+        return np.asarray(tau @ pepper.full_map if pepper.is_coupled else tau)
 
-    return over_states(pepper, one, (pepper.n,), ("gravity_torque",), q=q)
+    return all_states(compute, pepper, solver, shape, reference, "gravity_torque", q=q)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pepper_kin.batch import over_states, state_data
-from pepper_kin.core.plain_vectors import is_finite
+from pepper_kin.arrays import Array
+from pepper_kin.core import tree_dynamics
+from pepper_kin.dynamics.tree_tables import TABLES, all_states
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_while_private
@@ -33,77 +34,83 @@ def mass_of_some(pepper: PepperModel) -> float:
     return mass
 
 
-def mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
     """Return M(q), symmetric and positive definite, by the composite-rigid-body algorithm.
 
-    Featherstone (2008), table 6.2; through Pinocchio.  With mimic joints M = E^T M_full E.
+    Featherstone (2008), table 6.2.  With mimic joints M = E^T M_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         M, shape (..., n, n) [kg m^2, kg m or kg].
 
     Raises:
-        InvalidValueError: for a wrong length, NaN or infinity.
+        InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
-    data = state_data(pepper, q)
-    if data is not None:
-        mass: NDArray[np.float64] = pinocchio.crba(pepper.inner_model, data, q)
-        return mass
-    model, data = pepper.inner_model, pepper.pinocchio_data
+    compute, shape = tree_dynamics.mass_matrix, (pepper.n, pepper.n)
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty(shape)
+            if compute.native(pepper.kept[TABLES].tables, q, found):
+                return found
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
     full_map = pepper.full_map
 
-    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        full = pinocchio.crba(model, data, pepper.to_full(q))
-        return full_map.T @ full @ full_map if pepper.is_coupled else full
+    def reference(q: Array) -> Array:
+        full = pinocchio.crba(pepper.inner_model, pepper.pinocchio_data, pepper.to_full(q))
+        return np.asarray(full_map.T @ full @ full_map if pepper.is_coupled else full)
 
-    return over_states(pepper, one, (pepper.n, pepper.n), ("mass_matrix",), q=q)
+    return all_states(compute, pepper, solver, shape, reference, "mass_matrix", q=q)
 
 
-def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike) -> NDArray[np.float64]:
+def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
     """Return M(q)^-1, symmetric: column j is the motion that a unit torque of joint j causes.
 
-    Through Pinocchio's recursion (Carpentier, Analytical inverse of the joint space inertia matrix, 2018).
-    With mimic joints M = E^T M_full E is formed and inverted instead.
+    From the factors of M, as `forward_dynamics`; by Pinocchio's recursion (Carpentier, Analytical inverse of
+    the joint space inertia matrix, 2018) as the reference.  With mimic joints M = E^T M_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
+        solver: "compiled", or "pinocchio" as the reference.
 
     Returns:
         M^-1, shape (..., n, n).
 
     Raises:
-        InvalidValueError: for a wrong length, NaN or infinity.
+        InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
         ModelError: naming joints that move no mass: M has no inverse.
     """
-    data = state_data(pepper, q)
-    if data is not None:
-        found: NDArray[np.float64] = pinocchio.computeMinverse(pepper.inner_model, data, q)
-        if is_finite.native(found):
-            return found
-    model, data = pepper.inner_model, pepper.pinocchio_data
+    compute, shape = tree_dynamics.inverse_mass_matrix, (pepper.n, pepper.n)
+    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+        try:
+            found = np.empty(shape)
+            if compute.native(pepper.kept[TABLES].tables, q, found):
+                return found
+        except (AttributeError, KeyError, TypeError):
+            pass  # a first call, of a thread too, or no such arrays
 
-    def one(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        if pepper.is_coupled:
-            return _inverse(pepper, mass_matrix(pepper, q))
-        inverse = pinocchio.computeMinverse(model, data, q)
-        if not np.isfinite(inverse).all():
-            return _inverse(pepper, mass_matrix(pepper, q))
-        return np.asarray(inverse)
+    def reference(q: Array) -> Array:
+        if not pepper.is_coupled:
+            inverse = np.asarray(pinocchio.computeMinverse(pepper.inner_model, pepper.pinocchio_data, q))
+            if np.isfinite(inverse).all():
+                return inverse
+        return _inverse(pepper, mass_matrix(pepper, q, solver=solver))
 
-    return over_states(pepper, one, (pepper.n, pepper.n), ("inverse_mass_matrix",), q=q)
+    return all_states(compute, pepper, solver, shape, reference, "inverse_mass_matrix", q=q)
 
 
-def _inverse(pepper: PepperModel, mass: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(pepper: PepperModel, mass: Array) -> Array:
     """Return the symmetric inverse of a mass matrix, shape (n, n)."""
     inverse = solved(pepper, mass, np.eye(pepper.n))
     return np.asarray((inverse + inverse.T) / 2)
 
 
-def solved(pepper: PepperModel, mass: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+def solved(pepper: PepperModel, mass: Array, load: Array) -> Array:
     """Return M^-1 times a load, shape (n,) or (n, k); NaN where a value overflows.
 
     Raises:

@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,11 +19,13 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 _CHUNK = 1000  # states at once, which keeps them in the processor's caches
+_VECTOR_BYTES = 32  # as in the kernels that come with the package
 
 
 _AXIS = np.array([0.0, 0.0, 1.0])
@@ -41,7 +43,7 @@ class _Body:
     kind: str  # "revolute" (continuous too), "prismatic" or "fixed"
     origin: Array
     rotation: Array
-    mass: float
+    mass: Any
     center: Array
     inertia: Array
 
@@ -83,18 +85,71 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, 
         q_all, v_all, a_all = np.broadcast_arrays(*arrays)
     except ValueError:
         raise InvalidValueError("q, v and a", [x.shape for x in arrays], "broadcastable shapes") from None
-    bodies, (gain, offset) = _bodies(pepper, tuple(loads)), _coupling(pepper)
-    changed = pepper.dynamics_model.changed()
-    gravity = GRAVITY if changed is None else np.array(changed.gravity.linear)
-    armature = np.zeros(len(gain)) if changed is None else _armature(pepper, changed)
+    bodies = _bodies(pepper, tuple(loads))
     flat = [x.reshape(-1, pepper.n) for x in (q_all, v_all, a_all)]
     tau = np.zeros_like(flat[0])
     for start in range(0, len(tau), _CHUNK):
         part = slice(start, start + _CHUNK)
-        x, speed, change = (gain @ x[part].T for x in flat)
-        torques = _torques(bodies, x + offset[:, None], speed, change, gravity)
-        tau[part] = (torques + armature[:, None] * change).T @ gain
+        tau[part] = _of_states(pepper, bodies, (flat[0][part], flat[1][part], flat[2][part]))
     return tau.reshape(q_all.shape)
+
+
+def newton_euler_of_motion(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()) -> Array:
+    """Return what `newton_euler` does, of the states of a motion, by machine code of the same recursion.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (T, n).
+        v: Joint velocities [rad/s or m/s], shape (T, n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
+        loads: Rigid objects that frames carry.
+
+    Returns:
+        Joint torques or forces [N m or N], shape (T, n).
+    """
+    carried = [(load.mass, *load.center, *load.inertia) for load in loads]
+    kernel = _kernel(pepper, tuple(load.frame for load in loads))
+    return np.asarray(kernel(q, v, a, *([np.ravel(carried)] if loads else [])))
+
+
+@kept_for_robot(most=8)
+def _kernel(pepper: PepperModel, frames: tuple[str, ...]) -> Kernel:
+    """Return the machine code for a robot that carries loads at some frames."""
+    sources = source_digest("pepper_kin.model", __name__)
+    return compile_function(
+        lambda: _expression(pepper, frames),
+        key=f"newton_euler{frames!r} of {robot_digest(pepper)} by {sources}",
+        vector_bytes=_VECTOR_BYTES,
+    )
+
+
+def _expression(pepper: PepperModel, frames: tuple[str, ...]) -> Any:
+    """Return tau(q, v, a, loads) as a `casadi.Function`; a load is mass, center and inertia, 10 numbers."""
+    import casadi
+
+    symbols = [casadi.SX.sym(name, pepper.n) for name in "qva"]
+    carried = casadi.SX.sym("loads", 10 * len(frames))
+    q, v, a = (np.array(casadi.vertsplit(x), dtype=object).reshape(-1, 1) for x in symbols)
+    numbers = np.array(casadi.vertsplit(carried), dtype=object).reshape(-1, 10)
+    places = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # of the tensor among xx, xy, xz, yy, yz, zz
+    loads = [
+        _Carried(frame, own[:1], own[1:4], own[4:][places])
+        for frame, own in zip(frames, numbers, strict=True)
+    ]
+    tau = _of_states(pepper, _bodies_with(pepper, loads), (q.T, v.T, a.T))
+    inputs = [*symbols, carried] if frames else symbols
+    return casadi.Function("newton_euler", inputs, [casadi.vertcat(*tau[0])])
+
+
+def _of_states(pepper: PepperModel, bodies: tuple[_Body, ...], state: tuple[Array, Array, Array]) -> Array:
+    """Return torques, shape (T, n), of positions, velocities and accelerations of shape (T, n) each."""
+    gain, offset = _coupling(pepper)
+    changed = pepper.dynamics_model.changed()
+    gravity = GRAVITY if changed is None else np.array(changed.gravity.linear)
+    armature = np.zeros(len(gain)) if changed is None else _armature(pepper, changed)
+    x, speed, change = (gain @ value.T for value in state)
+    torques = _torques(bodies, x + offset[:, None], speed, change, gravity)
+    return np.asarray((torques + armature[:, None] * change).T @ gain)
 
 
 @kept_for_robot(most=8)
@@ -145,6 +200,21 @@ def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") 
 
 @kept_for_robot(most=8)
 def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
+    """Return what `_bodies_with` does, and keep it."""
+    carried = [_Carried(load.frame, load.mass, np.array(load.center), load.tensor) for load in loads]
+    return _bodies_with(pepper, carried)
+
+
+class _Carried(NamedTuple):
+    """A load: its frame, mass, center, shape (3,), and tensor about that, shape (3, 3); or expressions."""
+
+    frame: str
+    mass: Any
+    center: Array
+    tensor: Array
+
+
+def _bodies_with(pepper: PepperModel, loads: Sequence[_Carried]) -> tuple[_Body, ...]:
     """Return the links and loads that count, parents first: what moves, has inertia, or carries such."""
     changed = pepper.dynamics_model.changed()
     bodies, place, turns = _read_bodies(pepper) if changed is None else _changed_bodies(pepper, changed)
@@ -152,7 +222,7 @@ def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
         if load.frame not in place:
             raise UnknownNameError("link that carries a load", load.frame, place)
         own = turns[load.frame]
-        center, inertia = own.T @ np.array(load.center), own.T @ load.tensor @ own
+        center, inertia = own.T @ load.center, own.T @ load.tensor @ own
         link = place[load.frame]
         bodies.append(_Body(link, -1, "fixed", np.zeros(3), np.eye(3), load.mass, center, inertia))
     return _that_count(bodies)
@@ -226,7 +296,14 @@ def _armature(pepper: PepperModel, model: Any) -> Array:
 
 def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
     """Remove fixed links without inertia and without children, such as sensor frames."""
-    keep = [body.mass > 0 or body.inertia.any() or body.kind != "fixed" or body.parent < 0 for body in bodies]
+    keep = [
+        body.inertia.dtype == object  # a load whose numbers are expressions
+        or body.mass > 0
+        or body.inertia.any()
+        or body.kind != "fixed"
+        or body.parent < 0
+        for body in bodies
+    ]
     for i in reversed(range(len(bodies))):
         if keep[i] and bodies[i].parent >= 0:
             keep[bodies[i].parent] = True
@@ -315,7 +392,7 @@ def _torques(
     """Return the torques of all moving joints from their positions, speeds and accelerations, (k, T) each.
 
     `gravity` is the acceleration of free fall [m/s^2], shape (3,).  Coordinates come first and states last,
-    (3, T) for a vector: whole rows at a time are multiplied.
+    (3, T) for a vector: whole rows at a time are multiplied.  Numbers may be expressions of CasADi.
     """
     cosine, sine = np.cos(position), np.sin(position)
     rates: list[Array] = []  # angular velocity and acceleration, and that of the link's origin less gravity
@@ -330,7 +407,7 @@ def _torques(
     for i, body in enumerate(bodies):
         k, j = body.parent, body.joint
         if k < 0:
-            rate = np.zeros((3, 3, position.shape[1]))
+            rate = np.zeros((3, 3, position.shape[1]), position.dtype)
             rate[2] -= gravity[:, None]
         else:
             rate = body.rotation.T @ rates[k]
@@ -343,13 +420,13 @@ def _torques(
             dw[1] -= w[0] * speed[j]
             dw[2] += change[j]
             w[2] += speed[j]
-        squares.append(np.einsum("it,it->t", w, w))
+        squares.append(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         if body.kind == "prismatic":
             acc += position[j] * turning(i, _AXIS, _skew(_AXIS))
             acc[0] += 2 * w[1] * speed[j]  # 2 omega x axis speed
             acc[1] -= 2 * w[0] * speed[j]
             acc[2] += change[j]
-        load = np.empty((2, 3, position.shape[1]))
+        load = np.empty((2, 3, position.shape[1]), position.dtype)
         load[0] = body.mass * (acc + turning(i, body.center, body.cross_center))
         load[1] = body.inertia @ dw + _cross(w, body.inertia @ w) + body.cross_center @ load[0]
         loads.append(load)

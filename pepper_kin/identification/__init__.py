@@ -6,7 +6,7 @@
     Stretch, Tolerance, KINDS                 what no actuator explains, with its kind
     fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
     excitation_motion, Excitation             a motion that shows inertial parameters, within the limits
-    estimate_stiffness, estimate_inertia, estimate_payload, Estimate   what a recording of it tells
+    estimate_stiffness, estimate_inertia, estimate_payload, Estimate   from a recording of it
     diagnose, Diagnosis, RunFault             faults that a log or a run shows; FAULTS, THRESHOLDS
     save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
 

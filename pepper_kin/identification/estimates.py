@@ -1,4 +1,4 @@
-"""What a recording tells of a robot: stiffness of servos, inertial parameters, what a hand carries."""
+"""Parameters of a robot from a recording: stiffness of servos, inertial parameters, what a hand carries."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pepper_kin.twin.run import Run
 
 @dataclass(frozen=True, eq=False)
 class Estimate(FrozenArrays):
-    """Parameters that a recording tells.
+    """Parameters estimated from a recording.
 
     Attributes:
         names: Of the parameters, p of them.

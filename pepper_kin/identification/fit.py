@@ -1,4 +1,4 @@
-"""How a robot's joints follow `setAngles`, fitted to its logs."""
+"""A model of how a robot's joints follow `setAngles`, fitted to its logs."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def _mirrored(problem: _Problem, response: JointResponse) -> tuple[JointResponse
     """Shift round trips so that left and right joints lag alike.
 
     Readings that are d later by round trip, and lags that are longer by d x `reading_order`, look the same.
-    What tells them apart is that joints of the left and the right arm are built alike but are read one after
+    They differ in that joints of the left and the right arm are built alike but are read one after
     the other: d is such that their lags are the same in the mean.
     """
     order = problem.logs[0].reading_order

@@ -12,7 +12,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 
 LOST = 0.05
-"""A reading of exactly 0 that is farther than this from both of its neighbours was lost on its way [rad]."""
+"""A reading of exactly 0 that is farther than this from both of its neighbors was lost on its way [rad]."""
 
 
 @dataclass(frozen=True, eq=False)

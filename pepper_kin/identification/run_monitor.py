@@ -48,6 +48,7 @@ from pepper_kin.twin.run import Run
 from pepper_kin.twin.twin import Twin
 
 FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor")
+"""Faults that `diagnose` names."""
 STUCK, WEAK, PAYLOAD, SLIP, BIAS = FAULTS
 UNITS = dict(zip(FAULTS, ("rad not followed", "of its strength", "kg", "of its turns", "rad"), strict=True))
 

@@ -26,6 +26,7 @@ from pepper_kin.model import PepperModel
 
 BEYOND, PROTECTED, BLOCKED, UNKNOWN = "beyond a limit", "protected", "blocked", "unknown"
 KINDS = (BEYOND, PROTECTED, BLOCKED, UNKNOWN)
+"""Kinds of a `Stretch`."""
 
 STILL = 0.01
 """A robot is at rest where four fifths of its readings stay within this distance of their middle [rad]."""

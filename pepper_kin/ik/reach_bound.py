@@ -79,7 +79,7 @@ def shortfalls(
     """Return lower bounds on how far frames stay from their targets, over all postures within the limits [m].
 
     They are distances to planes that what a frame reaches lies behind, see
-    `pepper_kin.core.inverse_kinematics.reach_hull`: distances to the convex hull of these points, but for
+    `pepper_kin.core.inverse_kinematics.reach_hull`: distances to the convex hull of these points, except for
     millimeters, and 0 within it.
 
     Args:
@@ -95,7 +95,7 @@ def shortfalls(
     if not len(starts):
         return found
     rest = resting_of(pepper, starts, movable)
-    if rest is None:  # every row would need a hull of its own
+    if rest is None:  # every row would need another hull
         return found
     for k, task in enumerate(tasks):
         if isinstance(task, FramePosition) and math.isfinite(task.tolerance):

@@ -9,14 +9,17 @@ the same row for all states).  For every W states, W x W squares of the inputs a
 shuffles into a scratch of vectors (one vector per element, one lane per state) that stays in the first-level
 cache; the block function runs; its results go back the same way.
 
+Before rows are loaded, those of some blocks further on are called into the caches: the processor's own guess
+comes too late where a block takes little time.  All inputs at once would be more than it can wait for.
 Results that are too large for the caches are written otherwise, see `streaming.py`.
 
 No read or write goes beyond an array.  In the last block the lanes left over repeat the last state, reading
 and writing the same row.  The last square of a row is moved back to end with it, overlapping the one before;
 rows shorter than W go element by element.
 
-The result names the inputs that held NaN or an infinity: bit min(i, 62) for input i.  It costs one fused
-instruction per load: 0 x is 0 for every finite x, else NaN.
+The result names the inputs that need a closer look, since they hold NaN, an infinity or a number of LARGE's
+square root or more: bit min(i, 62) for input i where squares sum to LARGE or more, or to NaN.  That costs one
+fused instruction per load.
 """
 
 from __future__ import annotations
@@ -25,6 +28,14 @@ from pepper_kin.kernels.instructions import Signature
 from pepper_kin.kernels.squares import column_of_square, row_address, store_rows, transpose
 from pepper_kin.kernels.streaming import Stream, output_arrays, staging_size
 from pepper_kin.kernels.writer import Lanes, Writer
+
+AHEAD = 8
+"""Blocks by which rows are called into the caches before they are loaded."""
+
+CACHE_LINE = 64
+
+LARGE = 1e18
+"""Inputs whose squares sum to less, in each lane, hold no NaN, no infinity and no number beyond 1e9."""
 
 _HEADER = (
     "i64 @kernel_batch(ptr noalias readonly %inputs, ptr noalias readonly %input_strides, "
@@ -94,11 +105,15 @@ def _row_number(w: Writer, start: str, lane: int, last: str) -> str:
 def _load_rows(w: Writer, name: str, rows: list[str], size: int, scratch: str, check: str) -> None:
     """Write the load of one input: W rows of `size` elements become `size` vectors."""
     lanes = w.lanes
+    length = size * lanes.vector_bytes
+    for place in range(AHEAD * length, (AHEAD + 1) * length, CACHE_LINE):  # of rows without gaps, if any
+        address = w.value(f"getelementptr i8, ptr {rows[0]}, i64 {place}")
+        w.line(f"call void @llvm.prefetch.p0(ptr {address}, i32 0, i32 3, i32 1)")
 
     def add_to_check(vectors: list[str]) -> None:
         found = "zeroinitializer"  # a separate chain for every square, so that squares are independent
         for vector in vectors:
-            found = w.multiply_add(vector, "zeroinitializer", found)
+            found = w.multiply_add(vector, vector, found)
         w.store(w.binary("fadd", w.load(check), found), check)
 
     def square(column: str) -> None:
@@ -123,10 +138,10 @@ def _load_rows(w: Writer, name: str, rows: list[str], size: int, scratch: str, c
 
 
 def _findings(w: Writer, checks: list[str]) -> str:
-    """Combine the checks: bit min(i, 62) is set when a lane of check i is NaN."""
+    """Combine the checks: bit min(i, 62) is set when a lane of check i is LARGE or more, or NaN."""
     lanes, result = w.lanes, "0"
     for i, check in enumerate(checks):
-        bad = w.value(f"fcmp uno {lanes.vector} {w.load(check)}, zeroinitializer")
+        bad = w.value(f"fcmp uge {lanes.vector} {w.load(check)}, {lanes.splat(LARGE)}")
         bits = w.value(f"bitcast {lanes.mask} {bad} to i{lanes.count}")
         found = w.value(f"icmp ne i{lanes.count} {bits}, 0")
         bit = w.value(f"select i1 {found}, i64 {1 << min(i, 62)}, i64 0")

@@ -53,7 +53,8 @@ class Kernel:
     * `void block(const f64* in, f64* out, f64* work)` at `block_address`: W states, `in[k * W + lane]`.
     * `int64 batch(const f64* const* inputs, const int64* input_strides, f64* const* outputs,
       const int64* output_strides, int64 count, f64* work)` at `batch_address`: `count` states in row-major
-      arrays, strides in elements from row to row; the result is not zero if an input held NaN or an infinity.
+      arrays, strides in elements from row to row; the result is not zero if an input held NaN, an infinity or
+      a number beyond 1e9, and may be not zero where many are nearly as large.
 
     `work` is an array of `work_size` numbers, one per thread; it needs no initial content, and no
     alignment beyond that of a number (64 bytes is fastest).  The addresses are valid while the kernel lives.
@@ -85,7 +86,12 @@ class Kernel:
         self._batch = _BATCH(self.batch_address) if self.batch_address else _no_batch
 
     def __call__(
-        self, *inputs: ArrayLike, out: object = None, threads: int = 1, check_finite: bool = True
+        self,
+        *inputs: ArrayLike,
+        out: object = None,
+        threads: int = 1,
+        check_finite: bool = True,
+        check_large: Callable[[], object] | None = None,
     ) -> NDArray[np.floating] | tuple[NDArray[np.floating], ...]:
         """Evaluate the function for every state.
 
@@ -96,6 +102,8 @@ class Kernel:
             out: Array for the result (a sequence of arrays for several outputs) of the right shape and dtype.
             threads: Number of threads that share the states.  The result does not depend on it.
             check_finite: Refuse NaN and infinities.  If one is found, `out` has been written to.
+            check_large: Called instead where inputs hold NaN, an infinity or a number beyond 1e9, and
+                sometimes where many are nearly as large: refuses what the caller does not take.
 
         Returns:
             Shape (..., rows) or (..., rows, columns); a tuple of arrays unless there is exactly one output.
@@ -109,8 +117,11 @@ class Kernel:
         leading, rows = read_inputs(self.signature, self.dtype, inputs)
         results = make_outputs(self.signature, self.dtype, leading, out, rows)
         count = math.prod(leading)
-        if count and self._evaluate(rows, results, count, int(threads)) and check_finite:
-            refuse_not_finite(self.signature, rows)
+        if count and self._evaluate(rows, results, count, int(threads)):
+            if check_large is not None:
+                check_large()
+            elif check_finite:
+                refuse_not_finite(self.signature, rows)
         return results[0] if len(results) == 1 else tuple(results)
 
     def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
@@ -152,7 +163,7 @@ class Kernel:
     def _evaluate(
         self, inputs: Sequence[Rows], outputs: Sequence[np.ndarray], count: int, threads: int
     ) -> bool:
-        """Run the compiled loop; outputs have shape (..., *core).  Return whether an input is not finite."""
+        """Run the compiled loop; outputs have shape (..., *core).  Return whether an input may be large."""
         sources = [(rows.address, rows.stride) for rows in inputs]
         targets = [(array.ctypes.data, size) for array, size in zip(outputs, self._output_sizes, strict=True)]
         input_strides = _pack([stride for _, stride in sources])

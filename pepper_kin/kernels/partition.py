@@ -2,8 +2,10 @@
 
 The time to compile a straight-line function grows faster than its length; chunks of bounded length keep it
 linear.  Chunks of a few hundred operations are also faster: within one function LLVM moves operations over
-any distance, and what it moves away from its use has to be saved and fetched again.  CasADi's own order,
-depth first, keeps few values alive.
+any distance, and what it moves away from its use has to be saved and fetched again.
+
+The order is CasADi's own, or depth first from the outputs, the last rows and columns of all matrices first,
+whichever keeps fewer values alive: a robot's matrices are filled joint by joint, not one after the other.
 
 Inside a chunk values live in registers; a value that a later chunk reads is kept in a slot of a work array,
 and a slot is used again once its last reader has run.  Constants and inputs need no slot: every chunk reads
@@ -108,7 +110,8 @@ def _runs(program: Program, chunk_length: int) -> list[list[int]]:
         for value, operation in enumerate(program.operations)
         if not operation.is_leaf and (angle(operation) is None or operation.name == "tan")
     ]
-    alive = _alive_after(program, values)
+    orders = values, _joint_by_joint(program, set(values))
+    values, alive = min(((order, _alive_after(program, order)) for order in orders), key=lambda o: sum(o[1]))
     runs, start = [], 0
     while len(values) - start > chunk_length:
         # The later of two equal places: fewer chunks.
@@ -116,6 +119,28 @@ def _runs(program: Program, chunk_length: int) -> list[list[int]]:
         runs.append(values[start : start + cut])
         start += cut
     return [*runs, values[start:]]
+
+
+def _joint_by_joint(program: Program, values: set[int]) -> list[int]:
+    """The values, operands first, from the outputs of the last rows and columns to those of the first."""
+    signature = program.signature
+    places = [
+        max(i, j) for rows, columns in signature.output_shapes for i in range(rows) for j in range(columns)
+    ]
+    order: dict[int, None] = {}
+    for element in sorted(range(len(places)), key=lambda element: -places[element]):
+        waiting = [program.outputs[element]]
+        while waiting:
+            value = waiting[-1]
+            if value is None or value in order:
+                waiting.pop()
+                continue
+            missing = [operand for operand in program.operations[value].operands if operand not in order]
+            if missing:
+                waiting.extend(reversed(missing))
+            else:
+                order[value] = None
+    return [value for value in order if value in values]
 
 
 def _alive_after(program: Program, values: list[int]) -> list[int]:

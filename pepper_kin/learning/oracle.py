@@ -1,4 +1,4 @@
-"""A policy that knows the robot and the task: by inverse kinematics, plans and pushes of its own."""
+"""A policy that knows the robot and the task: by inverse kinematics, plans and planned pushes."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _OF_ALL = ("format", "task", "center", "scale")
 class Policy(FrozenArrays):
     """A network of tanh layers, whose last one is linear and clipped: observations to actions.
 
-    x' = (x - center) / scale,   x' = tanh(x' W + b) but for the last layer,   action = clip(x' W + b, -1, 1).
+    x' = (x - center) / scale,   x' = tanh(x' W + b) except in the last,   action = clip(x' W + b, -1, 1).
 
     Attributes:
         task: Name of the task that it was trained for.
@@ -151,7 +151,7 @@ def success_rate(env: PepperVectorEnv, policy: Callable[[Any], ArrayLike], *, se
     """Return the share of robots whose next episode ends in success, from 0 to 1.
 
     Args:
-        env: The environments, which begin anew.
+        env: The environments, which begin again.
         policy: Observations to actions, such as a `Policy`.
         seed: Of the goals.
     """

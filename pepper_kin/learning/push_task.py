@@ -47,7 +47,7 @@ class PushTask(ReachTask):
         return world
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
-        """Return robots at tables of their own; see `RobotTask.twins`."""
+        """Return robots, each at its table; see `RobotTask.twins`."""
         return TwinBatch(pepper, count, **options, world=self.world(pepper))
 
     def twin(self, pepper: PepperModel) -> Twin:

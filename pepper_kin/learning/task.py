@@ -1,4 +1,4 @@
-"""What an environment asks of the robot: the base class of all tasks."""
+"""The task of an environment: the base class of all tasks."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class RobotTask:
         return self.joints(pepper).size
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return what tells episodes apart that can be solved, shape (m, w).
+        """Return the distinguishing values of episodes that can be solved, shape (m, w).
 
         Args:
             pepper: The robot.

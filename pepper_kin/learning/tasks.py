@@ -24,6 +24,7 @@ TASKS: dict[str, RobotTask] = {
         DriveTask("Drive"),
     )
 }
+"""The tasks of the environments, by name."""
 
 
 def task_named(task: str | RobotTask) -> RobotTask:

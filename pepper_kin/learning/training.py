@@ -17,8 +17,10 @@ from pepper_kin.learning.task import RobotTask
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
-TRAINED, CHOSEN, TRIED = 0, 1, 2
-"""Seeds of the goals that policies are trained on, chosen by, and tried on."""
+TRAINED, CHOSEN = 0, 1
+"""Seeds of the goals that policies are trained on, and chosen by."""
+TRIED = 2
+"""The seed of the goals that policies are tried on."""
 _TRIALS = 1024  # goals that are tried
 _METHODS: dict[str, tuple[Callable[..., Policy], int, int]] = {
     "imitation": (imitate, 512, 12),

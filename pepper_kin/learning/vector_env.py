@@ -30,8 +30,8 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     """N Peppers, each with a goal; an action is where the joints should go from where they are measured.
 
     The targets are shaped as the robot shapes those of `setAngles`, see `TwinBatch.step`, at 50 Hz.  Nothing
-    is hidden: the next state follows from what is observed, but for the commands' lag of some hundredths of
-    a radian.  What a task does otherwise is said by it.
+    is hidden: the next state follows from what is observed, except for the commands' lag of some hundredths
+    of a radian.  What a task does otherwise is said by it.
 
     Observation, shape (2 k + 6 g + e,), float32: positions of the k acting joints, -1 to 1 for their limits;
     velocities over their limits; the g places that are led in the world [m]; from there to the goals [m];
@@ -127,7 +127,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         Args:
             seed: Of all robots, or one for each; the same seeds give the same goals, whatever the number of
                 robots and threads.
-            options: `reset_mask`, shape (N,): which robots begin anew; all without.
+            options: `reset_mask`, shape (N,): which robots begin again; all without.
 
         Raises:
             InvalidValueError: for a mask or seeds of another shape, or a seed below 0.

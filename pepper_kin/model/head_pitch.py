@@ -1,4 +1,4 @@
-"""How far Pepper looks down: 36.5 degrees, or 25.5.
+"""The range of Pepper's head downward: 36.5 degrees, or 25.5.
 
 The URDFs and Choregraphe (table 4 of Sekkat et al., Heliyon 2024) give the joint 36.5 degrees.  The vendor's
 page on the joints for NAOqi 2.5, as public programs quote it, gives 25.5; and of 5,067 settled postures of a

@@ -1,4 +1,4 @@
-"""What URDFs in use get wrong and Pinocchio reads all the same, mended and said."""
+"""Faults of URDFs in use that Pinocchio accepts: repaired, with a warning."""
 
 from __future__ import annotations
 

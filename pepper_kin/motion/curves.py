@@ -299,6 +299,7 @@ class SPLINE(HandCurve):
 
 
 LIN = Line
+"""`Line`, by its name among commands of industrial robots."""
 
 
 def _check_blend(curve: HandCurve) -> None:

@@ -1,4 +1,4 @@
-"""What following a path of tasks comes to: a motion, or the reason."""
+"""The result of following a path of tasks: a motion, or the reason."""
 
 from __future__ import annotations
 

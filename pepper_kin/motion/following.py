@@ -76,7 +76,7 @@ def follow(
         speed: Speed along the path [m/s], or of the parameter [1/s]; None: as fast as limits allow.
         ramps: Whether the motion begins and ends at rest.  If not, it begins and ends at `speed`, as tasks
             that are functions of time [s] may ask for, with a speed of 1.0.
-        laps: How often to go round a closed route.
+        laps: How often to go around a closed route.
         joints: Joints that may move, by names of joints and groups; None for all.
         scene: The world around the robot, without obstacles that move; itself is always looked at.
         margin: Distance to keep to the scene [m].

@@ -456,6 +456,8 @@ def clear_goals(
     margin: float,
     seed: int,
     timeout: float,
+    *,
+    nearby: bool = False,
 ) -> TaskGoals | None:
     """Return solutions of tasks that touch nothing and can be held; None where none was found this way.
 
@@ -470,13 +472,14 @@ def clear_goals(
         margin: Distance to the scene that is preferred [m].
         seed: Draws the starts.
         timeout: Time budget [s]; it is looked at between rounds.
+        nearby: Whether nothing is tried but starts near the configuration where the motion starts.
 
     Returns:
         The goals; None as well where the start touches something or cannot be held.
     """
     parts = tuple(flatten_tasks(checks.pepper, tasks))
     movable = None if joints is None else movable_joints(checks.pepper, joints)
-    return TaskGoalSearch(checks, start, parts, movable, margin, seed, timeout).goals()
+    return TaskGoalSearch(checks, start, parts, movable, margin, seed, timeout).goals(nearby)
 
 
 class TaskGoalSearch:
@@ -506,16 +509,17 @@ class TaskGoalSearch:
         self._tasks, self._margin, self._seed = equally_weighted(parts), margin, seed
         self._timeout = timeout
 
-    def goals(self) -> TaskGoals | None:
-        """Return the goals, if there are some."""
+    def goals(self, nearby: bool = False) -> TaskGoals | None:
+        """Return the goals, if there are some; see `clear_goals`."""
         ready = compiled_tasks(self._checks.pepper, self._tasks)
         kept = _arrays_of(ready)
         search = self._search(ready, *kept)
         status = self._checks.run(search_nearby, search, False)
-        if status == UNSOLVED and is_ordered(self._parts) and not self._timed_out(search):
+        rounds = 0 if nearby else len(ROUNDS)
+        if rounds and status == UNSOLVED and is_ordered(self._parts) and not self._timed_out(search):
             status = self._in_order(search)
         round_ = 0
-        while status not in (FOUND, START_AT_FAULT, UNSOLVED, STOPPED) and round_ < len(ROUNDS):
+        while status not in (FOUND, START_AT_FAULT, UNSOLVED, STOPPED) and round_ < rounds:
             if time.perf_counter() > self._deadline:
                 break
             status = self._widened(search, round_)

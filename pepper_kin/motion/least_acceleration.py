@@ -39,7 +39,7 @@ class PathNodes(NamedTuple):
     """Nodes of a path, and what bends it there.
 
     Attributes:
-        s: The path's parameter, rising, shape (K,); of a closed path without its end, where it begins anew.
+        s: The path's parameter, rising, shape (K,); of a closed path without its end, where it begins again.
         closed: Whether the path is closed.
         bend: Sum of w c c^T of all divided differences c: couplings of nodes k and k + d at [d, k], shape
             (3, K), modulo K where closed.

@@ -1,4 +1,4 @@
-"""What keeps a whole path away from contact and from torques that cannot be held, as penalties."""
+"""Penalties that keep a whole path away from contact and from torques that cannot be held."""
 
 from __future__ import annotations
 

@@ -95,6 +95,8 @@ class Plan:
             with `start_velocity`: the trajectory was examined then.
         goal: The configuration reached, shape (n,); None unless solved.
         ik: Result of inverse kinematics where the goal was given as tasks.
+        alternative: Which of several lists of tasks the goal meets, counted from 0; None where there were not
+            several.
         search: What the planner returned: its path before it was smoothed, length and lower bound in its own
             metric, why it stopped, the sizes of its trees; None where nothing was searched and with
             constraints.
@@ -133,6 +135,7 @@ class Plan:
     splice: Splice | None = None
     optimized: Optimized | None = None
     loads: Loads = ()
+    alternative: int | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
     proof: Callable[[], float] | None = field(default=None, repr=False)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
@@ -14,6 +15,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
+from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
 from pepper_kin.motion.constrained_plan import constrained_path
 from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
@@ -50,7 +52,7 @@ NO_SPLINE = "A path was found, but no spline through way-points of it is free of
 def plan(
     pepper: PepperModel,
     start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
+    goal: ArrayLike | Sequence[Any] | Task | TaskGroup,
     scene: Scene | None = None,
     *,
     planner: str = "rrt_connect",
@@ -72,8 +74,9 @@ def plan(
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
-            from several starts; of the free solutions the one with the shortest path is taken.
+        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks, or several lists of them
+            of which any will do, such as the grasps of one object.  Tasks are solved from several
+            starts; of the free solutions the one with the shortest path is taken.
         scene: The world around the robot, with what it holds; attached objects count with their mass.
         planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
@@ -122,10 +125,15 @@ def plan(
         least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
         smooth=smooth, start_velocity=start_velocity,
     )  # fmt: skip
-    if start_velocity is not None:
-        return plan_in_motion(pepper, start, goal, scene, options, _free_path)
     search = _free_path if not guided else costed_path if constraints is None else constrained_path
-    found = search(pepper, start, goal, scene, options)
+    if start_velocity is not None:
+        search = partial(plan_in_motion, search=_free_path)
+    if isinstance(goal, (Task, TaskGroup)):
+        goal = [goal]
+    if are_alternatives(goal):
+        found = plan_to_any(pepper, start, goal, scene, options, search)
+    else:
+        found = search(pepper, start, goal, scene, options)
     return smoothed(pepper, found, scene, options) if smooth else found
 
 

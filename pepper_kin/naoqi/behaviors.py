@@ -1,7 +1,7 @@
 """Behaviors of Choregraphe, run against the twin: boxes, their scripts, signals and timelines.
 
 The boxes of a diagram are loaded with it.  A box that is started loads its own diagram, or plays its
-timeline, whose keyframes load diagrams; when it stops, these are unloaded.  Signals run beside each other.
+timeline, whose key frames load diagrams; when it stops, these are unloaded.  Signals run beside each other.
 """
 
 from __future__ import annotations
@@ -494,7 +494,7 @@ class Player:
         self._task = None
 
     def stop(self) -> None:
-        """Stand, and begin anew with the next play."""
+        """Stand, and begin again with the next play."""
         self.pause()
         self._frame = self._timeline.first
 

@@ -1,4 +1,4 @@
-"""Why a robot does not answer, or does not do what it is told: the causes that users meet, and what helps."""
+"""Causes for which a robot does not answer or does not follow commands, and what helps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the simulated joints follow ALMotion's commands: late, with lag, backlash and gravity's droop."""
+"""The simulated joints' response to ALMotion's commands: late, with lag, backlash and gravity's droop."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ LOOK_EVERY = 0.25
 """Time between two looks for a script that lets no time pass [s]."""
 
 STUCK = 1.0
-"""Time that a script may let no time pass after the end of its own [s]."""
+"""Time that a script may let no time pass after its end [s]."""
 
 
 @dataclass(frozen=True)

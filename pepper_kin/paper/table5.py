@@ -13,6 +13,7 @@ from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import UnknownNameError
 
 GESTURES = ("left-arm", "right-arm", "head")
+"""Gestures of the paper's Table 5: the `name` of `paper_gesture`."""
 FRAMES = ("T0", "T1", "T2", "T3", "T4")
 COLUMNS = ("plan", "gazebo", "choregraphe", "reality")
 

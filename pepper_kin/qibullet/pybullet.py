@@ -321,7 +321,7 @@ def getNumJoints(bodyUniqueId: int, physicsClientId: int = 0) -> int:
 def getJointInfo(bodyUniqueId: int, jointIndex: int, physicsClientId: int = 0) -> tuple[Any, ...]:
     """Return number, name, type, -1, -1, 0, damping, friction, limits, effort, velocity and link of a joint.
 
-    What pybullet adds (axis, place in the parent, its number) is left out but for the parent's number.
+    What pybullet adds (axis, place in the parent, its number) is left out except for the parent's number.
     """
     robot, entry = _joint_entry(bodyUniqueId, jointIndex, physicsClientId)
     link = robot.link_dict[entry.child]

@@ -1,4 +1,4 @@
-"""What naoqi_driver2 and ros2_control offer beside motion: topics and services about the robot itself."""
+"""Offers of naoqi_driver2 and ros2_control beside motion: topics and services about the robot itself."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ class KinematicsServices:
     def compute_cartesian_path(self, request: Any) -> Any:
         """Return moveit_msgs/srv/GetCartesianPath_Response: a hand along lines through points, timed.
 
-        Positions of the waypoints count.  Where the hand stops early `fraction` says how far it came, and
+        Positions of the way-points count.  Where the hand stops early `fraction` says how far it came, and
         `error_code.message` why.
         """
         response = message_type(f"{PATH_TYPE}_Response")()

@@ -1,4 +1,4 @@
-"""What serves others over a network: who may connect, how connections begin, and how a server ends.
+"""Servers for others over a network: who may connect, how connections begin, and how a server ends.
 
 access             pages and clients that may connect: loopback, tokens, origins
 connection_gate    connections before their first message is complete

@@ -65,7 +65,7 @@ def edge_moments(
     Returns:
         h of every edge [N m], positive where it stands, shape (..., k).
     """
-    return _moments(pepper, polygon, q, _floor(pepper, q, v, a, loads), margin)
+    return _moments(pepper, polygon, q, floor_wrench(pepper, q, v, a, loads), margin)
 
 
 def moment_matrix(polygon: Array, margin: float) -> Array:
@@ -98,13 +98,28 @@ def balance_margin(
     Returns:
         Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
     """
-    wrench = _floor(pepper, q, v, a, loads)
+    return margin_of_wrench(pepper, polygon, q, floor_wrench(pepper, q, v, a, loads))
+
+
+def margin_of_wrench(pepper: PepperModel, polygon: Array, q: Array, wrench: Array) -> Array:
+    """Return what `balance_margin` does, of the wrench of the floor, shape (T, 6)."""
     moments, lift = _moments(pepper, polygon, q, wrench, 0.0).min(axis=1), wrench[:, 2]
     return np.where(lift > 0, moments / np.where(lift > 0, lift, 1.0), -np.inf)
 
 
-def _floor(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads) -> Array:
-    """Return the wrench of the floor, shape (..., 6), of states of shape (..., n)."""
+def floor_wrench(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()) -> Array:
+    """Return the wrench of the floor on a robot and its loads, about the world's origin.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (..., n).
+        v: Joint velocities [rad/s or m/s], shape (..., n).
+        a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
+        loads: What is carried.
+
+    Returns:
+        Force [N], then moment [N m], shape (..., 6).
+    """
     wrench = base_wrench(pepper, q, v, a)
     return wrench + load_wrench(pepper, loads, q, v, a) if loads else wrench
 

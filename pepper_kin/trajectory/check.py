@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin import collision, dynamics, kinematics
+from pepper_kin import collision, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.collision.loads import AtFrames, load_wrench
+from pepper_kin.collision.loads import AtFrames
 from pepper_kin.collision.solids import not_negative
+from pepper_kin.core.certificates.polynomials import evaluate
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import balance_margin, checked_balance, support_polygon
+from pepper_kin.trajectory.balance import checked_balance, floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
-from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
 from pepper_kin.trajectory.quantities import unit_of
@@ -94,7 +95,7 @@ def check(
         torque_scale=torque_scale, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene,
     )  # fmt: skip
     examined = _examined(pepper, trajectory, limits.loads)
-    torque = dynamics.newton_euler(pepper, *examined.state, limits.loads)
+    torque = newton_euler_of_motion(pepper, *examined.state, limits.loads)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     polygon = None if kept is None else support_polygon(pepper)
     allowed = limits.of(pepper, pepper.acceleration_limits, drives=True)
@@ -183,32 +184,21 @@ def _examined(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -> _Exa
 
 
 def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
-    """Return value and first derivatives of the polynomials, shape (T, n) each.
-
-    Horner's scheme for all of them at once: the sums of its steps are p(x), p'(x), p''(x) / 2, ...
-    """
-    coefficients, x = trajectory.coefficients, local[:, None]
-    sums = [np.zeros((segment.size, coefficients.shape[2])) for _ in range(count)]
-    order = coefficients.shape[1]
-    for power in range(order - 1, -1, -1):
-        # A sum is zero until as many coefficients have been met.
-        for k in range(min(count - 1, order - 1 - power), 0, -1):
-            sums[k] *= x
-            sums[k] += sums[k - 1]
-        sums[0] *= x
-        sums[0] += coefficients[segment, power]
-    return [total * math.factorial(k) for k, total in enumerate(sums)]
+    """Return value and first derivatives of the polynomials, shape (T, n) each."""
+    state = np.empty((count, segment.size, trajectory.n))
+    evaluate(trajectory.coefficients, segment, local, state)
+    return list(state)
 
 
 def _at_extremes(
     pepper: PepperModel, quantity: str, trajectory: Trajectory, order: int, lower: Array, upper: Array
 ) -> LimitCheck:
     """Compare a derivative of the positions with limits, shape (n,) each, where it is extreme."""
-    segments = derivative(trajectory.coefficients, order)
-    high, low = maxima(trajectory.breaks, segments), maxima(trajectory.breaks, -segments)
-    above = upper - high.value < -low.value - lower
-    value, time = np.where(above, high.value, -low.value), np.where(above, high.time, low.time)
-    margin = np.minimum(upper - high.value, -low.value - lower)
+    found = extremes_of(trajectory.breaks, trajectory.coefficients, order)
+    above = upper - found.high < found.low - lower
+    value = np.where(above, found.high, found.low)
+    time = np.where(above, found.high_time, found.low_time)
+    margin = np.minimum(upper - found.high, found.low - lower)
     return _limit_check(pepper, quantity, (margin, value, time), lower, upper, np.zeros(pepper.n))
 
 
@@ -269,19 +259,18 @@ def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
 
 def _balance(pepper: PepperModel, polygon: Array, examined: _Examined, limits: MotionLimits) -> ScalarCheck:
     """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
-    margin = balance_margin(pepper, polygon, *examined.state, limits.loads)
+    wrench = floor_wrench(pepper, *examined.state, limits.loads)
+    margin = margin_of_wrench(pepper, polygon, examined.state.position, wrench)
     at = int(np.argmin(margin))
     worst = float(margin[at])
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
     return ScalarCheck(
         "balance", worst - (limits.balance or 0.0) + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m",
-        detail, _balance_between(pepper, polygon, examined, limits.loads, margin),
+        detail, _balance_between(polygon, examined, margin, wrench[:, 2]),
     )  # fmt: skip
 
 
-def _balance_between(
-    pepper: PepperModel, polygon: Array, examined: _Examined, loads: Loads, margin: Array
-) -> float:
+def _balance_between(polygon: Array, examined: _Examined, margin: Array, force: Array) -> float:
     """Return what the zero-moment point may be nearer to an edge by between the states [m].
 
     Its distance is h / f, of an edge moment over the floor's force, both of which lie between their values at
@@ -290,15 +279,11 @@ def _balance_between(
     d - (e_h + |d| e_f) / (f - e_f).
 
     Args:
-        pepper: The robot.
         polygon: Corners of the support polygon [m], shape (3, 2).
         examined: The states.
-        loads: What is carried.
         margin: Distances at the states [m], shape (T,).
+        force: The floor's force there [N], shape (T,).
     """
-    force = dynamics.base_wrench(pepper, *examined.state)[:, 2]
-    if loads:
-        force = force + load_wrench(pepper, loads, *examined.state)[:, 2]
     pull, moment = examined.bounds.floor()
     reach = float(np.linalg.norm(polygon, axis=1).max())  # no edge is farther from the base's origin
     share = examined.gap**2 / 8

@@ -30,7 +30,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
@@ -153,8 +153,8 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
 
 def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
     """Whether quintics, which lie on the path at their ends, keep the position limits between these too."""
-    highest, lowest = (maxima(trajectory.breaks, sign * trajectory.coefficients).value for sign in (1, -1))
-    outside = np.maximum(highest - pepper.upper_limits, lowest + pepper.lower_limits)
+    found = extremes_of(trajectory.breaks, trajectory.coefficients)
+    outside = np.maximum(found.high - pepper.upper_limits, pepper.lower_limits - found.low)
     return bool(outside.max() <= LIMIT_TOLERANCE)
 
 

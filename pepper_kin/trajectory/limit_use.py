@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import LimitedQuantities, Limits, share_of
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -80,8 +80,8 @@ def stretch_at_extremes(trajectory: Trajectory, limits: Limits) -> float:
     for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
         if bound is None:
             continue
-        segments = derivative(trajectory.coefficients, order)
-        greatest = np.maximum(*(maxima(trajectory.breaks, sign * segments).value for sign in (1.0, -1.0)))
+        found = extremes_of(trajectory.breaks, trajectory.coefficients, order)
+        greatest = np.maximum(found.high, -found.low)
         stretch = max(stretch, float(np.max(share_of(greatest, bound))) ** (1 / order))
     return stretch
 

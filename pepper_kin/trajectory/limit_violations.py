@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import EXAMINED_EVERY, State, examination_step, sample_times
@@ -85,8 +85,8 @@ def _between(trajectory: Trajectory) -> Array:
     short = width < 2 * EXAMINED_EVERY
     times = [(start[short, None] + width[short, None] * _INSIDE).ravel()]
     for order in range(3):
-        segments = derivative(trajectory.coefficients, order)
-        times += [maxima(trajectory.knots, sign * segments).time for sign in (1.0, -1.0)]
+        found = extremes_of(trajectory.knots, trajectory.coefficients, order)
+        times += [found.high_time, found.low_time]
     return np.unique(np.concatenate(times))
 
 

@@ -1,4 +1,4 @@
-"""What a motion is at given times, and the times at which it is looked at."""
+"""The state of a motion at given times, and the times at which it is looked at."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real, shown
-from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import (
     JerkLike,
     LimitedQuantities,
@@ -363,10 +363,9 @@ def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, 
 
 
 def _within(motion: Trajectory, order: int, low: Array, high: Array) -> bool:
-    rows = derivative(motion.coefficients, order)
     slack = _ROUNDING * np.maximum(1.0, np.minimum(np.abs(high), 1e6))
-    most, least = maxima(motion.breaks, rows).value, -maxima(motion.breaks, -rows).value
-    return bool(np.all(most <= high + slack) and np.all(least >= low - slack))
+    found = extremes_of(motion.breaks, motion.coefficients, order)
+    return bool(np.all(found.high <= high + slack) and np.all(found.low >= low - slack))
 
 
 def _with_jerk(

@@ -334,7 +334,7 @@ class Trajectory(FrozenArrays):
     def blend(self, other: Trajectory, overlap: float) -> Trajectory:
         """Return this trajectory with another one that sets out `overlap` [s] before this one ends.
 
-        For that time both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via: the via point is
+        For that time both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via: the way-point is
         cut instead of stopped at.  The sum may exceed limits that each motion keeps, and leaves the paths of
         both: check it, and stretch it where need be.
 

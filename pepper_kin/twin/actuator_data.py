@@ -45,7 +45,7 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
         pepper: The robot.
         detail: "servo": gains, torque limits and stops alone; "motor": with the rotor inertia, friction,
             torque-speed line, encoder and latency of the data file besides, where it has them; "measured":
-            as "motor", with the stiffness that a robot's sag under gravity tells, a quarter to a half of what
+            as "motor", with the stiffness that a robot's sag under gravity shows, a quarter to a half of what
             is assumed, where it was measured.
 
     Returns:

@@ -52,7 +52,7 @@ FASTEST = 1e6  # [rad/s or m/s, and the same squared] of commands without a limi
 class TwinBatch:
     """N independent robots of one kind, stepped together by vector machine code.
 
-    Each agrees with a `Twin` of its parameters to 1e-9.  With a world, each robot has one of its own, which
+    Each agrees with a `Twin` of its parameters to 1e-9.  With a world, each robot has its own, which
     begins as a copy of it, and is stepped by `step` alone, robot by robot.
 
     Args:

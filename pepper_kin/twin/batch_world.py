@@ -1,4 +1,4 @@
-"""The worlds of a batch of twins: alike but for what lies where, how heavy and how rough."""
+"""The worlds of a batch of twins: alike except for what lies where, how heavy and how rough."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a robot's joints follow the targets of `setAngles`: measured on a robot, assumed, or without delay."""
+"""The response of joints to the targets of `setAngles`: measured on a robot, assumed, or without delay."""
 
 from __future__ import annotations
 

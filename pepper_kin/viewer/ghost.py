@@ -1,4 +1,4 @@
-"""The second robot of a page: the first one's parts, translucent, on links of its own."""
+"""The second robot of a page: the first one's parts, translucent, on separate links."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import distributed
@@ -232,6 +233,20 @@ def test_the_same_job_in_two_folders_by_one_scheduler(job, undisturbed, tmp_path
 
         datasets.make(job, tmp_path / "a", client=client, on_progress=make_other)
     assert contents(tmp_path / "a") == contents(tmp_path / "b") == undisturbed
+
+
+def test_other_clusters_of_the_process_come_and_go(job, undisturbed, tmp_path):
+    """The newest client is the default one of all threads: it is not asked about the shards of another."""
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
+    with ExitStack() as stack:
+        client, newest = (
+            stack.enter_context(closing(distributed.Client(stack.enter_context(cluster))))
+            for cluster in (distributed.LocalCluster(**options), distributed.LocalCluster(**options))
+        )
+        assert distributed.default_client() is newest
+        newest.sync = lambda *arguments, **more: pytest.fail("a client of another cluster is asked")
+        datasets.make(job, tmp_path / "data", client=client, on_progress=lambda state: newest.close())
+    assert contents(tmp_path / "data") == undisturbed
 
 
 def test_damage_is_refused_by_name_and_mended_by_resume(job, undisturbed, tmp_path):

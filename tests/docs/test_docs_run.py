@@ -1,4 +1,7 @@
-"""Every Python block of the documentation runs, page by page, in the order in which it stands."""
+"""Every Python block of the documentation runs, page by page, in the order in which it stands.
+
+Blocks marked `py` need other libraries: they are shown, and not run.
+"""
 
 import re
 from pathlib import Path
@@ -26,3 +29,13 @@ def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     namespace: dict[str, object] = {"__name__": "page"}
     for line, text in blocks(page):
         exec(compile("\n" * line + text, str(page), "exec"), namespace)
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "coming_from").glob("*.md")), ids=lambda page: page.stem)
+def test_each_program_of_another_library_stands_beside_one_that_runs(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    pairs = re.findall(r"^<div class=\"beside\" markdown>\n(.*?)^</div>", text, re.MULTILINE | re.DOTALL)
+    kinds = [re.findall(r"^```(\w+)$", pair, re.MULTILINE) for pair in pairs]
+    assert len(pairs) >= 2
+    assert kinds == [["py", "python"]] * len(pairs)
+    assert len(blocks(page)) == len(pairs)

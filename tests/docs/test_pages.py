@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FILE = re.compile(
-    r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml))\b"
+    r"\b((?:benchmarks|docs|examples|planners|pepper_kin|tests|urdf)/[\w./-]+\.(?:py|md|csv|json|toml|ipynb))\b"
 )
 TO_BE_WRITTEN = {  # by who follows CONTRIBUTING
     "pepper_kin/ik/tasks/frame_distance.py",
@@ -43,3 +43,14 @@ def test_every_page_is_in_the_contents():
     contents = (ROOT / "mkdocs.yml").read_text("utf-8")
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES[2:]}
     assert {page for page in pages if f" {page}\n" not in contents} == set()
+
+
+@pytest.mark.parametrize(
+    "page", sorted((ROOT / "docs" / "benchmarks").glob("*.md")), ids=lambda page: page.stem
+)
+def test_benchmarks_begin_with_a_table_and_end_with_trials(page):
+    text, _, appendix = page.read_text("utf-8").partition("\n## Appendix: trials and misses\n")
+    front = text.partition("\n|")[0]
+    assert len(re.sub(r"^#.*$", "", front, flags=re.MULTILINE).split()) <= 30
+    assert not re.search(r"\btrials?\b|\bmissed targets, and why\b", text, re.IGNORECASE)
+    assert "\n## " not in appendix

@@ -4,6 +4,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import symbolic
+from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 
 OPTIONS = [("fixed", "locked"), ("planar", "locked"), ("planar", "mimic")]
@@ -180,8 +181,10 @@ def test_newton_euler_counts_what_was_changed_by_hand(options):
     q, v, a = rng.uniform(-1.0, 1.0, (3, 20, robot.n))
     expected = pk.dynamics.inverse_dynamics(robot, q, v, a)
     np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a), expected, atol=1e-10)
+    np.testing.assert_allclose(newton_euler_of_motion(robot, q, v, a), expected, atol=1e-10)
     loads = pk.collision.loads_of(robot, None, {"left": 0.4})
     expected = expected + pk.collision.load_torque(robot, loads, q, v, a)
     np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a, loads), expected, atol=1e-10)
+    np.testing.assert_allclose(newton_euler_of_motion(robot, q, v, a, loads), expected, atol=1e-10)
     at_first = robot.neutral()
     assert np.abs(pk.dynamics.newton_euler(robot, at_first, at_first, at_first) - plain).max() > 0.1

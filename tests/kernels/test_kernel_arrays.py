@@ -195,6 +195,19 @@ def test_extremes_count_as_finite(kernel):
         np.testing.assert_allclose(kernel(x, m, s)[2], mixed_in_numpy(x, m, s)[2], rtol=1e-14)
 
 
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1.001e9, -1e300, 1e8])
+@pytest.mark.parametrize(("count", "state"), [(1, 0), (9, 8), (1000, 500)])
+def test_the_caller_looks_at_large_numbers(kernel, value, count, state):
+    """Each number beyond 1e9, and no few that are smaller."""
+    x, m, s = arguments((count,))
+    m[state, 0, 2] = value
+    looked = []
+    found = kernel(x, m, s, check_large=lambda: looked.append(True))
+    assert bool(looked) == (value != 1e8)
+    good = np.arange(count) != state
+    np.testing.assert_array_equal(found[1][good], mixed_in_numpy(x[good], m[good], s[good])[1])
+
+
 def test_double_that_overflows_a_float_is_refused(kernel32):
     x, m, s = arguments((3,))
     x[1, 4] = 1e39

@@ -207,15 +207,19 @@ def test_neighbors_that_touch_fail_without_a_distance(pepper):
 
 
 def test_the_check_shares_no_code_with_the_core(pepper, monkeypatch):
-    """It evaluates and judges a trajectory alike while nothing of the core can be called."""
+    """It evaluates and judges a trajectory alike while nothing but its own machine code can be called."""
     from pepper_kin.kernels.compiled_function import CompiledFunction
 
     q = pepper.posture("Stand")
     trajectory = pk.retime(pepper, [q, 0.8 * q], jerk="brisk")
     before = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0}, collisions=False)
 
+    call = CompiledFunction.__call__
+
     def refuse(self, *arguments):
-        assert not self.__module__.startswith("pepper_kin.core"), self
+        own = self.__module__.startswith("pepper_kin.core.certificates")
+        assert own or not self.__module__.startswith("pepper_kin.core"), self
+        return call(self, *arguments) if own else None
 
     monkeypatch.setattr(CompiledFunction, "__call__", refuse)
     after = trajectory.check(pepper, jerk="brisk", hand_speed={"left": 1.0}, collisions=False)

@@ -9,7 +9,7 @@ from pepper_kin.collision import load_torque
 from pepper_kin.dynamics.load import Load
 from pepper_kin.trajectory import Trajectory, find_limit_violations
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.extremes import derivative, maxima
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import jerk_limits
 
 
@@ -39,14 +39,13 @@ def greatest_by_roots(trajectory, order):
 def test_extremes_are_those_that_roots_find(pepper, order):
     trajectory = pk.retime(pepper, random_points(pepper, 0))
     high, low = greatest_by_roots(trajectory, order)
-    segments = derivative(trajectory.coefficients, order)
     scale = np.maximum(np.abs(high), np.abs(low))
-    for sign, expected in ((1, high), (-1, -low)):
-        found = maxima(trajectory.breaks, sign * segments)
-        assert np.all(np.abs(found.value - expected) <= 1e-11 * scale + 1e-300)
+    found = extremes_of(trajectory.breaks, trajectory.coefficients, order)
+    for value, time, expected in ((found.high, found.high_time, high), (found.low, found.low_time, low)):
+        assert np.all(np.abs(value - expected) <= 1e-11 * scale + 1e-300)
         if order < 2:  # later derivatives jump at knots
-            at = trajectory(found.time)[order][np.arange(pepper.n), np.arange(pepper.n)]
-            np.testing.assert_allclose(sign * at, found.value, atol=1e-10)
+            at = trajectory(time)[order][np.arange(pepper.n), np.arange(pepper.n)]
+            np.testing.assert_allclose(at, value, atol=1e-10)
 
 
 @pytest.mark.parametrize("options", [{}, {"solver": "toppra"}, {"jerk": "gentle"}, {"jerk": "brisk"}])

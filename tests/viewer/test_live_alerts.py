@@ -154,12 +154,12 @@ def test_contact_is_red_on_the_links_with_a_sentence(open_live, until, pepper):
         before = reds(page)
         assert page.evaluate(red) == []
         server.call(lambda session: session.set_joints(pepper.joint_vector(HAND_ON_CHEST)))
-        until(page, "document.querySelectorAll('#alerts li.contact').length === 1")
+        until(page, "document.querySelectorAll('#alerts div.contact').length === 1")
         assert page.inner_text("#alerts") == "The left hand and the left forearm touch the torso."
         assert reds(page) > before + 2000
         assert page.evaluate(red) == ["LForeArm", "l_wrist", "torso"]
         server.call(lambda session: session.posture("Stand"))
-        until(page, "document.querySelectorAll('#alerts li').length === 0")
+        until(page, "document.querySelectorAll('#alerts div').length === 0")
         assert reds(page) < before + 200
         assert page.evaluate(red) == []
     finally:

@@ -344,6 +344,26 @@ def _turn(table: NearTable, poses: Floats2, k: int, turned: Floats1, placed: Flo
     turned[k] = 1.0
 
 
+@compiled(lean=True, inline=True)
+def _is_beyond(shape: Floats1, pose: Floats1, x: float, y: float, z: float, far: float) -> bool:
+    """Whether the box of a shape is certainly farther than a distance from a point (x, y, z) [m].
+
+    Args:
+        shape: Of a kind that is a box, or lies in it.
+        pose: Of its core in the world, shape (12,).
+        x: Of the point, in the world's axes from the core's center.
+        y: The same.
+        z: The same.
+        far: The distance, 0 or more [m].
+    """
+    square = 0.0
+    for i in range(3):
+        k = 3 + 3 * i
+        out = abs(x * pose[k] + y * pose[k + 1] + z * pose[k + 2]) - shape[HALF + i]
+        square += out * out if out > 0.0 else 0.0
+    return square > (far + SLACK) ** 2
+
+
 @compiled("Tuple(int64, int64)(float64[:, ::1], NearTable, float64, boolean, NearPoints)", lean=True)
 def find_near(
     poses: Floats2, table: NearTable, distance: float, exact: bool, result: NearPoints
@@ -377,18 +397,22 @@ def find_near(
     count, undecided = 0, 0
     for k in range(pairs.shape[0]):
         a, b, reach = pairs[k, 0], pairs[k, 1], distance + table.keep[k]
-        x, y, z = placed[a, 0] - placed[b, 0], placed[a, 1] - placed[b, 1], placed[a, 2] - placed[b, 2]
+        here, there = placed[a], placed[b]
+        x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
         if x * x + y * y + z * z > (table.reaches[k] + reach + SLACK) ** 2:
             continue
-        _turn(table, poses, a, turned, placed)
-        _turn(table, poses, b, turned, placed)
         first, second = shapes[a], shapes[b]
+        far = reach + first[RADIUS] + second[RADIUS]
+        _turn(table, poses, b, turned, placed)
+        compact = second[KIND] == BOX and is_segment(first)
+        if compact and _is_beyond(second, placed[b], x, y, z, far + first[HALF + 2]):
+            continue
+        _turn(table, poses, a, turned, placed)
         if exact and not (_is_known(first) and _is_known(second)):
             if _may_be_near(first, placed[a], second, placed[b], reach):
                 result.undecided[undecided] = k
                 undecided += 1
             continue
-        far = reach + first[RADIUS] + second[RADIUS]
         gap = measure(first, placed[a], second, placed[b], table.vertices, far, near, scratch)
         if gap >= far or count == result.found.size:
             continue

@@ -13,7 +13,7 @@ BODY = RecordView("BODY", **dict.fromkeys(_NAMES.split(), word))
 """A body: the pose it hangs on, whether it slides, its coordinate, whether it moves, its groups, its coarse
 ball, its parts."""
 FRAME = RecordView("FRAME", rotation=9 * single, origin=3 * single, gain=single, offset=single)
-"""A body's frame: rotation row by row, origin, then gain and offset of its own coordinate."""
+"""A body's frame: rotation row by row, origin, then gain and offset of the body's coordinate."""
 GROUP = RecordView(
     "GROUP",
     body=word,

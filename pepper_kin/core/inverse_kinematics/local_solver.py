@@ -352,18 +352,23 @@ def _linearize(
                 place += 1
         for j in range(k if i < k else i, m):
             matrix[i, j] = 0.0
-        for r in range(workspace.near_count[0]):
-            row = workspace.near[r]
-            part = clearing**2 * row[index[i]]
-            slope -= part * row[problem.reference.size]
+        gradient[i] = slope
+    for r in range(workspace.near_count[0]):
+        row, own = workspace.near[r], workspace.step
+        for i in range(m):
+            own[i] = row[index[i]]
+        for i in range(m):
+            part = clearing**2 * own[i]
+            gradient[i] -= part * row[problem.reference.size]
             for j in range(i if part != 0.0 else m, m):
-                matrix[i, j] += part * row[index[j]]
+                matrix[i, j] += part * own[j]
+    for i in range(m):
+        q, slope = workspace.inputs[index[i]], gradient[i]
         matrix[i, i] += POSTURE_WEIGHT**2 + damping * problem.scale[i]
         if cautious and low[i] < high[i]:
             matrix[i, i] += slope / max(q - low[i], 1e-9) if slope > 0 else -slope / max(high[i] - q, 1e-9)
         least[i] = max(share * (low[i] - q), -STEP_BOUND)
         most[i] = min(share * (high[i] - q), STEP_BOUND)
-        gradient[i] = slope
         workspace.state[i] = FREE
         if cautious:
             workspace.state[i] = FREE if low[i] < high[i] else LOW

@@ -78,7 +78,7 @@ class Sent(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """What N robots find around themselves, each in a world of its own.
+    """What N robots find around themselves, each in a separate world.
 
     Attributes:
         rows: Of each of b bodies position, rotation, velocity, mass, inertia and friction, as in `BodyTable`

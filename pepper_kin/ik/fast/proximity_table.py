@@ -1,4 +1,4 @@
-"""What is near a robot in a scene as the memory that `core.inverse_kinematics.proximity` reads."""
+"""The surroundings of a robot in a scene, as the memory that `core.inverse_kinematics.proximity` reads."""
 
 from __future__ import annotations
 

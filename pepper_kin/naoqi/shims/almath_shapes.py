@@ -1,4 +1,4 @@
-"""What `almath` has beside geometry: maps of cells, and shapes with their visitors."""
+"""Parts of `almath` beside geometry: maps of cells, and shapes with their visitors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sensors of many robots would read, without noise."""
+"""Readings of the sensors of many robots, without noise."""
 
 from __future__ import annotations
 

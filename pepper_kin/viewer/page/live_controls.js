@@ -145,7 +145,7 @@ class Layers {
 // Warnings of what is so now: contact, torque, balance.
 function showAlerts(alerts) {
   const list = document.getElementById("alerts");
-  list.replaceChildren(...alerts.map(({ kind, text }) => make("li", { className: kind }, text)));
+  list.replaceChildren(...alerts.map(({ kind, text }) => make("div", { className: kind }, text)));
 }
 
 // The message line: what the server says to all, how it refused this page's last command, or what it is busy with.

@@ -113,7 +113,7 @@
       const texts = notes.filter(({ start, end }) => motion.time >= start && motion.time <= end).map(({ text }) => text);
       if (texts.join("\n") === shown) return;
       shown = texts.join("\n");
-      list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+      list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("div"), { textContent: text })));
     };
     motion.listeners.push(show);
     show();

@@ -36,7 +36,7 @@ class _Decision(NamedTuple):
 class LiveRun:
     """A live motion of the page's robot; see `LiveMotion`.
 
-    Cycles are done by a thread of their own, so that pages do not wait for them.  Time stands still where a
+    Cycles are done by a separate thread, so that pages do not wait for them.  Time stands still where a
     cycle takes longer than the robot was committed to go on before.
 
     Args:

@@ -18,6 +18,7 @@ from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.worker import Worker
 
 DEFAULT_PORT = 7878
+"""The port of the live page, if none is asked for and nobody has taken it."""
 _TRIED = 20
 """Ports that are tried after the default one, where others are at home already."""
 

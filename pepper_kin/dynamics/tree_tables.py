@@ -1,0 +1,176 @@
+"""Tables of a robot for the dynamics of one state in machine code."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pepper_kin.arrays import Array
+from pepper_kin.batch import over_states
+from pepper_kin.core import tree_dynamics
+from pepper_kin.core.tree_dynamics import JOINT, LINK, TreeTables, work_size
+from pepper_kin.kernels.compiled_function import INTERPRETED, CompiledFunction
+from pepper_kin.model import PepperModel, dynamics_model, kept_for_robot
+from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.moving_tree import MovingTree, moving_tree
+
+TABLES = "tree tables"
+"""Where `pepper.kept` has the tables of each thread, of a robot whose `pinocchio_model` nobody was handed.
+
+The functions of this package look there first, and pass them to machine code with what they are given: the
+frequent case is (n,) arrays of floats within range.  All else is for `all_states`."""
+
+SOLVERS = ("compiled", "pinocchio")
+"""What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""
+
+QUICK = {tree_dynamics.inverse_dynamics, tree_dynamics.gravity_torque, tree_dynamics.mass_matrix}
+"""What Pinocchio computes sooner than a model that somebody may have changed is compared with its tables."""
+
+
+def _tables_for(function: CompiledFunction, pepper: PepperModel, solver: str) -> TreeTables | None:
+    """Return the tables of a robot; None where Pinocchio is to compute.
+
+    Raises:
+        InvalidValueError: for an unknown solver.
+    """
+    if solver != "compiled":
+        check_choice("solver", solver, SOLVERS)
+        return None
+    if pepper.dynamics_model.handed_out:
+        return None if function in QUICK else _with_memory(_tables(pepper))
+    kept = pepper.kept.setdefault(TABLES, threading.local())
+    try:
+        found: TreeTables | None = kept.tables
+    except AttributeError:
+        found = kept.tables = _with_memory(_tables(pepper))
+    return found
+
+
+def _with_memory(tables: TreeTables | None) -> TreeTables | None:
+    """Return tables with a workspace of their own."""
+    return None if tables is None else tables._replace(work=np.empty(work_size(len(tables.links))))
+
+
+def one_state(
+    function: CompiledFunction, pepper: PepperModel, solver: str, shape: tuple[int, ...], *state: Any
+) -> Array | None:
+    """Return a new array, filled by a function of `core.tree_dynamics` for one state.
+
+    Returns:
+        The result; None where its arguments must be converted or refused, or Pinocchio is to compute.
+    """
+    tables = _tables_for(function, pepper, solver)
+    if tables is None:
+        return None
+    result = np.empty(shape)
+    try:
+        return result if function.native(tables, *state, result) else None
+    except TypeError:  # lists, other types of numbers, other numbers of axes, rows that are not contiguous
+        return None
+
+
+def all_states(
+    function: CompiledFunction,
+    pepper: PepperModel,
+    solver: str,
+    shape: tuple[int, ...],
+    reference: Callable[..., Array],
+    quantity: str,
+    **quantities: ArrayLike,
+) -> Array:
+    """Return a quantity at any states that can be converted, shape (..., *shape).
+
+    Args:
+        function: Of `core.tree_dynamics`.
+        pepper: The robot.
+        solver: One of SOLVERS.
+        shape: Shape of the result for one state.
+        reference: The same by Pinocchio: takes (n,) vectors, returns a new array.
+        quantity: Its name in `symbolic.QUANTITIES`.
+        **quantities: Joint vectors, as `batch.over_states` takes them.
+
+    Raises:
+        InvalidValueError: as `batch.over_states` does.
+    """
+
+    def one(*state: Array) -> Array:
+        found = one_state(function, pepper, solver, shape, *map(np.ascontiguousarray, state))
+        return reference(*state) if found is None else found
+
+    by_kernel = None if solver == "pinocchio" else (quantity,)
+    return over_states(pepper, one, shape, by_kernel, **quantities)
+
+
+@kept_for_robot(most=1)
+def _tables(pepper: PepperModel) -> TreeTables | None:
+    """Return the tables; None where Pinocchio would refuse the robot for its size, and for debugging."""
+    if INTERPRETED or len(pepper.full_offset) > dynamics_model.MOST_COMPUTED:
+        return None
+    tree, model, full_map = moving_tree(pepper), pepper.inner_model, pepper.full_map
+    leaders = np.abs(full_map).argmax(axis=1).tolist()
+    frames = [np.eye(3), *map(_frame_along, tree.axes[1:])]
+    joints = np.zeros((len(leaders), JOINT.width))
+    for i, leader in enumerate(leaders):
+        k, parent = i + 1, frames[tree.parents[i + 1]]
+        axes, inertia = parent.T @ tree.rotations[k] @ frames[k], model.inertias[k]
+        tensor, center = frames[k].T @ inertia.inertia @ frames[k], frames[k].T @ inertia.lever
+        second = np.trace(tensor) / 2 * np.eye(3) - tensor + inertia.mass * np.outer(center, center)
+        joints[i] = JOINT.row(
+            gain=full_map[i, leader],
+            offset=pepper.full_offset[i],
+            rotor=model.armature[i],
+            axis_x=axes[:, 0],
+            axis_y=axes[:, 1],
+            axis_z=axes[:, 2],
+            origin=parent.T @ tree.positions[k],
+            mass=inertia.mass,
+            first=inertia.mass * center,
+            second=second[np.triu_indices(3)],
+        )
+    links = [
+        LINK.row(parent=tree.parents[i + 1], leader=leader, slides=tree.slides[i + 1])
+        for i, leader in enumerate(leaders)
+    ]
+    above = _elimination_tree(tree, leaders, pepper.n)
+    depths: list[int] = []
+    for other in above:
+        depths.append(0 if other < 0 else depths[other] + 1)
+    return TreeTables(
+        np.array(links, np.int64).reshape(-1, LINK.width),
+        joints,
+        np.array(model.gravity.linear),
+        np.cumsum([0, *(depth + 1 for depth in depths)], dtype=np.int64),
+        np.array(above, np.int64),
+        np.empty(0),
+    )
+
+
+def _frame_along(axis: Array) -> Array:
+    """Return a rotation matrix whose third column is an axis, shape (3,)."""
+    x = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _elimination_tree(tree: MovingTree, leaders: list[int], n: int) -> list[int]:
+    """Return the coordinate above each, -1 for none, when the rows of M are eliminated from the last on.
+
+    Joints are coupled where one carries the other, and so are the coordinates that they follow; eliminating
+    one couples all those that it is coupled to.  What may be coupled to a coordinate stands above it in the
+    tree (Liu, The role of elimination trees in sparse factorization, 1990); without joints that follow others
+    it is the tree of the joints.
+    """
+    coupled: list[set[int]] = [set() for _ in range(n)]
+    for joint, own in enumerate(leaders, start=1):
+        for other in {leaders[above - 1] for above in tree.path(joint)} - {own}:
+            coupled[max(own, other)].add(min(own, other))
+    above = [-1] * n
+    for own in reversed(range(n)):
+        if coupled[own]:
+            above[own] = max(coupled[own])
+            coupled[above[own]] |= coupled[own] - {above[own]}
+    return above
