@@ -23,10 +23,10 @@ from pepper_kin.trajectory.enforce_limits import enforce_limits
 from pepper_kin.trajectory.joint_curves import JointCurve
 from pepper_kin.trajectory.key_curve import Handle, Key
 from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
+from pepper_kin.trajectory.motion_plots import plot_motions
 from pepper_kin.trajectory.online import OnlineMotion
 from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
 from pepper_kin.trajectory.plot import plot
-from pepper_kin.trajectory.plot_motions import plot_motions
 from pepper_kin.trajectory.retiming import retime
 from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.sampling import State

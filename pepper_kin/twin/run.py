@@ -18,7 +18,7 @@ from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.table_file import TIME, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.status import ResultStatus
-from pepper_kin.trajectory.plot_motions import plot_motions
+from pepper_kin.trajectory.motion_plots import plot_motions
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
