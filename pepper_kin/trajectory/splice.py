@@ -145,8 +145,9 @@ class MovingStart:
         self.limits = limits_of(pepper, allowed)
         needed, words = [self.limits.velocity, self.limits.acceleration], "velocity and acceleration"
         if jerk is not None:
-            self.limits = replace(self.limits, jerk=jerk_limits(pepper, jerk))
-            needed, words = [*needed, self.limits.jerk], "velocity, acceleration and jerk"
+            rates = jerk_limits(pepper, jerk)
+            self.limits = replace(self.limits, jerk=rates)
+            needed, words = [*needed, rates], "velocity, acceleration and jerk"
         if not np.isfinite(needed).all():
             raise InvalidValueError("limits", "none for some joint", f"finite limits of {words}")
         self.state: Array = self._at(trajectory, np.array([self.at]))[0]
@@ -299,8 +300,8 @@ class MovingStart:
         """
         pepper, most = self.pepper, share * self.limits.acceleration
         if self.limits.jerk is not None:
-            limits = (self.limits.velocity, most, self.limits.jerk)
-            breaks, pieces = steer_with_jerk(State(*start), State(*target), limits)
+            each = (self.limits.velocity, most, self.limits.jerk)
+            breaks, pieces = steer_with_jerk(State(*start), State(*target), each)
             time = float(breaks[-1])
             return time * (time <= longest), lambda: like(self.trajectory, breaks, pieces)
         phases = np.empty((pepper.n, 3, 4))
@@ -314,7 +315,8 @@ class MovingStart:
 
     def _exceeded(self, motion: Trajectory) -> tuple[tuple[str, ...], Array]:
         """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
-        names, used = (), np.full(self.pepper.n, np.inf)
+        names: tuple[str, ...] = ()
+        used = np.full(self.pepper.n, np.inf)
         if self.limits.jerk is not None:  # steering knows no position limits
             points = CubicPath(motion.breaks, motion.coefficients).extremes()
             outside = np.maximum(points - self.pepper.upper_limits, self.pepper.lower_limits - points)
