@@ -149,6 +149,8 @@ def _together(goals: Iterator[_Goal]) -> Iterator[list[_Goal]]:
 
 def _named(plan: Plan, goals: list[_Goal], count: int) -> Plan:
     """Return a plan with the alternative that it ends at."""
-    reached = min(goals, key=lambda goal: float(np.abs(goal.configurations - plan.goal).max(axis=1).min()))
+    assert plan.goal is not None
+    end = plan.goal
+    reached = min(goals, key=lambda goal: float(np.abs(goal.configurations - end).max(axis=1).min()))
     message = f"{plan.message.rstrip()} It ends at goal {reached.number} of {count}, counted from 0."
     return replace(plan, message=message, ik=reached.ik, alternative=reached.number)

@@ -30,7 +30,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import extremes_of
+from pepper_kin.trajectory.extremes import derivative, extremes_of
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
@@ -184,8 +184,8 @@ def _trajectory(
     return _through(pepper, time, q, velocity, acceleration), law
 
 
-def _through(pepper: PepperModel, time: Array, *states: Array) -> Trajectory:
-    return Samples(pepper.joint_names, time, *states, pepper.joint_units).to_trajectory()
+def _through(pepper: PepperModel, time: Array, q: Array, velocity: Array, acceleration: Array) -> Trajectory:
+    return Samples(pepper.joint_names, time, q, velocity, acceleration, pepper.joint_units).to_trajectory()
 
 
 def _from_motion(
@@ -240,13 +240,16 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
     return np.stack([p, v, a / 2, third / h**3, fourth / h**4, fifth / h**5], axis=1)
 
 
+def _values(ways: Array, local: Array, order: int) -> Array:
+    """Return a derivative of polynomials, coefficients of shape (m, 6), at times (m, T): shape (m, T)."""
+    rows = derivative(ways[..., None], order)[..., 0]
+    found: Array = np.einsum("mp,mtp->mt", rows, local[..., None] ** np.arange(rows.shape[1]))
+    return found
+
+
 def _along(curve: CubicPath, ways: Array, local: Array) -> Array:
     """Return q and three derivatives in time along ways, shape (m, 6), at times (m, T): (4, m, T, n)."""
-    powers, rows, found = np.arange(6.0), ways, []
-    for _ in range(4):
-        found.append(sum(rows[:, p, None] * local**p for p in range(rows.shape[1])))
-        rows = (rows * powers[: rows.shape[1]])[:, 1:]
-    s, s1, s2, s3 = (value[..., None] for value in found)
+    s, s1, s2, s3 = (_values(ways, local, order)[..., None] for order in range(4))
     inside = np.clip(s[..., 0], curve.breaks[0], curve.breaks[-1])
     piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
     within = (inside - curve.breaks[piece]).ravel()
@@ -261,8 +264,7 @@ def _use(curve: CubicPath, ways: Array, local: Array, limits: Limits) -> Array:
     use = np.zeros(len(ways))
     for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
         use = np.maximum(use, (rate / most).max(axis=(1, 2)))
-    speed = sum(p * ways[:, p, None] * local ** (p - 1) for p in range(1, 6))
-    return np.where(speed.min(axis=1) < -_TOLERANCE, np.inf, use)
+    return np.where(_values(ways, local, 1).min(axis=1) < -_TOLERANCE, np.inf, use)
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
