@@ -30,7 +30,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import derivative, extremes_of
+from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.jerk_rows import Rows, make_rows
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
@@ -242,7 +242,7 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
 
 def _values(ways: Array, local: Array, order: int) -> Array:
     """Return a derivative of polynomials, coefficients of shape (m, 6), at times (m, T): shape (m, T)."""
-    rows = derivative(ways[..., None], order)[..., 0]
+    rows = np.polynomial.polynomial.polyder(ways, order, axis=1)
     found: Array = np.einsum("mp,mtp->mt", rows, local[..., None] ** np.arange(rows.shape[1]))
     return found
 
