@@ -337,7 +337,8 @@ def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threadin
                 since = 0.0
                 stuck.set()
                 if thread == threading.main_thread().ident:
-                    signal.pthread_kill(thread, signal.SIGINT)  # also ends what waits in the system
+                    signal.siginterrupt(signal.SIGINT, True)  # polars lets what waits in the system go on
+                    signal.pthread_kill(thread, signal.SIGINT)
                 else:
                     interrupt = ctypes.py_object(KeyboardInterrupt)
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), interrupt)

@@ -221,6 +221,7 @@ def test_errors_name_the_line_of_the_program(broker, tmp_path, capsys):
         "while raw_input('again?') != 'q':\n    pass",
         "import socket\ns = socket.socket()\ns.bind(('127.0.0.1', 0))\ns.listen(1)\ns.accept()",
         "import threading\nthreading.Event().wait()",
+        "import polars, threading\nthreading.Event().wait()",  # whose handler lets waits in the system go on
         "import threading as t\nx = t.Thread(target=t.Event().wait, daemon=True)\nx.start()\nx.join()",
         "import qi\napp = qi.Application()\napp.run()",
         "import qi\nqi.Promise().future().value()",
