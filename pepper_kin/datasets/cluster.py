@@ -19,6 +19,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDep
 
 _AHEAD = 3  # shards for each thread that the scheduler knows: few enough for any number of shards
 _LOOK = 2.0  # [s] between looks at how many workers there are
+_GATHER = 5.0  # [s] in which an answer that is there comes
 PATIENCE = 120.0
 """Time without any worker, after there were some, until the work is stopped [s]."""
 _ADVICE = "start it again and resume: what is written stays"
@@ -85,7 +86,11 @@ class _Run:
         """
         shard = self.running.pop(future)
         if future.status == "finished":
-            found = future.result()
+            try:
+                found = future.result(timeout=_GATHER)
+            except TimeoutError:  # the worker that held it is gone: Dask computes it again, or there is none
+                self.running[future] = shard
+                return None
             future.release()  # else Dask would compute it again when the worker dies that holds the answer
             return shard, found
         error = future.exception() if future.status == "error" else None
