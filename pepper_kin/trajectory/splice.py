@@ -228,7 +228,7 @@ class MovingStart:
                 return self._spliced("joined", float(share.min()), *first, between, *last)
             before, share = share, self._slower(share, used)
             if (
-                {"clearance", "position"} & set(exceeded)
+                {"clearance", "position", "velocity"} & set(exceeded)
                 or share.min() < _LEAST
                 or not (share < before).any()
             ):
@@ -269,7 +269,7 @@ class MovingStart:
                 return motion, float(share.min())
             exceeded += [name for name in names if name not in exceeded]
             share = self._slower(share, used)
-            if "position" in names or ("clearance" in names and share.max() < least):
+            if {"position", "velocity"} & set(names) or ("clearance" in names and share.max() < least):
                 break
         return None
 
@@ -317,10 +317,14 @@ class MovingStart:
         """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
         names: tuple[str, ...] = ()
         used = np.full(self.pepper.n, np.inf)
-        if self.limits.jerk is not None:  # steering knows no position limits
+        if self.limits.jerk is not None:  # steering knows no position limits, and may begin too fast to brake
+            rates = np.zeros_like(motion.coefficients)
+            rates[:, :3] = motion.coefficients[:, 1:] * np.arange(1.0, 4.0)[:, None]
+            speed = np.abs(CubicPath(motion.breaks, rates).extremes())
             points = CubicPath(motion.breaks, motion.coefficients).extremes()
             outside = np.maximum(points - self.pepper.upper_limits, self.pepper.lower_limits - points)
             names = ("position",) * bool(outside.max() > _SAME)
+            names += ("velocity",) * bool((speed > self.limits.velocity * (1.0 + _SAME) + _SAME).any())
         if not names:
             names, used = first_exceeded(self.pepper, motion, self.limits)
         if not names and self.scene is not None:

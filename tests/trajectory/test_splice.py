@@ -298,3 +298,18 @@ def test_a_motion_without_jerk_limits_is_led_on_with_them(pepper, moving):
     on = splice.trajectory.between(at, splice.trajectory.duration)
     np.testing.assert_allclose(on(0.0).acceleration, moving(at).acceleration, atol=1e-9)
     assert on.check(pepper, collisions=False, jerk=60.0).checks["jerk"].success
+
+
+def test_a_motion_too_fast_for_its_jerk_limits_is_not_led_beyond_its_velocity(pepper):
+    goal = pepper.joint_vector({"HeadYaw": 1.5})
+    motion = pk.retime(pepper, [pepper.joint_vector({"HeadYaw": -1.5}), goal], torque=False)
+    states = motion(np.linspace(0.0, motion.duration, 500))
+    joint = pepper.joint_index("HeadYaw")
+    rising = states.acceleration[:, joint] > 0.9 * pepper.acceleration_limits[joint]
+    at = np.linspace(0.0, motion.duration, 500)[np.flatnonzero(rising)[-1]]
+    for options in ({"jerk": 20.0}, {"jerk": 200.0}):
+        try:
+            splice = motion.replaced(pepper, at, goal - 0.1, torque=False, **options)
+        except InfeasibleError:
+            continue
+        assert splice.trajectory.check(pepper, collisions=False).velocity.success
