@@ -118,7 +118,6 @@ def all_states(
     Raises:
         InvalidValueError: as `batch.over_states` does.
     """
-
     few = _few_states(function, pepper, solver, shape, *quantities.values())
     if few is not None:
         return few
