@@ -114,8 +114,8 @@ def joint_jobs(count: int) -> Jobs:
     q, v, a = rng.uniform(-3.0 / count, 3.0 / count, (100, count)), *rng.normal(size=(2, 100, count))
     free = q[~pk.collision.in_collision(robot, q)]
     pairs, rows = list(zip(free[:20:2], free[1:20:2], strict=True)), list(zip(q, v, a, strict=True))
-    points = pk.kinematics.frame_pose(robot, q, tip)[:, :3, 3]
-    tasks = [pk.ik.FramePosition(tip, point) for point in points]
+    bent = rng.uniform(-0.5, 0.5, (100, count))
+    tasks = [pk.ik.FramePosition(tip, pose[:3, 3]) for pose in pk.kinematics.frame_pose(robot, bent, tip)]
     of = pk.dynamics
     return {
         "inverse dynamics": (lambda: [of.inverse_dynamics(robot, *row) for row in rows], 100),

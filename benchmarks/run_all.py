@@ -127,7 +127,7 @@ def compared(name: str, commits: tuple[str, str], sides: list[Side], turns: int)
     said = OPERATIONS[name].peer
     return Compared(
         commits[1], commits[0], name, round(1e6 * float(np.median(new)), 3),
-        round(float(np.median(ratio)), 3), round(1.253 * spread / np.sqrt(turns), 4),
+        round(float(np.median(ratio)), 3), round(float(1.253 * spread / np.sqrt(turns)), 4),
         f"{said[0]} {version(said[1])}" if said else "", round(float(np.median(peer / new)), 2),
     )  # fmt: skip
 
