@@ -1,21 +1,21 @@
 """Timing along a path with velocity, acceleration, jerk and torque limited at once.
 
-The time-optimal motion without jerk limits is smoothed by a moving average over time and made slower until
-it keeps all limits.  Its time tau then becomes a new path parameter, Q(tau) = q(s(tau)), along which the
-robot sets out with zero speed, and the rate y = (d tau / dt)^2 > 0 is improved:
+The time-optimal motion without jerk limits is smoothed by a moving average over time.  Its time tau then
+becomes a new path parameter, Q(tau) = q(s(tau)), along which the robot sets out with zero speed, and the rate
+y = (d tau / dt)^2 > 0 is optimized:
 
     dq/dt = sqrt(y) Q',   d2q/dt2 = y Q'' + y' Q' / 2,
     d3q/dt3 = sqrt(y) (y Q''' + 3 y' Q'' / 2 + y'' Q' / 2).
 
 Limits on velocity, acceleration, torque and balance are linear in y and y'.  Those on jerk, divided by
-sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that a linear
-program with tangents at the last y leaves only motions that keep the limit, and its solution is at least as
-fast.  (Sequential convex programming of convex-concave constraints: F. Debrouwere et al., IEEE Trans.
-Robotics 29, 2013.)  y is a quadratic spline in tau, so that jerk is smooth between its knots.
+sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that steps within
+tangents at the last y keep the limit (convex-concave constraints: F. Debrouwere et al., IEEE Trans. Robotics
+29, 2013).  y is a quadratic spline in tau, so that jerk is smooth between its knots, and the search for it an
+interior-point method, `pepper_kin.core.timing.rate_program`.
 
 A motion that begins with ds/dt and d2s/dt2 joins that one: a polynomial of degree 5 leads from both to those
 of an instant of the motion from rest.  Of the instants and durations tried, the soonest way that keeps all
-limits is taken.
+limits is taken; where none does, that into a slower motion.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
+from pepper_kin.core.timing.rate_program import fastest_rate
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import extremes_of
-from pepper_kin.trajectory.jerk_rows import Rows, make_rows
+from pepper_kin.trajectory.jerk_rows import rate_program, to_powers
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, CubicPath
@@ -41,19 +42,19 @@ from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
-_ITERATIONS = 12  # linear programs
-_ENOUGH = 1e-3  # gain of duration below which to stop
-_TRUST = 2.0  # factor by which y may change in one step
+_GAP = 2e-3  # of the duration, at which to stop, after
+_STEPS = 60  # at most
 _PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
-_WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up, and
-_SHARES = (0.05, 0.2, 0.6)  # of the duration without jerk limits: widths of the moving average to try
+_WINDOW = 2.5  # width of the moving average over the time in which acceleration may build up,
+_SHARES = (0.05, 0.8)  # and over the duration without jerk limits, least and most
 _JOINS = 32  # instants of the motion from rest at which one from motion may join it
 _DURATIONS = (0.4, 2.5, 24)  # of the way there, of what it would take evenly: least, most and number
+_SLOWER = (1.0, 1.03, 1.1, 1.3)  # the motion from rest, where none of those ways joins it
 _ROUGH = 0.05  # of limits, by which a look at few states may be off
 _PIECE = 0.005  # [s] of the polynomials of that way
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
-_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the programs look at
+_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the program looks at
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,29 +104,13 @@ def limit_jerk(
     jerk, velocity, acceleration = (
         _SHARE_OF_MARGIN * most for most in (limits.jerk, limits.velocity, limits.acceleration)
     )
-    inner = replace(limits, velocity=velocity, acceleration=acceleration)
-    best: tuple[float, SmoothTime, Rows, Array] | None = None
-    for window in _windows(limits.acceleration, limits.jerk, fastest.duration):
-        base = smooth_time(curve, fastest.breaks, s, window)
-        rows = make_rows(pepper, curve, base, inner, jerk)
-        if not rows.can_rest():
-            raise _cannot_rest()
-        y = np.full(base.knots.size + 1, rows.greatest_even_rate())
-        if best is None or rows.duration(y) < best[0]:
-            best = rows.duration(y), base, rows, y
-    assert best is not None  # there is at least one window
-    _, base, rows, y = best
-    duration = rows.duration(y)
-    for _ in range(_ITERATIONS):
-        better = rows.improved(y, _TRUST)
-        if better is None:
-            break
-        gain = 1.0 - rows.duration(better) / duration
-        if gain > 0:
-            y, duration = better, rows.duration(better)
-        if gain < _ENOUGH:
-            break
-    rate = _Rate(base.knots, *rows.polynomials(y))
+    base = smooth_time(curve, fastest.breaks, s, _window(limits.acceleration, limits.jerk, fastest.duration))
+    inner = replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    program, y = rate_program(pepper, curve, base, inner), np.empty(base.knots.size + 1)
+    if fastest_rate(program, y, _GAP, _STEPS) == np.inf:
+        raise _cannot_rest()
+    coefficients = y[np.arange(base.knots.size - 1)[:, None] + np.arange(3)]
+    rate = _Rate(base.knots, *np.einsum("kdc,kc->dk", to_powers(base.knots), coefficients))
     for parts in _PARTS:
         trajectory, law = _trajectory(pepper, curve, base, rate, parts)
         if _keeps_positions(pepper, trajectory):
@@ -133,12 +118,20 @@ def limit_jerk(
     slow = _within(pepper, trajectory, limits)
     if start == (0.0, 0.0):
         return slow
-    stretch = slow.duration / trajectory.duration
-    return _from_motion(pepper, curve, slow, law / stretch ** np.arange(3.0)[:, None], limits, start)
+    for slower in _SLOWER:
+        late = slow.scaled(slower)
+        stretch = late.duration / trajectory.duration
+        found = _from_motion(pepper, curve, late, law / stretch ** np.arange(3.0)[:, None], limits, start)
+        if found is not None:
+            return found
+    raise InfeasibleError(
+        "start_velocity", "no way from it into the motion from rest keeps all limits",
+        "a slower one, a longer path, or `Trajectory.replaced`",
+    )  # fmt: skip
 
 
-def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
-    """Return widths of the moving average to try [s].
+def _window(acceleration: Array, jerk: Array, duration: float) -> float:
+    """Return the width of the moving average [s].
 
     Args:
         acceleration: Limits [rad/s^2 or m/s^2], shape (n,).
@@ -146,9 +139,8 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
         duration: Of the motion without jerk limits [s].
     """
     both = np.isfinite(acceleration) & np.isfinite(jerk)
-    build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.1 * duration
-    widths = [share * build_up for share in _WINDOWS] + [share * duration for share in _SHARES]
-    return [width for width in widths if 0.02 * duration < width < duration]  # never empty: the last two
+    build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.0
+    return float(np.clip(_WINDOW * build_up, _SHARES[0] * duration, _SHARES[1] * duration))
 
 
 def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
@@ -191,8 +183,8 @@ def _through(pepper: PepperModel, time: Array, q: Array, velocity: Array, accele
 def _from_motion(
     pepper: PepperModel, curve: CubicPath, slow: Trajectory, law: Array, limits: Limits,
     start: tuple[float, float],
-) -> Trajectory:  # fmt: skip
-    """Return the motion that joins one from rest in the soonest way tried that keeps limits.
+) -> Trajectory | None:  # fmt: skip
+    """Return the motion that joins one from rest in the soonest way tried that keeps limits, if any does.
 
     Args:
         pepper: The robot.
@@ -201,9 +193,6 @@ def _from_motion(
         law: s, ds/dt and d2s/dt2 at its breaks, shape (3, K).
         limits: The limits.
         start: ds/dt and d2s/dt2.
-
-    Raises:
-        InfeasibleError: where there is none.
     """
     joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
     even = 2.0 * (law[0, joins] - law[0, 0]) / (start[0] + law[1, joins] + _TOLERANCE)
@@ -225,10 +214,7 @@ def _from_motion(
             if joins[way] == slow.breaks.size - 1:
                 return begun
             return begun.then(slow.between(slow.breaks[joins[way]], slow.duration))
-    raise InfeasibleError(
-        "start_velocity", "no way from it into the motion from rest keeps all limits",
-        "a slower one, a longer path, or `Trajectory.replaced`",
-    )  # fmt: skip
+    return None
 
 
 def _quintics(times: Array, start: Array, end: Array) -> Array:
