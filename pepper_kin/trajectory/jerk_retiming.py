@@ -42,7 +42,7 @@ from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
-_GAP = 2e-3  # of the duration, at which to stop, after
+_GAP = 5e-3  # of the duration, at which to stop, after
 _STEPS = 60  # at most
 _PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
 _WINDOW = 2.5  # width of the moving average over the time in which acceleration may build up,

@@ -13,7 +13,7 @@ from pepper_kin.trajectory.path import CubicPath
 from pepper_kin.trajectory.smooth_time import SmoothTime
 
 _PLACES = np.linspace(0.0, 1.0, POINTS)  # in each piece, where limits are kept
-_WEIGHTS = np.array([1, 3, 3, 1]) / 8  # the 3/8 rule
+_WEIGHTS = np.array([1, 4, 1]) / 6  # Simpson's rule
 _SLOWEST = 1e-6  # share of a limit from which on a velocity counts
 
 
@@ -31,22 +31,23 @@ def rate_program(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits
     moves, strong = first.any(axis=0), np.isfinite(torque_limit)
     jerky, rapid = moves & np.isfinite(limits.jerk), moves & np.isfinite(limits.acceleration)
     ends = np.cumsum([jerky.sum(), rapid.sum(), strong.sum(), edges])
-    rows = np.zeros((len(q), 4, ends[-1] + 1))
-    jerk, acceleration, torque, moments = np.split(rows, ends, axis=2)[:4]
+    rows = np.zeros((ends[-1] + 1, 4, len(q)))
+    jerk, acceleration, torque, moments = np.split(rows, ends)[:4]
     for order, gain in enumerate((third, 1.5 * second, first / 2)):
-        jerk[:, order] = gain[:, jerky] / limits.jerk[jerky]
+        jerk[:, order] = (gain[:, jerky] / limits.jerk[jerky]).T
     for order, gain in enumerate((second, first / 2)):
-        acceleration[:, order] = gain[:, rapid] / limits.acceleration[rapid]
+        acceleration[:, order] = (gain[:, rapid] / limits.acceleration[rapid]).T
     if torque_limit.size:
-        c, a, b = quantities.torque(*states).reshape(3, len(q), -1)[..., strong] / torque_limit[strong]
+        share = quantities.torque(*states)[:, strong] / torque_limit[strong]
+        c, a, b = share.T.reshape(-1, 3, len(q)).swapaxes(0, 1)
         torque[:, 0], torque[:, 1], torque[:, 3] = b - c, (a - c) / 2, c
     if edges:
-        c, a, b = quantities.moments(*states).reshape(3, len(q), edges)
+        c, a, b = quantities.moments(*states).T.reshape(edges, 3, len(q)).swapaxes(0, 1)
         weight = np.abs(c).max()  # h >= 0 as 1 - h / weight <= 1
         moments[:, 0], moments[:, 1] = (c - b) / weight, (c - a) / (2 * weight)
         moments[:, 3] = 1 - c / weight
     speeds = [np.abs(first) / limits.velocity, quantities.speed(q, first)]
-    rows[:, 0, -1] = np.maximum(np.concatenate(speeds, axis=1).max(axis=1), _SLOWEST) ** 2
+    rows[-1, 0] = np.maximum(np.concatenate(speeds, axis=1).max(axis=1), _SLOWEST) ** 2
     powers = to_powers(base.knots)[segment]
     x = local[:, None]
     slope = powers[:, 1] + x * powers[:, 2]

@@ -38,10 +38,10 @@ def at_points(program, y):
 def excess(program, y):
     """Return by how much y exceeds the limits at most."""
     at, _ = at_points(program, y)
-    value = np.einsum("pdr,pd->pr", program.rows[:, :3], at) + program.rows[:, 3]
+    value = np.einsum("rdp,pd->rp", program.rows[:, :3], at) + program.rows[:, 3]
     bound = np.ones_like(value)
-    bound[:, : program.jerk] = at[:, :1] ** -0.5
-    return max((value - bound).max(), (-value - bound)[:, : program.both].max())
+    bound[: program.jerk] = at[:, 0] ** -0.5
+    return max((value - bound).max(), (-value - bound)[: program.both].max())
 
 
 def by_linear_programs(program, trust=2.0):
@@ -54,9 +54,9 @@ def by_linear_programs(program, trust=2.0):
         before, duration = duration, float(np.sum(program.weight / np.sqrt(at[:, 0])))
         if duration > before * (1 - 1e-5):
             return min(duration, before)
-        rows = np.einsum("pdr,pdc->prc", program.rows[:, :3], program.basis)
-        upper = 1 - program.rows[:, 3]
-        lower = 1 + program.rows[:, 3, : program.both]
+        rows = np.einsum("rdp,pdc->prc", program.rows[:, :3], program.basis)
+        upper = 1 - program.rows[:, 3].T
+        lower = 1 + program.rows[: program.both, 3].T
         tangent = (0.5 * at[:, 0] ** -1.5)[:, None, None] * program.basis[:, None, 0]
         high, low = rows.copy(), -rows[:, : program.both]
         high[:, : program.jerk] += tangent
@@ -110,10 +110,10 @@ def plain_program(knots, bound, rest=0.0):
     local = (step[:, None] * np.linspace(0, 1, POINTS)).ravel()[:, None]
     slope = powers[:, 1] + local * powers[:, 2]
     basis = np.stack([powers[:, 0] + local * (powers[:, 1] + slope) / 2, slope, powers[:, 2]], axis=1)
-    rows = np.zeros((len(local), 4, 2))
-    rows[:, 3, 0] = rest
-    rows[:, 0, 1] = 1 / bound(np.repeat(knots[:-1], POINTS) + local[:, 0])
-    return RateProgram(basis, (step[:, None] * np.array([1, 3, 3, 1]) / 8).ravel(), rows, 0, 1)
+    rows = np.zeros((2, 4, len(local)))
+    rows[0, 3] = rest
+    rows[1, 0] = 1 / bound(np.repeat(knots[:-1], POINTS) + local[:, 0])
+    return RateProgram(basis, (step[:, None] * np.array([1, 4, 1]) / 6).ravel(), rows, 0, 1)
 
 
 def test_a_parabola_below_which_y_must_stay_is_reached():
@@ -122,7 +122,7 @@ def test_a_parabola_below_which_y_must_stay_is_reached():
     y = np.empty(14)
     found = fastest_rate(program, y, 1e-8, 60)
     dense = np.linspace(knots[0], knots[-1], 100_001)
-    np.testing.assert_allclose(at_points(program, y)[0][:, 0] * program.rows[:, 0, 1], 1.0, rtol=1e-5)
+    np.testing.assert_allclose(at_points(program, y)[0][:, 0] * program.rows[1, 0], 1.0, rtol=1e-5)
     assert found == pytest.approx(np.trapezoid((1 + 0.1 * (dense - 4) ** 2) ** -0.5, dense), rel=1e-3)
 
 

@@ -21,7 +21,7 @@ from pepper_kin.core.path_blocks import factorize_band, solve_band
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 
-POINTS = 4
+POINTS = 3
 """Points of each piece of the spline."""
 
 _BEGIN = 0.9  # of the greatest even rate, where the search starts
@@ -29,16 +29,16 @@ _FIRST = 4.0  # sum of multipliers times slacks at first, as a share of the dura
 _FALL = 0.1  # of mu in a step
 _REACH = 0.99  # of the way to where a slack or a multiplier would be zero
 _ROUNDING = 1e-14  # of a diagonal
-_SUMS = 11  # matrix at a point (6), its right-hand side for mu = 1 (3), multipliers times slacks, multipliers
+_FAR = 1e9  # a lower bound where there is none
 
 
 class RateProgram(NamedTuple):
-    """Limits on y at P points, whose spline has K = P / 4 pieces and K + 2 coefficients.
+    """Limits on y at P points, whose spline has K = P / 3 pieces and K + 2 coefficients.
 
     Attributes:
         basis: y, y' and y'' at the points for the three coefficients that act there, shape (P, 3, 3).
         weight: Of the points in integrals over tau [s], shape (P,).
-        rows: Gains on y, y' and y'' and values at rest of R quantities, shape (P, 4, R): jerk first, then
+        rows: Gains on y, y' and y'' and values at rest of R quantities, shape (R, 4, P): jerk first, then
             what must stay within +-1, then what must stay below 1.
         jerk: Number of rows of jerk.
         both: Number of rows with two bounds, those of jerk among them.
@@ -51,13 +51,36 @@ class RateProgram(NamedTuple):
     both: int
 
 
+class _Sums(NamedTuple):
+    """Sums over all limits at the points, shape (P,) each.
+
+    Attributes:
+        aa: Of the matrix in y and y; ab, ac, bb, bc, cc likewise in y, y' and y''.
+        a: Of its right-hand side for mu = 1, in y; b and c likewise.
+        products: Of multipliers times slacks.
+        jerk: Of multipliers of jerk.
+    """
+
+    aa: Floats1
+    ab: Floats1
+    ac: Floats1
+    bb: Floats1
+    bc: Floats1
+    cc: Floats1
+    a: Floats1
+    b: Floats1
+    c: Floats1
+    products: Floats1
+    jerk: Floats1
+
+
 @compiled("float64(RateProgram)", lean=True)
 def greatest_even_rate(program: RateProgram) -> float:
     """Return the greatest constant y that keeps all limits; 0 where rest at some point does not."""
     rows, y = program.rows, np.inf
-    for p in range(rows.shape[0]):
-        for r in range(rows.shape[2]):
-            gain, rest = rows[p, 0, r], rows[p, 3, r]
+    for r in range(rows.shape[0]):
+        for p in range(rows.shape[2]):
+            gain, rest = rows[r, 0, p], rows[r, 3, p]
             if r < program.jerk:
                 y = min(y, abs(gain) ** (-2 / 3)) if gain != 0 else y
             elif rest >= 1 or (r < program.both and rest <= -1):
@@ -83,31 +106,25 @@ def fastest_rate(program: RateProgram, y: Floats1, gap: float, steps: int) -> fl
     Returns:
         The duration [s]; inf where some point is none at which to rest.
     """
-    rows, count = program.rows, program.rows.shape[0]
-    limits = program.both + rows.shape[2]
-    multiplier, change = np.empty((2, count, rows.shape[2])), np.zeros((2, count, rows.shape[2]))
-    state, sums, most = np.empty((count, 9)), np.empty((count, _SUMS)), np.empty(2)
+    rows, count = program.rows, program.weight.size
+    multiplier, change = np.empty((2, rows.shape[0], count)), np.empty((2, rows.shape[0], count))
+    limits, state, most = multiplier.size, np.empty((8, count)), np.empty(2)
     band, step = np.empty((y.size, 3)), np.empty(y.size)
     even = greatest_even_rate(program)
     if even == 0.0:
         return np.inf
     y[:] = _BEGIN * even
     duration = _evaluate(program, y, state)
-    _first_multipliers(program, state, _FIRST * duration / (limits * count), multiplier)
+    _first_multipliers(program, state, _FIRST * duration / limits, multiplier)
     for _ in range(steps):
-        _add_up(program, multiplier, state, sums)
-        left = sums[:, 9].sum()
-        if left <= gap * duration:
-            break
-        mu = _FALL * left / (limits * count)
-        _write_system(program, state, sums, mu, band, step)
-        if not factorize_band(band):
+        left = _write_system(program, state, multiplier, _FALL / limits, band, step)
+        if left <= gap * duration or not factorize_band(band):
             break
         solve_band(band, step)
         most[:] = _REACH
         for k in range(y.size):
             most[0] = max(most[0], -step[k] / y[k])
-        _change(program, multiplier, step, mu, state, change, most)
+        _change(program, multiplier, step, _FALL * left / limits, state, change, most)
         y += _REACH / most[0] * step
         _add_share(multiplier, _REACH / most[1], change)
         duration = _evaluate(program, y, state)
@@ -116,159 +133,154 @@ def fastest_rate(program: RateProgram, y: Floats1, gap: float, steps: int) -> fl
 
 @compiled(lean=True)
 def _evaluate(program: RateProgram, y: Floats1, state: Floats2) -> float:
-    """Write Y, 1 / sqrt(y) and its derivative in y at the points, shape (P, >= 5); return the duration."""
+    """Write Y, 1 / sqrt(y) and its derivative in y at the points, shape (>= 5, P); return the duration."""
     duration = 0.0
-    for p in range(state.shape[0]):
+    for p in range(program.weight.size):
         for d in range(3):
-            state[p, d] = 0.0
+            state[d, p] = 0.0
             for k in range(3):
-                state[p, d] += program.basis[p, d, k] * y[p // POINTS + k]
-        state[p, 3] = 1.0 / math.sqrt(state[p, 0])
-        state[p, 4] = -0.5 * state[p, 3] / state[p, 0]
-        duration += program.weight[p] * state[p, 3]
+                state[d, p] += program.basis[p, d, k] * y[p // POINTS + k]
+        state[3, p] = 1.0 / math.sqrt(state[0, p])
+        state[4, p] = -0.5 * state[3, p] / state[0, p]
+        duration += program.weight[p] * state[3, p]
     return duration
 
 
 @compiled(lean=True)
-def _first_multipliers(program: RateProgram, state: Floats2, mu: float, multiplier: Floats3) -> None:
-    """Write multipliers whose products with the slacks are mu, shape (2, P, R)."""
-    rows = program.rows
-    for p in range(rows.shape[0]):
-        for r in range(rows.shape[2]):
-            value = rows[p, 3, r]
-            for d in range(3):
-                value += rows[p, d, r] * state[p, d]
-            bound = state[p, 3] if r < program.jerk else 1.0
-            multiplier[0, p, r] = mu / (bound - value)
-            multiplier[1, p, r] = mu / (bound + value) if r < program.both else 0.0
+def _bounds(program: RateProgram, r: int) -> tuple[float, float]:
+    """Return whether the bound of a row is 1 / sqrt(y), as 1 or 0, and by how much the lower one is wider."""
+    return 1.0 if r < program.jerk else 0.0, 0.0 if r < program.both else _FAR
 
 
 @compiled(lean=True)
-def _add_up(program: RateProgram, multiplier: Floats3, state: Floats2, sums: Floats2) -> None:
-    """Write the sums over all limits at each point, shape (P, 11)."""
-    jerk, both, rows = program.jerk, program.both, program.rows
-    for p in range(rows.shape[0]):
-        at, own, upper, lower = state[p], sums[p], multiplier[0, p], multiplier[1, p]
-        for k in range(_SUMS):
-            own[k] = 0.0
-        _add_rows(rows[p], upper, (0, jerk), (1.0, at[3], at[4]), at, own)
-        _add_rows(rows[p], lower, (0, jerk), (-1.0, at[3], at[4]), at, own)
-        curvature = 0.75 * (program.weight[p] - own[10]) * at[3] / (at[0] * at[0])
-        own[0] += max(curvature, 0.0)
-        _add_rows(rows[p], upper, (jerk, rows.shape[2]), (1.0, 1.0, 0.0), at, own)
-        _add_rows(rows[p], lower, (jerk, both), (-1.0, 1.0, 0.0), at, own)
+def _first_multipliers(program: RateProgram, state: Floats2, mu: float, multiplier: Floats3) -> None:
+    """Write multipliers whose products with the slacks are mu, shape (2, R, P)."""
+    rows = program.rows
+    for r in range(rows.shape[0]):
+        jerk, wider = _bounds(program, r)
+        for p in range(rows.shape[2]):
+            value, bound = rows[r, 3, p], 1.0 + jerk * (state[3, p] - 1.0)
+            for d in range(3):
+                value += rows[r, d, p] * state[d, p]
+            multiplier[0, r, p], multiplier[1, r, p] = mu / (bound - value), mu / (bound + wider + value)
 
 
-@compiled(lean=True, vector=True)
-def _add_rows(
-    rows: Floats2, multiplier: Floats1, columns: tuple[int, int], side: tuple[float, float, float],
-    at: Floats1, sums: Floats1,
-) -> None:  # fmt: skip
-    """Add one side of some rows at a point to its sums.
+@compiled(vector=True)
+def _add_up(program: RateProgram, state: Floats2, multiplier: Floats3) -> _Sums:
+    """Return the sums over all limits at the points.
+
+    They are made in new arrays, which overlap with no other, so that points share vector instructions.
+    """
+    rows, count = program.rows, program.weight.size
+    aa, ab, ac, bb = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    bc, cc, a_sum, b_sum = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    c_sum, products, jerks = np.zeros(count), np.zeros(count), np.zeros(count)
+    for r in range(rows.shape[0]):
+        jerk, wider = _bounds(program, r)
+        for p in range(count):
+            a, b, c, steep = rows[r, 0, p], rows[r, 1, p], rows[r, 2, p], jerk * state[4, p]
+            value = a * state[0, p] + b * state[1, p] + c * state[2, p] + rows[r, 3, p]
+            bound, upper, lower = 1.0 + jerk * (state[3, p] - 1.0), multiplier[0, r, p], multiplier[1, r, p]
+            above, below = bound - value, bound + wider + value
+            inverse, other = 1.0 / above, 1.0 / below
+            high, low, left, right = upper * inverse, lower * other, steep - a, steep + a
+            both, slope = high + low, low * right - high * left
+            aa[p] += high * left * left + low * right * right
+            ab[p] += slope * b
+            ac[p] += slope * c
+            bb[p] += both * b * b
+            bc[p] += both * b * c
+            cc[p] += both * c * c
+            a_sum[p] += inverse * left + other * right
+            b_sum[p] += (other - inverse) * b
+            c_sum[p] += (other - inverse) * c
+            products[p] += upper * above + lower * below
+            jerks[p] += jerk * (upper + lower)
+    return _Sums(aa, ab, ac, bb, bc, cc, a_sum, b_sum, c_sum, products, jerks)
+
+
+@compiled
+def _write_system(
+    program: RateProgram, state: Floats2, multiplier: Floats3, fall: float, band: Floats2, right: Floats1
+) -> float:
+    """Write the matrix of a step and its right-hand side, and return the sum of multipliers times slacks.
 
     Args:
-        rows: Shape (4, R).
-        multiplier: Shape (R,).
-        columns: First row, and that after the last.
-        side: 1 for upper bounds or -1 for lower ones, the bound and its derivative in y.
-        at: Y, shape (>= 3,).
-        sums: Shape (11,).
+        program: The limits.
+        state: See `_evaluate`.
+        multiplier: Shape (2, R, P).
+        fall: Share of that sum which is mu.
+        band: Receives the lower band, shape (K + 2, 3).
+        right: Receives the right-hand side, shape (K + 2,).
     """
-    (sign, bound, slope), y, first, second = side, at[0], at[1], at[2]
-    aa, ab, ac, bb, bc, cc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    a_sum, b_sum, c_sum, products, total = 0.0, 0.0, 0.0, 0.0, 0.0
-    for r in range(columns[0], columns[1]):
-        a, b, c = sign * rows[0, r], sign * rows[1, r], sign * rows[2, r]
-        slack = bound - (a * y + b * first + c * second + sign * rows[3, r])
-        inverse, a = 1.0 / slack, a - slope
-        a_sum, b_sum, c_sum = a_sum - inverse * a, b_sum - inverse * b, c_sum - inverse * c
-        products, total = products + multiplier[r] * slack, total + multiplier[r]
-        weight = multiplier[r] * inverse
-        aa, ab, ac = aa + weight * a * a, ab + weight * a * b, ac + weight * a * c
-        bb, bc, cc = bb + weight * b * b, bc + weight * b * c, cc + weight * c * c
-    sums[0], sums[1], sums[2], sums[3] = sums[0] + aa, sums[1] + ab, sums[2] + ac, sums[3] + bb
-    sums[4], sums[5], sums[6], sums[7] = sums[4] + bc, sums[5] + cc, sums[6] + a_sum, sums[7] + b_sum
-    sums[8], sums[9], sums[10] = sums[8] + c_sum, sums[9] + products, sums[10] + total
-
-
-@compiled(lean=True)
-def _write_system(
-    program: RateProgram, state: Floats2, sums: Floats2, mu: float, band: Floats2, right: Floats1
-) -> None:
-    """Write the matrix of a step as a lower band, shape (K + 2, 3), and its right side, shape (K + 2,)."""
+    sums, left = _add_up(program, state, multiplier), 0.0
+    for p in range(state.shape[1]):
+        left += sums.products[p]
     for i in range(right.size):
         right[i] = band[i, 0] = band[i, 1] = band[i, 2] = 0.0
-    for p in range(sums.shape[0]):
-        aa, ab, ac, bb, bc, cc = sums[p, 0], sums[p, 1], sums[p, 2], sums[p, 3], sums[p, 4], sums[p, 5]
-        a_sum = mu * sums[p, 6] - program.weight[p] * state[p, 4]
-        basis, begin = program.basis[p], p // POINTS
+    for p in range(state.shape[1]):
+        weight, ab, ac, bc = program.weight[p], sums.ab[p], sums.ac[p], sums.bc[p]
+        curvature = -1.5 * (weight - sums.jerk[p]) * state[4, p] / state[0, p]
+        aa, bb, cc = sums.aa[p] + max(curvature, 0.0), sums.bb[p], sums.cc[p]
+        a_sum, basis, begin = fall * left * sums.a[p] - weight * state[4, p], program.basis[p], p // POINTS
         for k in range(3):
             u, v, w = basis[0, k], basis[1, k], basis[2, k]
-            right[begin + k] += u * a_sum + mu * (v * sums[p, 7] + w * sums[p, 8])
+            right[begin + k] += u * a_sum + fall * left * (v * sums.b[p] + w * sums.c[p])
             a, b, c = aa * u + ab * v + ac * w, ab * u + bb * v + bc * w, ac * u + bc * v + cc * w
             for other in range(k + 1):
                 value = a * basis[0, other] + b * basis[1, other] + c * basis[2, other]
                 band[begin + k, 2 - k + other] += value
     for i in range(right.size):
         band[i, 2] *= 1.0 + _ROUNDING
+    return left
 
 
-@compiled(lean=True)
+@compiled(vector=True)
 def _change(
     program: RateProgram, multiplier: Floats3, step: Floats1, mu: float, state: Floats2, change: Floats3,
     most: Floats1,
 ) -> None:  # fmt: skip
-    """Write the changes of multipliers, shape (2, P, R), and by which share slacks and these shrink at most.
-
-    `most` keeps the greater of what it has and the shares of slacks and of multipliers, shape (2,).
-    """
-    jerk, both, rows = program.jerk, program.both, program.rows
-    for p in range(rows.shape[0]):
-        at, upper, lower = state[p], multiplier[0, p], multiplier[1, p]
-        for d in range(3):
-            at[5 + d] = 0.0
-            for k in range(3):
-                at[5 + d] += program.basis[p, d, k] * step[p // POINTS + k]
-        at[8] = mu
-        _change_rows(rows[p], upper, (0, jerk), (1.0, at[3], at[4]), at, change[0, p], most)
-        _change_rows(rows[p], lower, (0, jerk), (-1.0, at[3], at[4]), at, change[1, p], most)
-        _change_rows(rows[p], upper, (jerk, rows.shape[2]), (1.0, 1.0, 0.0), at, change[0, p], most)
-        _change_rows(rows[p], lower, (jerk, both), (-1.0, 1.0, 0.0), at, change[1, p], most)
-
-
-@compiled(lean=True, vector=True)
-def _change_rows(
-    rows: Floats2, multiplier: Floats1, columns: tuple[int, int], side: tuple[float, float, float],
-    at: Floats1, change: Floats1, most: Floats1,
-) -> None:  # fmt: skip
-    """Do what `_change` does for one side of some rows at a point.
+    """Write the changes of multipliers, and by which share these and the slacks shrink at most.
 
     Args:
-        rows: Shape (4, R).
-        multiplier: Shape (R,).
-        columns: First row, and that after the last.
-        side: 1 for upper bounds or -1 for lower ones, the bound and its derivative in y.
-        at: Y, two numbers, changes of Y, and mu, shape (9,).
-        change: Written, shape (R,).
-        most: Shape (2,).
+        program: The limits.
+        multiplier: Shape (2, R, P).
+        step: Change of the coefficients, shape (K + 2,).
+        mu: See the module.
+        state: See `_evaluate`; receives the changes of Y, shape (8, P).
+        change: Written, shape (2, R, P).
+        most: The greater of what it has and the shares of slacks and of multipliers, shape (2,).
     """
-    (sign, bound, slope), y, first, second = side, at[0], at[1], at[2]
-    dy, dfirst, dsecond, mu = at[5], at[6], at[7], at[8]
+    rows, count = program.rows, program.weight.size
+    for p in range(count):
+        for d in range(3):
+            state[5 + d, p] = 0.0
+            for k in range(3):
+                state[5 + d, p] += program.basis[p, d, k] * step[p // POINTS + k]
     shrink, fall = most[0], most[1]
-    for r in range(columns[0], columns[1]):
-        a, b, c = sign * rows[0, r], sign * rows[1, r], sign * rows[2, r]
-        inverse = 1.0 / (bound - (a * y + b * first + c * second + sign * rows[3, r]))
-        less = (a * dy + b * dfirst + c * dsecond - slope * dy) * inverse
-        grown = mu * inverse + multiplier[r] * less
-        change[r] = grown - multiplier[r]
-        shrink, fall = max(shrink, less), max(fall, 1.0 - grown / multiplier[r])
+    highest, lowest = np.empty(count), np.empty(count)
+    for r in range(rows.shape[0]):
+        jerk, wider = _bounds(program, r)
+        for p in range(count):
+            a, b, c, steep = rows[r, 0, p], rows[r, 1, p], rows[r, 2, p], jerk * state[4, p] * state[5, p]
+            value = a * state[0, p] + b * state[1, p] + c * state[2, p] + rows[r, 3, p]
+            growth = a * state[5, p] + b * state[6, p] + c * state[7, p]
+            bound, upper, lower = 1.0 + jerk * (state[3, p] - 1.0), multiplier[0, r, p], multiplier[1, r, p]
+            inverse, other = 1.0 / (bound - value), 1.0 / (bound + wider + value)
+            less, down = (growth - steep) * inverse, -(growth + steep) * other
+            high, low = mu * inverse + upper * less, mu * other + lower * down
+            highest[p], lowest[p] = high - upper, low - lower
+            shrink = max(shrink, max(less, down))
+            fall = max(fall, max(1.0 - high / upper, 1.0 - low / lower))
+        for p in range(count):
+            change[0, r, p], change[1, r, p] = highest[p], lowest[p]
     most[0], most[1] = shrink, fall
 
 
 @compiled(lean=True)
 def _add_share(multiplier: Floats3, share: float, change: Floats3) -> None:
-    """Add a share of the changes to the multipliers."""
+    """Add a share of the changes to the multipliers, shape (2, R, P) each."""
     for side in range(2):
-        for p in range(multiplier.shape[1]):
-            for r in range(multiplier.shape[2]):
-                multiplier[side, p, r] += share * change[side, p, r]
+        for r in range(multiplier.shape[1]):
+            for p in range(multiplier.shape[2]):
+                multiplier[side, r, p] += share * change[side, r, p]
