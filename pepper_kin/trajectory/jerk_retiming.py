@@ -14,8 +14,8 @@ tangents at the last y keep the limit (convex-concave constraints: F. Debrouwere
 interior-point method, `pepper_kin.core.timing.rate_program`.
 
 A motion that begins with ds/dt and d2s/dt2 joins that one: a polynomial of degree 5 leads from both to those
-of an instant of the motion from rest.  Of the instants and durations tried, the soonest way that keeps all
-limits is taken; where none does, that into a slower motion.
+of an instant of the motion from rest.  Of the instants and durations tried, of it and of slower ones, the
+soonest way that keeps all limits is taken.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
+from pepper_kin.core.timing.joining import next_way
 from pepper_kin.core.timing.rate_program import fastest_rate
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
@@ -47,10 +48,9 @@ _STEPS = 60  # at most
 _PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
 _WINDOW = 2.5  # width of the moving average over the time in which acceleration may build up,
 _SHARES = (0.05, 0.8)  # and over the duration without jerk limits, least and most
-_JOINS = 32  # instants of the motion from rest at which one from motion may join it
+_JOINS = 64  # instants of the motion from rest at which one from motion may join it
 _DURATIONS = (0.4, 2.5, 24)  # of the way there, of what it would take evenly: least, most and number
-_SLOWER = (1.0, 1.03, 1.1, 1.3)  # the motion from rest, where none of those ways joins it
-_ROUGH = 0.05  # of limits, by which a look at few states may be off
+_SLOWER = (1.0, 1.02, 1.06, 1.15, 1.3)  # the motion from rest, which may then be joined sooner
 _PIECE = 0.005  # [s] of the polynomials of that way
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
@@ -118,16 +118,8 @@ def limit_jerk(
     slow = _within(pepper, trajectory, limits)
     if start == (0.0, 0.0):
         return slow
-    for slower in _SLOWER:
-        late = slow.scaled(slower)
-        stretch = late.duration / trajectory.duration
-        found = _from_motion(pepper, curve, late, law / stretch ** np.arange(3.0)[:, None], limits, start)
-        if found is not None:
-            return found
-    raise InfeasibleError(
-        "start_velocity", "no way from it into the motion from rest keeps all limits",
-        "a slower one, a longer path, or `Trajectory.replaced`",
-    )  # fmt: skip
+    stretch = slow.duration / trajectory.duration
+    return _from_motion(pepper, curve, slow, law / stretch ** np.arange(3.0)[:, None], limits, start)
 
 
 def _window(acceleration: Array, jerk: Array, duration: float) -> float:
@@ -183,8 +175,8 @@ def _through(pepper: PepperModel, time: Array, q: Array, velocity: Array, accele
 def _from_motion(
     pepper: PepperModel, curve: CubicPath, slow: Trajectory, law: Array, limits: Limits,
     start: tuple[float, float],
-) -> Trajectory | None:  # fmt: skip
-    """Return the motion that joins one from rest in the soonest way tried that keeps limits, if any does.
+) -> Trajectory:  # fmt: skip
+    """Return the motion that joins one from rest, or a slower one, in the soonest way that keeps limits.
 
     Args:
         pepper: The robot.
@@ -193,28 +185,36 @@ def _from_motion(
         law: s, ds/dt and d2s/dt2 at its breaks, shape (3, K).
         limits: The limits.
         start: ds/dt and d2s/dt2.
+
+    Raises:
+        InfeasibleError: where there is none.
     """
     joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
-    even = 2.0 * (law[0, joins] - law[0, 0]) / (start[0] + law[1, joins] + _TOLERANCE)
-    times = (even[:, None] * np.geomspace(*_DURATIONS)).ravel()
-    joins = np.repeat(joins, _DURATIONS[2])
-    first = np.array([law[0, 0], *start])
-    ways = _quintics(times, np.broadcast_to(first[:, None], (3, times.size)), law[:, joins])
-    share = np.linspace(0.0, 1.0, 33)
-    use = _use(curve, ways, times[:, None] * share, limits)
-    for way in np.argsort(times - slow.breaks[joins]):
-        if use[way] > 1.0 + _ROUGH:
-            continue
-        local = np.linspace(0.0, times[way], math.ceil(times[way] / _PIECE) + 2)[None]
-        q, v, a, _ = _along(curve, ways[way : way + 1], local)
-        begun = _through(pepper, local[0], q[0], v[0], a[0])
+    slower, joins, longer = (
+        grid.ravel() for grid in np.meshgrid(_SLOWER, joins, np.geomspace(*_DURATIONS), indexing="ij")
+    )
+    ends = law[:, joins] / slower ** np.arange(3.0)[:, None]
+    times = longer * 2.0 * (ends[0] - law[0, 0]) / (start[0] + ends[1] + _TOLERANCE)
+    order = np.argsort(times + slower * (slow.duration - slow.breaks[joins]), kind="stable")
+    slower, joins, times = slower[order], joins[order], times[order]
+    first = np.array([law[0, 0], *start])[:, None]
+    ways = _quintics(times, np.broadcast_to(first, (3, times.size)), ends[:, order])
+    bounds = (1.0 + _TOLERANCE) * np.stack([limits.velocity, limits.acceleration, limits.jerk])
+    way = -1
+    while (way := next_way(curve.breaks, curve.coefficients, ways, times, bounds, way + 1)) >= 0:
+        local = np.linspace(0.0, times[way], math.ceil(times[way] / _PIECE) + 2)
+        begun = _through(pepper, local, *_along(curve, ways[way], local))
         state = begun(sample_times(begun.duration, 0.001))
         stretch = max(stretch_at_extremes(begun, limits), measure_use(pepper, state, limits).stretch)
         if stretch <= 1.0 + _TOLERANCE and _keeps_positions(pepper, begun):
             if joins[way] == slow.breaks.size - 1:
                 return begun
-            return begun.then(slow.between(slow.breaks[joins[way]], slow.duration))
-    return None
+            late = slow.scaled(slower[way])
+            return begun.then(late.between(late.breaks[joins[way]], late.duration))
+    raise InfeasibleError(
+        "start_velocity", "no way from it into the motion from rest keeps all limits",
+        "a slower one, a longer path, or `Trajectory.replaced`",
+    )  # fmt: skip
 
 
 def _quintics(times: Array, start: Array, end: Array) -> Array:
@@ -226,31 +226,13 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
     return np.stack([p, v, a / 2, third / h**3, fourth / h**4, fifth / h**5], axis=1)
 
 
-def _values(ways: Array, local: Array, order: int) -> Array:
-    """Return a derivative of polynomials, coefficients of shape (m, 6), at times (m, T): shape (m, T)."""
-    rows = np.polynomial.polynomial.polyder(ways, order, axis=1)
-    found: Array = np.einsum("mp,mtp->mt", rows, local[..., None] ** np.arange(rows.shape[1]))
-    return found
-
-
-def _along(curve: CubicPath, ways: Array, local: Array) -> Array:
-    """Return q and three derivatives in time along ways, shape (m, 6), at times (m, T): (4, m, T, n)."""
-    s, s1, s2, s3 = (_values(ways, local, order)[..., None] for order in range(4))
-    inside = np.clip(s[..., 0], curve.breaks[0], curve.breaks[-1])
+def _along(curve: CubicPath, way: Array, local: Array) -> tuple[Array, Array, Array]:
+    """Return positions, velocities and accelerations along a way, shape (6,), at times, shape (T,)."""
+    s, s1, s2 = (np.polynomial.Polynomial(way).deriv(order)(local)[:, None] for order in range(3))
+    inside = np.clip(s[:, 0], curve.breaks[0], curve.breaks[-1])
     piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
-    within = (inside - curve.breaks[piece]).ravel()
-    q = derivatives_on_segments(curve.coefficients, piece.ravel(), within, 4)
-    q0, q1, q2, q3 = q.reshape(4, *inside.shape, -1)
-    return np.stack([q0, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3])
-
-
-def _use(curve: CubicPath, ways: Array, local: Array, limits: Limits) -> Array:
-    """Return the greatest share of joints' limits that ways use, shape (m,); inf where they turn back."""
-    _, *rates = np.abs(_along(curve, ways, local))
-    use = np.zeros(len(ways))
-    for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
-        use = np.maximum(use, (rate / most).max(axis=(1, 2)))
-    return np.where(_values(ways, local, 1).min(axis=1) < -_TOLERANCE, np.inf, use)
+    q, q1, q2 = derivatives_on_segments(curve.coefficients, piece, inside - curve.breaks[piece], 3)
+    return q, q1 * s1, q2 * s1**2 + q1 * s2
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
