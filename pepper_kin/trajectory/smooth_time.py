@@ -15,6 +15,7 @@ PIECES = 120
 """Number of pieces of a smooth time law, about."""
 
 _CLOSE = 0.03  # of a piece: knots nearer than this are one
+_AT_ENDS = np.array([0.2, 0.5, 1.5])  # of a piece, where the rate changes most: further knots
 _JUMPS = 16  # jumps of acceleration that become knots, at most,
 _LARGE = 0.1  # and how large they are at least, as a share of the greatest acceleration
 
@@ -70,6 +71,8 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float, pieces: 
         return tuple((a - b) / window for a, b in zip(now, before, strict=True))  # type: ignore[return-value]
 
     knots = np.linspace(0.0, duration, pieces + 1)
+    at_ends = duration / pieces * _AT_ENDS
+    knots = np.unique(np.concatenate([knots, at_ends, duration - at_ends]))
     dense = np.linspace(0.0, duration, 20 * pieces + 1)
     along = np.maximum.accumulate(average(dense)[0])
     inner = np.interp(curve.breaks[1:-1], along, dense)
