@@ -2,8 +2,9 @@
 
 Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly (its
 own spline, constraints and pass, the torques by Pinocchio one state at a time, as its users write it) and
-with toppra behind `retime(solver="toppra")`; times are medians, from way-points to a trajectory sampled every
-millisecond.  Every trajectory is certified before it counts.  Prints Markdown.
+with toppra behind `retime(solver="toppra")`; times are medians of processor
+time, from way-points to a trajectory sampled every millisecond.  Every trajectory is certified before it
+counts.  Prints Markdown.
 
 With `--certificate` only the cost of certificates is printed: without a scene, with one, and the clearance
 in it found by bounds beside distances at every millisecond, in turn on the same motions.  With `--jerk` only
@@ -138,9 +139,10 @@ def sampled(points: np.ndarray, **options: Any) -> Trajectory:
 
 
 def seconds(function: Callable[[], object]) -> float:
-    begin = time.perf_counter()
+    """Processor time [s], which other programs disturb least."""
+    begin = time.process_time()
     function()
-    return time.perf_counter() - begin
+    return time.process_time() - begin
 
 
 def medians(
@@ -279,7 +281,7 @@ def online(chosen: list[np.ndarray]) -> None:
                 continue
             steps += [1e6 * seconds(lambda m=motion: m.step(0.004)) for _ in range(20)]  # type: ignore[misc]
     rows = [("set_target", f"{statistics.median(times):.0f}"), ("step", f"{statistics.median(steps):.0f}")]
-    table(("online", "time [us]"), rows)
+    table(("online", "processor time [us]"), rows)
 
 
 def worlds() -> dict[str, pk.Scene]:
