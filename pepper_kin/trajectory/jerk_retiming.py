@@ -189,6 +189,7 @@ def _from_motion(
     Raises:
         InfeasibleError: where there is none.
     """
+    assert limits.jerk is not None
     joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
     slower, joins, longer = (
         grid.ravel() for grid in np.meshgrid(_SLOWER, joins, np.geomspace(*_DURATIONS), indexing="ij")
@@ -228,7 +229,7 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
 
 def _along(curve: CubicPath, way: Array, local: Array) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations along a way, shape (6,), at times, shape (T,)."""
-    s, s1, s2 = (np.polynomial.Polynomial(way).deriv(order)(local)[:, None] for order in range(3))
+    s, s1, s2 = derivatives_on_segments(way[None, :, None], 0, local, 3)
     inside = np.clip(s[:, 0], curve.breaks[0], curve.breaks[-1])
     piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
     q, q1, q2 = derivatives_on_segments(curve.coefficients, piece, inside - curve.breaks[piece], 3)
