@@ -331,7 +331,7 @@ def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1,
 
 
 @compiled(lean=True)
-def _is_known(shape: Floats1) -> bool:
+def is_known(shape: Floats1) -> bool:
     """Whether a core is the whole shape, and `measure` exact."""
     return shape[KIND] == BOX or shape[KIND] == CYLINDER or shape[KIND] == PLANE
 
@@ -408,7 +408,7 @@ def find_near(
         if compact and _is_beyond(second, placed[b], x, y, z, far + first[HALF + 2]):
             continue
         _turn(table, poses, a, turned, placed)
-        if exact and not (_is_known(first) and _is_known(second)):
+        if exact and not (is_known(first) and is_known(second)):
             if _may_be_near(first, placed[a], second, placed[b], reach):
                 result.undecided[undecided] = k
                 undecided += 1
