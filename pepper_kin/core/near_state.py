@@ -15,6 +15,7 @@ from pepper_kin.core.collision.distances import (
     MEETING,
     PLANE,
     SCRATCH,
+    SLACK,
     NearPoints,
     NearTable,
     find_near,
@@ -69,6 +70,8 @@ class NearWorld(NamedTuple):
         full_map: E of q_full = E q + e, shape (n_full, n).
         full_offset: e, shape (n_full,).
         others: What machine code does not know.
+        places: Row in `seen` of each pair whose distance machine code never knows, else -1, shape (m,).
+        seen: The distance of those pairs, inf before it is known, and where it was that, shape (u, 1 + n).
     """
 
     examined: bool
@@ -81,6 +84,8 @@ class NearWorld(NamedTuple):
     full_map: Floats2
     full_offset: Floats1
     others: OtherMeasures
+    places: Ints1
+    seen: Floats2
 
 
 class NearState(NamedTuple):
@@ -141,21 +146,46 @@ def _ask(others: OtherMeasures, states: Floats2, pairs: Ints1, within: float, an
 
 
 @compiled
-def _complete(world: NearWorld, states: Floats2, within: float, found: int, undecided: int) -> int:
+def _is_surely_far(world: NearWorld, pair: int, q: Floats1, within: float) -> bool:
+    """Whether a pair is not nearer than a distance [m] at q, shape (n,), as far as it can have moved."""
+    place = world.places[pair]
+    if place < 0:
+        return False
+    distance = world.seen[place, 0]
+    if not math.isfinite(distance):
+        return False
+    for i in range(q.size):
+        if world.movers[pair, i]:
+            distance -= world.motion_bounds[i] * abs(q[i] - world.seen[place, 1 + i])
+    return bool(distance > within + SLACK)
+
+
+@compiled
+def _complete(
+    world: NearWorld, q: Floats1, states: Floats2, within: float, found: int, undecided: int
+) -> int:
     """Append those of the undecided pairs that are near; return how many pairs that makes, -1 if unknown.
 
     Args:
         world: The pairs, and in its memory those found.
-        states: The configuration, shape (1, n_full).
+        q: The configuration, shape (n,) [rad or m].
+        states: The same of Pinocchio's model, shape (1, n_full).
         within: The distance [m].
         found: How many are found.
         undecided: How many are undecided.
     """
-    near, answers = world.memory, np.empty(ANSWER * undecided)
-    if not _ask(world.others, states, near.undecided[:undecided], within, answers):
-        return -1
+    near, asked = world.memory, 0
     for k in range(undecided):
-        own = answers[ANSWER * k : ANSWER * (k + 1)]
+        if not _is_surely_far(world, near.undecided[k], q, within):
+            near.undecided[asked] = near.undecided[k]
+            asked += 1
+    answers = np.empty(ANSWER * asked)
+    if asked > 0 and not _ask(world.others, states, near.undecided[:asked], within, answers):
+        return -1
+    for k in range(asked):
+        own, place = answers[ANSWER * k : ANSWER * (k + 1)], world.places[near.undecided[k]]
+        if place >= 0:
+            world.seen[place, 0], world.seen[place, 1:] = own[0], q
         if own[0] < within:
             near.found[found], near.distances[found] = near.undecided[k], own[0]
             for i in range(3):
@@ -194,7 +224,7 @@ def near_at(world: NearWorld, q: Floats1, within: float) -> NearState:
     near = world.memory
     count, undecided = find_near(poses, world.table, within, True, near)
     if undecided > 0:
-        count = _complete(world, states, within, count, undecided)
+        count = _complete(world, q, states, within, count, undecided)
     size = max(count, 0)
     order = nearest_first(near.found, near.distances, size)
     indices, distances = np.empty(size, dtype=np.int64), np.empty(size)

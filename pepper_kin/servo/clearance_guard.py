@@ -12,7 +12,8 @@ from pepper_kin.collision import Scene, checker_for
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.motion_tree import bounds_anywhere
 from pepper_kin.collision.near_pairs import measure_by_coal, near_tables
-from pepper_kin.core.collision.distances import NearTable, near_points
+from pepper_kin.core.collision.distances import KNOWN, NearTable, near_points
+from pepper_kin.core.collision.scene_rows import KIND
 from pepper_kin.core.near_state import NearWorld, OtherMeasures
 from pepper_kin.kernels.callback import Callback
 from pepper_kin.kernels.intrinsics import floats_at, words_at
@@ -48,11 +49,16 @@ class ClearanceGuard:
         checker, self.clearance, self.gain = checker_for(pepper, scene), clearance, gain
         tables, count = near_tables(checker), checker.pair_count
         self._names, counts, within = tables.names, np.zeros(2, np.int64), np.zeros(1)
+        # Distances of shapes that machine code does not know are asked again only where they may be near.
+        shapes, (first, second) = tables.near.shapes[:, KIND], tables.near.pairs[:, :2].T
+        asked = ~(np.isin(shapes, KNOWN)[first] & np.isin(shapes, KNOWN)[second])
+        seen = np.full((int(asked.sum()), 1 + pepper.n), np.inf)
         self._callback = callback = Callback(partial(_answer, checker, counts, within))
         self.world = NearWorld(
             True, tables.near, near_points(tables.near, count, count), tables.movers, tables.cores,
             tables.owners, frame_motion_bounds(pepper), pepper.full_map, pepper.full_offset,
             OtherMeasures(callback.address, callback.mail, counts, within),
+            np.where(asked, np.cumsum(asked) - 1, -1), seen,
         )  # fmt: skip
 
     def check(self) -> None:
@@ -84,5 +90,5 @@ def unexamined() -> NearWorld:
     table = NearTable(rows, rows, rows, rows, words.reshape(0, 0), numbers, numbers)
     return NearWorld(
         False, table, near_points(table, 0, 0), rows.astype(bool), numbers, words, numbers, rows, numbers,
-        OtherMeasures(0, words, words, numbers),
+        OtherMeasures(0, words, words, numbers), words, rows,
     )  # fmt: skip
