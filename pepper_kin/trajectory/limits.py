@@ -14,6 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
+from pepper_kin.core.timing.excess import EffectKernels
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
@@ -272,6 +273,27 @@ class LimitedQuantities:
                 n, work = self._pepper.n, torque.work_size
                 address = torque.address_of("batch", inputs=3 * n, outputs=n, work=work)
             found = self._local.kernel = TorqueKernel(address, np.empty(work + 8), np.empty(8, np.int64))
+        return found
+
+    @property
+    def effect_kernels(self) -> EffectKernels | None:
+        """Torques and edge moments for compiled functions; None where loads, wheels or a base add to them."""
+        limits, polygon = self._limits, self._moment_of_wrench
+        if limits.loads or limits.wheels is not None or (self.edges and polygon is None):
+            return None
+        found: EffectKernels | None = getattr(self._local, "effects", None)
+        if found is None:
+            n, addresses = self._pepper.n, [0, 0]
+            needed = ("inverse_dynamics", n, self.torque_limit.size), ("base_wrench", 6, self.edges)
+            kernels = [kernel(self._pepper, name) if asked else None for name, _, asked in needed]
+            work = max((made.work_size for made in kernels if made is not None), default=0) + 8
+            for place, (made, (_, size, _)) in enumerate(zip(kernels, needed, strict=True)):
+                if made is not None:
+                    addresses[place] = made.address_of("batch", inputs=3 * n, outputs=size, work=work)
+            none = np.empty((6, 0)) if polygon is None else polygon
+            found = self._local.effects = EffectKernels(
+                *addresses, np.empty(work), np.empty(8, np.int64), self.torque_limit, none
+            )
         return found
 
     def of(self, q: Array, v: Array, a: Array) -> StateEffects:
