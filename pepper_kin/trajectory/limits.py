@@ -14,13 +14,13 @@ from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
-from pepper_kin.core.timing.excess import EffectKernels
+from pepper_kin.core.timing.excess import EffectKernel
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
-from pepper_kin.kernels import Kernel
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
 from pepper_kin.model.wheels import WHEEL_FRAMES
 from pepper_kin.trajectory.balance import (
@@ -34,6 +34,8 @@ from pepper_kin.trajectory.path import is_plan
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
+    import casadi
+
     from pepper_kin.collision import Scene
 
 JerkLike: TypeAlias = str | float | ArrayLike
@@ -234,6 +236,20 @@ def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
     return np.zeros((6, 0)) if polygon is None else moment_matrix(polygon, margin)
 
 
+@kept_for_robot(most=32)
+def _torques_and_wrench(pepper: PepperModel) -> Kernel:
+    """Return the kernel of both, which takes hardly longer than that of one of them."""
+
+    def build() -> casadi.Function:
+        from pepper_kin.symbolic.balance import torques_and_wrench
+
+        return torques_and_wrench(pepper)
+
+    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
+    key = f"torques and wrench of {robot_digest(pepper)} by {sources}"
+    return compile_function(build, key=key)
+
+
 class LimitedQuantities:
     """What limits besides those of joint velocity and acceleration look at.
 
@@ -276,24 +292,21 @@ class LimitedQuantities:
         return found
 
     @property
-    def effect_kernels(self) -> EffectKernels | None:
+    def effect_kernel(self) -> EffectKernel | None:
         """Torques and edge moments for compiled functions; None where loads, wheels or a base add to them."""
-        limits, polygon = self._limits, self._moment_of_wrench
-        if limits.loads or limits.wheels is not None or (self.edges and polygon is None):
+        limits, edges = self._limits, self._moment_of_wrench
+        if limits.loads or limits.wheels is not None or (self.edges and edges is None):
             return None
-        found: EffectKernels | None = getattr(self._local, "effects", None)
+        found: EffectKernel | None = getattr(self._local, "effects", None)
         if found is None:
-            n, addresses = self._pepper.n, [0, 0]
-            needed = ("inverse_dynamics", n, self.torque_limit.size), ("base_wrench", 6, self.edges)
-            kernels = [kernel(self._pepper, name) if asked else None for name, _, asked in needed]
-            work = max((made.work_size for made in kernels if made is not None), default=0) + 8
-            for place, (made, (_, size, _)) in enumerate(zip(kernels, needed, strict=True)):
-                if made is not None:
-                    addresses[place] = made.address_of("batch", inputs=3 * n, outputs=size, work=work)
-            none = np.empty((6, 0)) if polygon is None else polygon
-            found = self._local.effects = EffectKernels(
-                *addresses, np.empty(work), np.empty(8, np.int64), self.torque_limit, none
-            )
+            pepper, n = self._pepper, self._pepper.n
+            made = kernel(pepper, "inverse_dynamics") if edges is None else _torques_and_wrench(pepper)
+            work, size = made.work_size + 8, n if edges is None else n + 6
+            address = made.address_of("batch", inputs=3 * n, outputs=size, work=work)
+            found = self._local.effects = EffectKernel(
+                address, np.empty(work), np.empty(8, np.int64), self.torque_limit,
+                np.empty((6, 0)) if edges is None else edges,
+            )  # fmt: skip
         return found
 
     def of(self, q: Array, v: Array, a: Array) -> StateEffects:

@@ -319,10 +319,10 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
         0.4 of what it is at least; inf for others, shape (n,) [rad/s^2 or m/s^2].
     """
     quantities, n = quantities_of(pepper, limits), pepper.n
-    kernels = quantities.effect_kernels
-    if kernels is not None and quantities.torque_limit.size + quantities.edges:
+    kernel = quantities.effect_kernel
+    if kernel is not None and quantities.torque_limit.size + quantities.edges:
         used, times = np.empty(n), sample_times(motion.duration, EXAMINED_EVERY)
-        found = find_excess.native(kernels, motion.breaks, motion.coefficients, times, used)
+        found = find_excess.native(kernel, motion.breaks, motion.coefficients, times, used)
         return ("torque",) * bool(found & TORQUE) + ("balance",) * bool(found & MOMENT), used
     for state in _examined(quantities, motion):
         excess = _excess(quantities, state)

@@ -197,7 +197,7 @@ def test_what_is_exceeded_with_balance_is_what_each_quantity_by_itself_says(pepp
             continue
         names, used = first_exceeded(pepper, motion, limits)
         with monkeypatch.context() as patch:
-            patch.setattr(LimitedQuantities, "effect_kernels", None)
+            patch.setattr(LimitedQuantities, "effect_kernel", None)
             expected = first_exceeded(pepper, motion, limits)
         assert names == expected[0]
         np.testing.assert_allclose(used, expected[1], rtol=1e-9)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.kernel_batch import evaluate_batch, matrix_product
+from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.core.splines import evaluate_at_times, evaluate_on_segments
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
@@ -23,20 +23,19 @@ TORQUE, MOMENT = 1, 2
 """What is exceeded; their sum where both are."""
 
 
-class EffectKernels(NamedTuple):
-    """The kernels of torques and of the floor's wrench, and their limits.
+class EffectKernel(NamedTuple):
+    """The kernel of torques and of the floor's wrench, and their limits.
 
     Attributes:
-        torque: Address of the `batch` of a kernel from q, v and a to torques.
-        wrench: The same of one to the wrench of the floor, shape (6,).
-        work: Workspace of both, shape (>= work_size,).
+        address: Of the `batch` of a kernel from q, v and a to torques and, if there are edges, the wrench of
+            the floor.
+        work: Workspace of the kernel, shape (>= work_size,).
         words: Workspace, shape (8,).
         torque_limit: Of the joints, or none, shape (n or 0,) [N m or N].
         moment_of_wrench: A matrix that makes of a wrench the moments about e edges, shape (6, e).
     """
 
-    torque: int
-    wrench: int
+    address: int
     work: Floats1
     words: Ints1
     torque_limit: Floats1
@@ -44,42 +43,38 @@ class EffectKernels(NamedTuple):
 
 
 @compiled
-def _write_excess(kernels: EffectKernels, states: Array, excess: Array) -> int:
+def _write_excess(kernel: EffectKernel, states: Array, excess: Array) -> int:
     """Write by how much limits are exceeded; return what is.
 
     Args:
-        kernels: Of torques and wrenches.
+        kernel: Of torques and wrenches.
         states: q, v and a, shape (3, T, n).
         excess: Written: of torques and edge moments, shape (T, k + e).
     """
-    torques, edges = kernels.torque_limit.size, kernels.moment_of_wrench.shape[1]
-    count, found = states.shape[1], 0
-    if torques > 0:
-        torque = np.empty((count, states.shape[2]))
-        evaluate_batch(kernels.torque, states[0], states[1], states[2], torque, kernels.work, kernels.words)
-        for t in range(count):
-            for k in range(torques):
-                excess[t, k] = abs(torque[t, k]) - kernels.torque_limit[k] * (1.0 + ROUNDING)
-                if excess[t, k] > 0.0:
-                    found |= TORQUE
-    if edges > 0:
-        wrench, moments = np.empty((count, 6)), np.empty((count, edges))
-        evaluate_batch(kernels.wrench, states[0], states[1], states[2], wrench, kernels.work, kernels.words)
-        matrix_product(wrench, kernels.moment_of_wrench, moments)
-        for t in range(count):
-            for k in range(edges):
-                excess[t, torques + k] = -moments[t, k]
-                if moments[t, k] < 0.0:
-                    found |= MOMENT
+    torques, edges, n, found = kernel.torque_limit.size, kernel.moment_of_wrench.shape[1], states.shape[2], 0
+    effects = np.empty((states.shape[1], n + 6 if edges > 0 else n))
+    evaluate_batch(kernel.address, states[0], states[1], states[2], effects, kernel.work, kernel.words)
+    for t in range(effects.shape[0]):
+        for k in range(torques):
+            excess[t, k] = abs(effects[t, k]) - kernel.torque_limit[k] * (1.0 + ROUNDING)
+            if excess[t, k] > 0.0:
+                found |= TORQUE
+        for k in range(edges):
+            moment = 0.0
+            for i in range(6):
+                moment += effects[t, n + i] * kernel.moment_of_wrench[i, k]
+            excess[t, torques + k] = -moment
+            if moment < 0.0:
+                found |= MOMENT
     return found
 
 
 @compiled
-def _blame(kernels: EffectKernels, states: Array, excess: Array, used: Array) -> None:
+def _blame(kernel: EffectKernel, states: Array, excess: Array, used: Array) -> None:
     """Write the accelerations with which the limits would just be kept; see `find_excess`.
 
     Args:
-        kernels: Of torques and wrenches.
+        kernel: Of torques and wrenches.
         states: q, v and a, shape (3, T, n).
         excess: Of these, see `_write_excess`, shape (T, k + e).
         used: Written, shape (n,).
@@ -98,7 +93,7 @@ def _blame(kernels: EffectKernels, states: Array, excess: Array, used: Array) ->
             for i in range(3):
                 without[i, j] = states[i, worst]
             without[2, j, j] = 0.0
-        _write_excess(kernels, without, left)
+        _write_excess(kernel, without, left)
         most, total = ROUNDING, 0.0
         for j in range(n):
             gain[j] = over - left[j, column]
@@ -112,15 +107,15 @@ def _blame(kernels: EffectKernels, states: Array, excess: Array, used: Array) ->
                 used[j] = min(used[j], enough * abs(states[2, worst, j]))
 
 
-@compiled("int64(EffectKernels, float64[::1], float64[:, :, ::1], float64[::1], float64[::1])")
-def find_excess(kernels: EffectKernels, breaks: Array, coefficients: Array, times: Array, used: Array) -> int:
+@compiled("int64(EffectKernel, float64[::1], float64[:, :, ::1], float64[::1], float64[::1])")
+def find_excess(kernel: EffectKernel, breaks: Array, coefficients: Array, times: Array, used: Array) -> int:
     """Find what a motion exceeds: beside its knots or, where nothing is exceeded there, at some times.
 
     A joint contributes what a torque or edge moment, where it is exceeded most, would be less without the
     joint's acceleration.
 
     Args:
-        kernels: Of torques and wrenches.
+        kernel: Of torques and wrenches.
         breaks: Ends of the segments, shape (m + 1,) [s].
         coefficients: Constant term first, shape (m, k, n).
         times: Rising, shape (T,) [s].
@@ -132,7 +127,7 @@ def find_excess(kernels: EffectKernels, breaks: Array, coefficients: Array, time
         TORQUE, MOMENT, their sum, or 0.
     """
     segments, n = coefficients.shape[0], coefficients.shape[2]
-    columns = kernels.torque_limit.size + kernels.moment_of_wrench.shape[1]
+    columns = kernel.torque_limit.size + kernel.moment_of_wrench.shape[1]
     used[:] = np.inf
     index, local = np.empty(2 * segments, dtype=np.int64), np.zeros(2 * segments)
     for i in range(segments):
@@ -145,8 +140,8 @@ def find_excess(kernels: EffectKernels, breaks: Array, coefficients: Array, time
             evaluate_on_segments(coefficients, index, local, states)
         else:
             evaluate_at_times(breaks, coefficients, times, states)
-        found = _write_excess(kernels, states, excess)
+        found = _write_excess(kernel, states, excess)
         if found:
-            _blame(kernels, states, excess, used)
+            _blame(kernel, states, excess, used)
             return found
     return 0
