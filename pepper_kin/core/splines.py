@@ -339,8 +339,10 @@ def cut_out(
         for p in range(powers):
             for j in range(n):
                 pieces[count, p, j] = coefficients[i, p, j]
+        for p in range(order, powers):
+            for j in range(n):
                 if coefficients[i, p, j] != 0.0:
-                    order = max(order, p + 1)
+                    order = p + 1
         if by != 0.0:  # Horner's scheme, again and again
             for first in range(powers - 1):
                 for p in range(powers - 2, first - 1, -1):

@@ -313,6 +313,16 @@ class LimitedQuantities:
         """Return all of them; arguments have shape (T, n)."""
         return StateEffects(self.torque(q, v, a), self.moments(q, v, a), self.speed(q, v))
 
+    def forces(self, q: Array, v: Array, a: Array) -> Array:
+        """Return torques and edge moments side by side, shape (T, n or 0, + k or 0, + edges)."""
+        edges = self._moment_of_wrench
+        if edges is None or not self._joint_torques or self.effect_kernel is None:
+            return np.concatenate([self.torque(q, v, a), self.moments(q, v, a)], axis=1)
+        n, found = self._pepper.n, _evaluated(_torques_and_wrench(self._pepper), q, v, a)
+        moments = np.empty((len(q), self.edges))
+        matrix_product(np.ascontiguousarray(found[:, n:]), edges, moments)
+        return np.concatenate([found[:, :n], moments], axis=1)
+
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Return torques and accelerations of wheels, shape (T, n or 0, + k or 0): see `torque_limit`."""
         torque, wheels = np.zeros((len(q), 0)), self._limits.wheels

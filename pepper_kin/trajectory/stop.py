@@ -219,8 +219,7 @@ def _effects(
     local = path.local[:count, None] + path.step[:count, None] * np.array([0.0, 0.5, 1.0])
     evaluate_on_segments(coefficients, np.repeat(path.segment[:count], 3), local.ravel(), at)
     coefficient_states(at, states)
-    found = np.concatenate([quantities.torque(*states), quantities.moments(*states)], axis=1)
-    return np.ascontiguousarray(found.reshape(3, 3 * count, low.size)), low, high
+    return quantities.forces(*states).reshape(3, 3 * count, low.size), low, high
 
 
 def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits) -> Stop:
@@ -355,8 +354,11 @@ def _examined(quantities: LimitedQuantities, motion: Trajectory) -> Iterator[Arr
 
 def _excess(quantities: LimitedQuantities, state: Array) -> Array:
     """Return by how much torques and edge moments of states, shape (3, T, n), exceed limits, (T, k + e)."""
-    torque = np.abs(quantities.torque(*state)) - quantities.torque_limit * (1 + ROUNDING)
-    return np.concatenate([torque, -quantities.moments(*state)], axis=1)
+    forces, torques = quantities.forces(*state), quantities.torque_limit.size
+    limits = np.append(quantities.torque_limit * (1 + ROUNDING), np.zeros(quantities.edges))
+    forces[:, :torques] = np.abs(forces[:, :torques])
+    forces[:, torques:] *= -1.0
+    return forces - limits
 
 
 def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, ...]:
