@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.balance_rows import BalanceTable
-from pepper_kin.core.servo_tick import FAILED, FREE, HEAD, KINDS, Demands, ServoTable, TickResult, decide
+from pepper_kin.core.servo_tick import ATTEMPTS, FAILED, FREE, HEAD, Demands, ServoTable, TickResult, decide
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.balance_table import no_balance
 from pepper_kin.servo.clearance_guard import ClearanceGuard, unexamined
@@ -87,7 +87,7 @@ class Stepper:
             pairs = len(guard.world.cores)
         rows = pairs + 2 * len(self._table.ranges.heads) + 2 * len(self.balance.corners)
         # Each bound, row and attempt at a velocity may be named, and rows once more as broken.
-        self._numbers = np.empty(2 * self._n + 2 * rows + KINDS, np.int64)
+        self._numbers = np.empty(2 * self._n + 2 * rows + ATTEMPTS, np.int64)
 
     def step(self, q: Array, v: Array, demands: Sequence[Demand], caution: float = 1.0) -> Tick:
         """Return the next velocity.
