@@ -20,6 +20,7 @@ from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
 from pepper_kin.model.wheels import WHEEL_FRAMES
@@ -34,9 +35,9 @@ from pepper_kin.trajectory.path import is_plan
 from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
-    import casadi
-
     from pepper_kin.collision import Scene
+
+expressions = lazy_module("pepper_kin.symbolic.balance")
 
 JerkLike: TypeAlias = str | float | ArrayLike
 
@@ -239,15 +240,9 @@ def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
 @kept_for_robot(most=32)
 def _torques_and_wrench(pepper: PepperModel) -> Kernel:
     """Return the kernel of both, which takes hardly longer than that of one of them."""
-
-    def build() -> casadi.Function:
-        from pepper_kin.symbolic.balance import torques_and_wrench
-
-        return torques_and_wrench(pepper)
-
     sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
     key = f"torques and wrench of {robot_digest(pepper)} by {sources}"
-    return compile_function(build, key=key)
+    return compile_function(lambda: expressions.torques_and_wrench(pepper), key=key)
 
 
 class LimitedQuantities:
