@@ -198,7 +198,7 @@ def fault_of_start(checks: Checks, q: Array, least: float = 0.0) -> _Fault | Non
 
 def is_there(start: Array, goals: Array) -> bool:
     """Whether one of the goals, shape (m, n), is the start, shape (n,): then nothing need move."""
-    return bool((np.abs(goals - start) <= _THERE).all(axis=1).any())
+    return bool((np.abs(goals - start).max(axis=1) <= _THERE).any())
 
 
 def free_joints(
@@ -219,8 +219,8 @@ def free_joints(
         InvalidValueError: where a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
-    differ = np.any(np.abs(goals - start) > _SAME, axis=0)
-    moved = np.flatnonzero(differ)
+    differ = (np.abs(goals - start) > _SAME).any(axis=0)
+    moved = differ.nonzero()[0]
     if joints is None:
         return moved
     listed = tuple(joints) if isinstance(joints, Iterable) and not isinstance(joints, str) else joints

@@ -413,7 +413,7 @@ class PathSearch:
         problem, box, goals = self._problem, self._problem.box, self._problem.moving_goals
         check = problem.checks.of_motion(problem.start, problem.free)
         workspace.line.counters[:] = 0
-        bounded = np.isfinite(problem.reach).all()
+        bounded = math.isfinite(problem.reach.sum())
         workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # each curve has different bounds
         space = SearchSpace(
             validity=problem.checks.edges,
@@ -427,7 +427,8 @@ class PathSearch:
         )
         order = np.zeros(len(goals), np.int64)
         if len(goals) > 1:
-            order = np.argsort(problem.metric.distance(problem.moving_start, goals), kind="stable")
+            apart = (goals - problem.moving_start) * problem.metric.weights
+            order = (apart * apart).sum(axis=1).argsort(kind="stable")
         margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
         return PlanningState(
             space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -179,6 +179,9 @@ class Plan:
         return f"{self.message}{suffix} {self.advice}"
 
 
+_DEFAULTS = {one.name: one.default for one in fields(Plan) if one.default is not MISSING}
+
+
 class Ending:
     """Makes the plan that is returned, with what is the same for all endings filled in."""
 
@@ -190,10 +193,13 @@ class Ending:
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
         """Return the plan of an ending; `more` are its other fields."""
-        elapsed = time.perf_counter() - self.begin
-        return Plan(
-            status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
-        )
+        made = object.__new__(Plan)
+        made.__dict__.update(
+            _DEFAULTS, status=status, message=message, joint_names=self.joint_names,
+            time=time.perf_counter() - self.begin, seed=self.seed, planner=self.planner,
+        )  # fmt: skip
+        made.__dict__.update(more)
+        return made
 
     def solved(
         self,
