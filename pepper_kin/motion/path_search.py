@@ -44,6 +44,7 @@ from pepper_kin.planners.shortcut import (
     new_polyline,
     shorten,
     skip_ahead,
+    straighten_each,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
@@ -311,6 +312,7 @@ def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortc
     if stage <= SHORTEN:
         _begin_shortening(state, line.counters[SIZE])
         skip_ahead(space, line)
+        straighten_each(space, line, LEAST_GAIN)
     if stage <= SHORTEN_ON:
         ended = shorten(space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, PATIENCE, False)
         if ended == TIME_UP:
@@ -413,7 +415,7 @@ class PathSearch:
         problem, box, goals = self._problem, self._problem.box, self._problem.moving_goals
         check = problem.checks.of_motion(problem.start, problem.free)
         workspace.line.counters[:] = 0
-        bounded = math.isfinite(problem.reach.sum())
+        bounded = math.isfinite(np.vdot(problem.reach, problem.reach))
         workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # each curve has different bounds
         space = SearchSpace(
             validity=problem.checks.edges,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import read_only
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.core.splines import polyline_length
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
@@ -239,8 +240,7 @@ def along_trajectory(
 
 def length_of(path: NDArray[np.float64]) -> float:
     """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
-    steps = path[1:] - path[:-1]
-    return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())
+    return float(polyline_length(np.ascontiguousarray(path, float)))
 
 
 def _clearance_along(
