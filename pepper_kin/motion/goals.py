@@ -221,7 +221,7 @@ def free_joints(
         UnknownNameError: for an unknown joint or group.
     """
     apart = np.abs(goals - start) > _SAME
-    differ = apart[0] if len(apart) == 1 else apart.any(axis=0)
+    differ: NDArray[np.bool_] = apart[0] if len(apart) == 1 else np.asarray(apart.any(axis=0))
     moved = differ.nonzero()[0]
     if joints is None:
         return moved
