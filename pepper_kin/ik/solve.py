@@ -30,6 +30,7 @@ from pepper_kin.ik.priorities import (
     SolverContext,
     balanced,
     equally_weighted,
+    has_priorities,
     is_ordered,
     solve_with_priorities,
 )
@@ -207,7 +208,7 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
     other = _search(equally, solver)
     if ordered and other.status not in DONE:
         other = _in_order(equally, solver, other)
-    if not ordered and other.status not in DONE and solver == "fast":
+    if other.status not in DONE and solver == "fast" and not has_priorities(request.tasks):
         found = _closer(request, found)
         if found.status is IKStatus.SOLVED:
             return found
@@ -222,7 +223,7 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
 def _closer(request: Request, found: SearchResult) -> SearchResult:
     """Come closer where weights differ."""
     finite = {task.weight for task in request.tasks if math.isfinite(task.tolerance)}
-    if len(finite) < 2:
+    if len(finite) < 2 or not request.budget.closest:
         return found
     return _moved(request, found, closest(request.problem(), request.collisions, request.budget, found.q))
 

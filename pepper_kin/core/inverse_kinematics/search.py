@@ -38,6 +38,9 @@ is easiest to bear."""
 SPREADS = (0.1, 0.25, 0.6)
 """Standard deviations of the shifts that look for a way around an obstacle [rad or m]."""
 
+CLEARING = 0.3
+"""Weight of shortages of distance beside tasks that can be met, where they only have to point the way."""
+
 STATUS, ITERATIONS, RESTARTS, EXTRA = 0, 1, 2, 3
 """What an answer holds after q and the squared errors, and how many numbers these are."""
 
