@@ -112,14 +112,19 @@ def solve(
     around = Collisions(pepper, world, apart)
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
     q0 = checked_start(pepper, start)
+    tasks_to_solve = balanced(parts)
     if solver == "fast":
-        load_search(pepper, balanced(parts), around)  # or compile it: that is not solving
+        load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
     begin = time.perf_counter()
     movable = None if joints is None else movable_joints(pepper, joints)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, balanced(parts), q0, movable, around, budget)
-    found = search_on(request, solver, _search(request, solver))
-    conflict, hint = reasons(found.status, request, solver)
+    request = Request(pepper, tasks_to_solve, q0, movable, around, budget)
+    found = _search(request, solver)
+    conflict: tuple[str, ...] = ()
+    hint = ""
+    if found.status is not IKStatus.SOLVED:
+        found = search_on(request, solver, found)
+        conflict, hint = reasons(found.status, request, solver)
     return IKResult(
         status=found.status,
         q=found.q,

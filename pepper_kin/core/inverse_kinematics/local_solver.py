@@ -127,6 +127,7 @@ class Workspace(NamedTuple):
             considered.
         near_trial: The same at the configuration to try, of the same shape.
         near_count: Rows of both that are written, shape (2,).
+        shortages: Of `near` at the configuration to try, where they are taken for linear, shape (MOST_NEAR,).
         clock: For `seconds_now`, shape (2,).
         watch: When signals are checked next [s], shape (1,).
         stop: 1 or TIMED_OUT where the search has to end, shape (1,).
@@ -146,6 +147,7 @@ class Workspace(NamedTuple):
     near: Floats2
     near_trial: Floats2
     near_count: Ints1
+    shortages: Floats1
     clock: Ints1
     watch: Floats1
     stop: Ints1
@@ -171,6 +173,7 @@ def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) 
         np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
         np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
         np.zeros(2, np.int64),
+        np.empty(MOST_NEAR),
         np.empty(2, np.int64),
         np.zeros(1),
         np.zeros(1, np.int64),
@@ -427,14 +430,14 @@ def look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearin
 
 @compiled(lean=True, inline=True)
 def _look_along(problem: SolverProblem, workspace: Workspace, q: Floats1, clearing: float) -> float:
-    """Write the shortages of `near` at q, linear from `inputs`, into `near_trial`; return their cost."""
+    """Write the shortages of `near` at q, linear from `inputs`, into `shortages`; return their cost."""
     index, n, total = problem.joints, problem.reference.size, 0.0
     for r in range(workspace.near_count[0]):
         row = workspace.near[r]
         shortage = row[n]
         for i in range(index.size):
             shortage -= row[index[i]] * (q[index[i]] - workspace.inputs[index[i]])
-        workspace.near_trial[r, n] = shortage
+        workspace.shortages[r] = shortage
         if shortage > 0.0:
             total += shortage * shortage
     return 0.5 * clearing**2 * total
@@ -445,7 +448,7 @@ def _keep_along(workspace: Workspace) -> None:
     """Take the shortages that `_look_along` has written."""
     n = workspace.near.shape[1] - 2
     for r in range(workspace.near_count[0]):
-        row, shortage = workspace.near[r], workspace.near_trial[r, n]
+        row, shortage = workspace.near[r], workspace.shortages[r]
         row[n + 1] += shortage - row[n]
         row[n] = shortage
 

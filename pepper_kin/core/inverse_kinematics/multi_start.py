@@ -9,7 +9,6 @@ from pepper_kin.core.inverse_kinematics.local_solver import (
     REFLECTIONS,
     SMALL_GAIN,
     CollisionTests,
-    SolverProblem,
     Workspace,
     descend,
     evaluate,
@@ -62,16 +61,21 @@ all."""
 
 
 @compiled(lean=True)
-def _descend_aside(problem: SolverProblem, tests: CollisionTests, workspace: Workspace, steps: int) -> int:
+def _descend_aside(search: Search, workspace: Workspace, steps: int) -> int:
     """Descend from q0 and, as far as the tasks let it, away from what is near there; return the steps.
 
     What a first solution touches is mostly near at q0 already: in Stand, wrists are 3 mm beside the pelvis.
     Distances are measured once and taken for linear in q, which takes as long as four steps; of hand
     positions in reach, 15 % need the second stage then, and 64 % without it.
     """
-    look_around(tests, workspace, workspace.inputs, CLEARING)
+    problem, tests, start = search.problem, search.tests, search.start
+    same, taken = True, 0
+    for i in range(start.size):
+        same = same and start[i] == workspace.inputs[i]
+        start[i] = workspace.inputs[i]
+    if not same:  # else they are as in the row before
+        look_around(tests, workspace, start, CLEARING)
     keep_near(workspace)
-    taken = 0
     if workspace.near_count[0] > 0:
         taken = descend(problem, tests, workspace, steps, SEARCH_GAIN, CAUTIOUS_STEPS, CLEARING, True)
         if is_met(problem, workspace):
@@ -122,7 +126,7 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
             elif turn > 0:
                 reflect(problem, workspace.inputs)
             if tests.near != 0 and number == 0 and turn == 0 and not ended:
-                steps = _descend_aside(problem, tests, workspace, steps_left)
+                steps = _descend_aside(search, workspace, steps_left)
             else:
                 steps = descend(problem, tests, workspace, steps_left, gain, cautious_steps, 0.0, False)
             iterations, steps_left = iterations + steps, steps_left - steps
@@ -189,6 +193,7 @@ def solve_rows(
     n, t = tables.effort.size, options.tolerance.size
     search = make_search(tables, options, tests)
     workspace = make_workspace(inputs[begin], search.problem, tests)
+    search.start[:] = math.nan
     for row in range(begin, end):
         answer = answers[row]
         answer[n + t :] = 0.0

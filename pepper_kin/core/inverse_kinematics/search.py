@@ -120,7 +120,8 @@ class Search(NamedTuple):
         problem: The problem of one row.
         torque: Gravity torque, shape (n,) [N m or N].
         costs: Costs of the descents so far, shape (number of descents at most,).
-        start: Where descents among obstacles start from, shape (n,) [rad or m].
+        start: Where descents among obstacles start from, and before these the q0 at which `near_trial` of the
+            workspace was written, shape (n,) [rad or m].
     """
 
     tables: TaskTables
