@@ -94,10 +94,13 @@ def _with_weight(task: Task, weight: float) -> Task:
 
 def is_ordered(tasks: Sequence[Task]) -> bool:
     """Return whether some tasks may be relaxed in favor of others."""
-    if len(tasks) < 2:
-        return False
+    return len(tasks) > 1 and (has_priorities(tasks) or any(_has_freedom(task) for task in tasks))
+
+
+def has_priorities(tasks: Sequence[Task]) -> bool:
+    """Return whether some tasks come before others whatever their weights: hard ones, and positions."""
     mixed = any(task.hard for task in tasks) and not all(task.hard for task in tasks)
-    return mixed or any(task.yields or _has_freedom(task) for task in tasks)
+    return mixed or any(task.yields for task in tasks)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from pepper_kin.ik.priorities import (
     SolverContext,
     balanced,
     equally_weighted,
+    has_priorities,
     is_ordered,
     solve_with_priorities,
 )
@@ -111,14 +112,19 @@ def solve(
     around = Collisions(pepper, world, apart)
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
     q0 = checked_start(pepper, start)
+    tasks_to_solve = balanced(parts)
     if solver == "fast":
-        load_search(pepper, balanced(parts), around)  # or compile it: that is not solving
+        load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
     begin = time.perf_counter()
     movable = None if joints is None else movable_joints(pepper, joints)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
-    request = Request(pepper, balanced(parts), q0, movable, around, budget)
-    found = search_on(request, solver, _search(request, solver))
-    conflict, hint = reasons(found.status, request, solver)
+    request = Request(pepper, tasks_to_solve, q0, movable, around, budget)
+    found = _search(request, solver)
+    conflict: tuple[str, ...] = ()
+    hint = ""
+    if found.status is not IKStatus.SOLVED:
+        found = search_on(request, solver, found)
+        conflict, hint = reasons(found.status, request, solver)
     return IKResult(
         status=found.status,
         q=found.q,
@@ -207,7 +213,7 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
     other = _search(equally, solver)
     if ordered and other.status not in DONE:
         other = _in_order(equally, solver, other)
-    if not ordered and other.status not in DONE and solver == "fast":
+    if other.status not in DONE and solver == "fast" and not has_priorities(request.tasks):
         found = _closer(request, found)
         if found.status is IKStatus.SOLVED:
             return found
@@ -222,7 +228,7 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
 def _closer(request: Request, found: SearchResult) -> SearchResult:
     """Come closer where weights differ."""
     finite = {task.weight for task in request.tasks if math.isfinite(task.tolerance)}
-    if len(finite) < 2:
+    if len(finite) < 2 or not request.budget.closest:
         return found
     return _moved(request, found, closest(request.problem(), request.collisions, request.budget, found.q))
 

@@ -127,6 +127,7 @@ class Workspace(NamedTuple):
             considered.
         near_trial: The same at the configuration to try, of the same shape.
         near_count: Rows of both that are written, shape (2,).
+        shortages: Of `near` at the configuration to try, where they are taken for linear, shape (MOST_NEAR,).
         clock: For `seconds_now`, shape (2,).
         watch: When signals are checked next [s], shape (1,).
         stop: 1 or TIMED_OUT where the search has to end, shape (1,).
@@ -146,6 +147,7 @@ class Workspace(NamedTuple):
     near: Floats2
     near_trial: Floats2
     near_count: Ints1
+    shortages: Floats1
     clock: Ints1
     watch: Floats1
     stop: Ints1
@@ -171,6 +173,7 @@ def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) 
         np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
         np.empty((MOST_NEAR if tests.near != 0 else 0, n + 2)),
         np.zeros(2, np.int64),
+        np.empty(MOST_NEAR),
         np.empty(2, np.int64),
         np.zeros(1),
         np.zeros(1, np.int64),
@@ -234,6 +237,7 @@ def descend(
     small_gain: float,
     cautious_steps: int,
     clearing: float,
+    frozen: bool,
 ) -> int:
     """Search from a start by Levenberg-Marquardt steps within the bounds; return how many were proposed.
 
@@ -250,6 +254,8 @@ def descend(
             SMALL_GAIN, the minimum is not looked for to its very end.
         cautious_steps: How many steps keep away from the bounds.
         clearing: Weight of the shortages of distance; 0 to leave collisions out.
+        frozen: Whether the pairs that are near and their slopes are not looked for again in each step: they
+            are those of `workspace.near`, whose shortages are at the start.
     """
     inputs, trial, result, other = workspace.inputs, workspace.trial, workspace.result, workspace.other
     index, t, to_the_end = problem.joints, problem.tolerance.size, small_gain <= SMALL_GAIN
@@ -257,10 +263,14 @@ def descend(
     evaluate(problem, inputs, result)
     cost = result[t] + _posture_cost(problem, inputs)
     damping, backed, cautious, iterations = FIRST_DAMPING, False, cautious_steps > 0, 0
-    timed, workspace.near_count[0] = problem.deadline < np.inf, 0
-    if clearing > 0.0:
-        cost += _look_around(tests, workspace, inputs, clearing)
-        _keep_near(workspace)
+    timed = problem.deadline < np.inf
+    if frozen:
+        cost += _look_along(problem, workspace, inputs, clearing)
+    elif clearing > 0.0:
+        cost += look_around(tests, workspace, inputs, clearing)
+        keep_near(workspace)
+    else:
+        workspace.near_count[0] = 0
     while iterations < max_iterations and damping < MOST_DAMPING:
         if (
             problem.stop_when_met
@@ -279,14 +289,18 @@ def descend(
         size = _distance(index, trial, inputs)
         evaluate(problem, trial, other)
         new_cost = other[t] + _posture_cost(problem, trial)
-        if clearing > 0.0 and new_cost < cost:
-            new_cost += _look_around(tests, workspace, trial, clearing)
+        if frozen:
+            new_cost += _look_along(problem, workspace, trial, clearing)
+        elif clearing > 0.0 and new_cost < cost:
+            new_cost += look_around(tests, workspace, trial, clearing)
         gain = cost - new_cost
         if gain > 0:
             _copy(trial, inputs, problem.reference.size)
             _copy(other, result, result.size)
-            if clearing > 0.0:
-                _keep_near(workspace)
+            if frozen:
+                _keep_along(workspace)
+            elif clearing > 0.0:
+                keep_near(workspace)
             cost = new_cost
             damping, backed = (damping if backed else max(damping / LOWER, LEAST_DAMPING)), False
         elif size >= SMALL_STEP:
@@ -355,6 +369,8 @@ def _linearize(
         gradient[i] = slope
     for r in range(workspace.near_count[0]):
         row, own = workspace.near[r], workspace.step
+        if row[problem.reference.size] <= 0.0:
+            continue
         for i in range(m):
             own[i] = row[index[i]]
         for i in range(m):
@@ -401,7 +417,7 @@ def _posture_cost(problem: SolverProblem, inputs: Floats1) -> float:
 
 
 @compiled(lean=True)
-def _look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearing: float) -> float:
+def look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearing: float) -> float:
     """Write what is near at q, shape (n,) or longer, into `near_trial`; return the cost of it."""
     rows = workspace.near_trial
     count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, MOST_NEAR, tests.near_memory)
@@ -412,8 +428,33 @@ def _look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, cleari
     return 0.5 * clearing**2 * total
 
 
+@compiled(lean=True, inline=True)
+def _look_along(problem: SolverProblem, workspace: Workspace, q: Floats1, clearing: float) -> float:
+    """Write the shortages of `near` at q, linear from `inputs`, into `shortages`; return their cost."""
+    index, n, total = problem.joints, problem.reference.size, 0.0
+    for r in range(workspace.near_count[0]):
+        row = workspace.near[r]
+        shortage = row[n]
+        for i in range(index.size):
+            shortage -= row[index[i]] * (q[index[i]] - workspace.inputs[index[i]])
+        workspace.shortages[r] = shortage
+        if shortage > 0.0:
+            total += shortage * shortage
+    return 0.5 * clearing**2 * total
+
+
+@compiled(lean=True, inline=True)
+def _keep_along(workspace: Workspace) -> None:
+    """Take the shortages that `_look_along` has written."""
+    n = workspace.near.shape[1] - 2
+    for r in range(workspace.near_count[0]):
+        row, shortage = workspace.near[r], workspace.shortages[r]
+        row[n + 1] += shortage - row[n]
+        row[n] = shortage
+
+
 @compiled(lean=True)
-def _keep_near(workspace: Workspace) -> None:
+def keep_near(workspace: Workspace) -> None:
     """Copy what is near at the configuration to try to what is near at q."""
     workspace.near_count[0] = workspace.near_count[1]
     for r in range(workspace.near_count[0]):

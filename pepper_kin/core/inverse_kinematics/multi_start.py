@@ -14,10 +14,13 @@ from pepper_kin.core.inverse_kinematics.local_solver import (
     evaluate,
     is_free,
     is_over,
+    keep_near,
+    look_around,
     make_workspace,
     reflect,
 )
 from pepper_kin.core.inverse_kinematics.search import (
+    CLEARING,
     COLLISION,
     ITERATIONS,
     RESTARTS,
@@ -55,6 +58,29 @@ STRAIGHTENED, STARTS_FOR_TORQUE = (1.0, 1.5), 3
 """A solution that the motors cannot hold leans too far.  With the joints that carry much put back to where q0
 has them, or beyond, it is near another that mostly can be held; then further starts are tried, so many in
 all."""
+
+
+@compiled(lean=True)
+def _descend_aside(search: Search, workspace: Workspace, steps: int) -> int:
+    """Descend from q0 and, as far as the tasks let it, away from what is near there; return the steps.
+
+    What a first solution touches is mostly near at q0 already: in Stand, wrists are 3 mm beside the pelvis.
+    Distances are measured once and taken for linear in q, which takes as long as four steps; of hand
+    positions in reach, 15 % need the second stage then, and 64 % without it.
+    """
+    problem, tests, start = search.problem, search.tests, search.start
+    same, taken = True, 0
+    for i in range(start.size):
+        same = same and start[i] == workspace.inputs[i]
+        start[i] = workspace.inputs[i]
+    if not same:  # else they are as in the row before
+        look_around(tests, workspace, start, CLEARING)
+    keep_near(workspace)
+    if workspace.near_count[0] > 0:
+        taken = descend(problem, tests, workspace, steps, SEARCH_GAIN, CAUTIOUS_STEPS, CLEARING, True)
+        if is_met(problem, workspace):
+            return taken
+    return taken + descend(problem, tests, workspace, steps - taken, SEARCH_GAIN, CAUTIOUS_STEPS, 0.0, False)
 
 
 @compiled(lean=True)
@@ -99,7 +125,10 @@ def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
                 write_start(search, workspace, used - 1, turn)
             elif turn > 0:
                 reflect(problem, workspace.inputs)
-            steps = descend(problem, tests, workspace, steps_left, gain, cautious_steps, 0.0)
+            if tests.near != 0 and number == 0 and turn == 0 and not ended:
+                steps = _descend_aside(search, workspace, steps_left)
+            else:
+                steps = descend(problem, tests, workspace, steps_left, gain, cautious_steps, 0.0, False)
             iterations, steps_left = iterations + steps, steps_left - steps
             met = is_met(problem, workspace)
             if ended:
@@ -164,6 +193,7 @@ def solve_rows(
     n, t = tables.effort.size, options.tolerance.size
     search = make_search(tables, options, tests)
     workspace = make_workspace(inputs[begin], search.problem, tests)
+    search.start[:] = math.nan
     for row in range(begin, end):
         answer = answers[row]
         answer[n + t :] = 0.0

@@ -38,6 +38,9 @@ is easiest to bear."""
 SPREADS = (0.1, 0.25, 0.6)
 """Standard deviations of the shifts that look for a way around an obstacle [rad or m]."""
 
+CLEARING = 0.3
+"""Weight of shortages of distance beside tasks that can be met, where they only have to point the way."""
+
 STATUS, ITERATIONS, RESTARTS, EXTRA = 0, 1, 2, 3
 """What an answer holds after q and the squared errors, and how many numbers these are."""
 
@@ -117,7 +120,8 @@ class Search(NamedTuple):
         problem: The problem of one row.
         torque: Gravity torque, shape (n,) [N m or N].
         costs: Costs of the descents so far, shape (number of descents at most,).
-        start: Where descents among obstacles start from, shape (n,) [rad or m].
+        start: Where descents among obstacles start from, and before these the q0 at which `near_trial` of the
+            workspace was written, shape (n,) [rad or m].
     """
 
     tables: TaskTables
