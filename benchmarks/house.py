@@ -1,7 +1,7 @@
 """The size and the structure of the package, counted beside earlier commits.
 
 Lines of Python, imports of our own in functions, circles of files that import each other, literal byte
-offsets in addresses of the core's loads and stores, the files whose Python a second call runs.  Prints Markdown.
+offsets in addresses of the core's loads and stores, the files that a second call runs.  Prints Markdown.
 What edits and first answers cost is measured by `edits.py` and `first_start.py`.
 
     python benchmarks/house.py 95bd4e3 10c88739
