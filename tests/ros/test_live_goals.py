@@ -215,7 +215,7 @@ def test_a_ball_on_a_topic_crosses_the_way(monkeypatch):
                 if handle is None and time.monotonic() > begun + 0.5:
                     handle = client.send_goal(LEFT, ACTION, goal(trajectory(ARM, (2.0, UP))))
                 time.sleep(0.03)
-            found = handle.result(20)
+            found = handle.result(60)
             with RobotClient(client) as robot:
                 start = robot.configuration()
                 away = start.copy()

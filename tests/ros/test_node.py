@@ -372,5 +372,5 @@ def test_controllers_claim_their_joints_while_they_move_them(node):
     node.body.time.sleep(0.5)
     assert claimed() == {"Head_controller": ["HeadYaw/position", "HeadPitch/position"]}
     node.body.time.sleep(2.0)
-    assert handle.result(10.0).status == GoalStatus.SUCCEEDED
+    assert handle.result(60.0).status == GoalStatus.SUCCEEDED
     assert claimed() == {}

@@ -29,7 +29,7 @@ FOLLOW = "control_msgs/action/FollowJointTrajectory"
 KINDS = action_type(FOLLOW)
 
 
-def until(condition, timeout=20.0):
+def until(condition, timeout=60.0):
     end = time.monotonic() + timeout
     while not (found := condition()):
         assert time.monotonic() < end, "nothing came"
