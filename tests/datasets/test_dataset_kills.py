@@ -16,6 +16,7 @@ import distributed
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from small_jobs import small_job
 
 from pepper_kin import datasets
 from pepper_kin.datasets import cluster as cluster_module
@@ -24,9 +25,6 @@ from pepper_kin.datasets import shard as shard_module
 from pepper_kin.datasets.shard import name_of
 from pepper_kin.datasets.store import Store
 from pepper_kin.exceptions import FileFormatError, InfeasibleError, InvalidValueError, PepperKinError
-
-sys.path.insert(0, str(Path(__file__).parent))
-from small_jobs import small_job
 
 
 @pytest.fixture
