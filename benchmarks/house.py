@@ -86,10 +86,12 @@ def circles(arrows: dict[str, set[str]]) -> list[set[str]]:
     """Return the largest sets of modules each of which leads to every other one."""
 
     def reached(name: str) -> set[str]:
-        seen, open_ = set(), [name]
+        visited, open_ = set(), [name]
         while open_:
-            open_ += [new for new in arrows.get(open_.pop(), ()) if new not in seen and not seen.add(new)]
-        return seen
+            open_ += [
+                new for new in arrows.get(open_.pop(), ()) if new not in visited and not visited.add(new)
+            ]
+        return visited
 
     after = {name: reached(name) for name in arrows}
     rings = {frozenset(other for other in after[name] if name in after.get(other, ())) for name in arrows}
