@@ -123,7 +123,7 @@ def all_over_states(
     count = math.prod(batch)
     if quantity is not None and count >= KERNEL_FROM:
         return _by_kernel(pepper, quantity, shapes, arrays, batch, quantities)
-    flat = [np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays]
+    flat = [_rows(a, batch) for a in arrays]
     results = [np.empty((count, *shape)) for shape in shapes]
     for i, state in enumerate(zip(*_finite(pepper, flat, quantities), strict=True)):
         for result, value, shape in zip(results, function(*state), shapes, strict=True):
@@ -171,12 +171,17 @@ def _by_kernel(
 
     name, *args = quantity
     compiled = kernel_for(pepper, math.prod(batch), str(name), *args)
-    flat = [
-        a if a.ndim == 1 else np.broadcast_to(a, (*batch, pepper.n)).reshape(-1, pepper.n) for a in arrays
-    ]
+    flat = [a if a.ndim == 1 else _rows(a, batch) for a in arrays]
     results = compiled(*flat, check_large=refuse_large)
     parts = results if isinstance(results, tuple) else (results,)
     return tuple(np.asarray(part).reshape(*batch, *shape) for part, shape in zip(parts, shapes, strict=True))
+
+
+def _rows(array: Array, batch: tuple[int, ...]) -> Array:
+    """Return joint vectors of shape (..., n) as one for each state of a batch, shape (count, n)."""
+    n = array.shape[-1]
+    whole = array if array.shape[:-1] == batch else np.broadcast_to(array, (*batch, n))
+    return whole if whole.ndim == 2 else whole.reshape(-1, n)
 
 
 def kernel_for(pepper: PepperModel, count: int, quantity: str, *args: object) -> Kernel:

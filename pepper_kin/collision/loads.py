@@ -271,22 +271,3 @@ def center_of_mass_jacobian_with(pepper: PepperModel, loads: Loads, q: Array) ->
         moment = moment + load.mass * (jacobian[..., :3, :] + turning)
         total += load.mass
     return np.asarray(moment / total)
-
-
-def load_wrench_rate(pepper: PepperModel, loads: Loads, q: Array) -> Array:
-    """Return the derivative of `load_wrench` by the joint accelerations, shape (6, n), at q, shape (n,).
-
-    With J_c the Jacobian of a load's center of mass c: (m J_c, I_w J_w + c x m J_c).
-    """
-    total = np.zeros((6, pepper.n))
-    for load in loads:
-        jacobian, pose = (
-            kinematics.frame_jacobian(pepper, q, load.frame),
-            kinematics.frame_pose(pepper, q, load.frame),
-        )
-        turn, arm = pose[:3, :3], pose[:3, :3] @ np.array(load.center)
-        center = load.mass * (jacobian[:3] + np.cross(jacobian[3:], arm, axisa=0, axisc=0))
-        total[:3] += center
-        total[3:] += turn @ load.tensor @ turn.T @ jacobian[3:]
-        total[3:] += np.cross(pose[:3, 3] + arm, center, axisb=0, axisc=0)
-    return total

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -15,6 +14,7 @@ from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision.distances import CARRIER, NearTable, find_near, near_points, slopes
 from pepper_kin.core.kinematic_tree import place_joints
+from pepper_kin.core.near_state import ANSWER
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
@@ -89,7 +89,7 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
         q: Joint positions [rad or m], shape (n,).
         distance: Pairs at this distance or farther are left out [m].
     """
-    tables, count = _tables_of(checker), checker.pair_count
+    tables, count = near_tables(checker), checker.pair_count
     table, full = tables.near, np.array(checker.pepper.to_full(q))
     poses, axes = np.empty((len(table.joints), 12)), np.empty((len(table.joints), 3))
     place_joints(table.joints, full, poses, axes)
@@ -97,10 +97,13 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     found, distances, points, normals, undecided = near[:5]
     size, rest = find_near(poses, table, distance, True, near)
     if rest:
-        for index, apart, result in _by_coal(checker, full, undecided[:rest].tolist(), distance):
-            found[size], distances[size], normals[size] = index, apart, -result.normal
-            points[size] = result.getNearestPoint1(), result.getNearestPoint2()
-            size += 1
+        answers = measure_by_coal(checker, full[None], undecided[:rest], distance)[0]
+        are_near = answers[:, 0] < distance
+        end = size + int(are_near.sum())
+        found[size:end], answers = undecided[:rest][are_near], answers[are_near]
+        distances[size:end], normals[size:end] = answers[:, 0], answers[:, 7:]
+        points[size:end] = answers[:, 1:7].reshape(-1, 2, 3)
+        size = end
     order = np.lexsort((found[:size], distances[:size]))
     indices, points, normals = found[order], points[order], normals[order]
     gradients = np.empty((size, full.size))
@@ -119,54 +122,38 @@ def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPa
     )
 
 
-def _by_coal(
-    checker: CollisionChecker, q_full: Array, indices: list[int], distance: float
-) -> Iterator[tuple[int, float, Any]]:
-    """Yield those of some pairs that are nearer than a distance: place, distance and coal's result.
+def measure_by_coal(
+    checker: CollisionChecker, states: Array, indices: NDArray[np.intp], within: float
+) -> Array:
+    """Measure some pairs at some configurations by coal.
 
     Args:
         checker: The checker.
-        q_full: A configuration of Pinocchio's model [rad or m], shape (nq,).
-        indices: Places of the pairs.
-        distance: Pairs at this distance or farther are left out [m].
-    """
-    import pinocchio
-
-    data, queries = checker._data
-    pinocchio.forwardKinematics(checker.pepper.inner_model, data, q_full)
-    queries.place(data)
-    for index in indices:
-        result = queries.distance(index)
-        apart = result.min_distance - checker._shapes.paddings[index]
-        if apart < distance:
-            yield index, apart, result
-
-
-def distances_along(checker: CollisionChecker, path: Array, indices: NDArray[np.intp]) -> Array:
-    """Return the distances of some pairs at every configuration of a path.
-
-    Args:
-        checker: The checker.
-        path: Joint positions [rad or m], shape (m, n).
+        states: Configurations of Pinocchio's model [rad or m], shape (m, nq).
         indices: Places among the checker's pairs, shape (k,).
+        within: Of pairs that are not nearer than this only the distance is returned [m].
 
     Returns:
-        Distances [m], shape (m, k).
+        Distances, nearest points of both and normals, see `core.near_state.ANSWER`, shape (m, k, ANSWER).
     """
     import pinocchio
 
     data, queries = checker._data
-    found = np.empty((len(path), len(indices)))
-    for row, q in enumerate(checker.pepper.to_full(path)):
-        pinocchio.forwardKinematics(checker.pepper.inner_model, data, q)
+    found, paddings = np.zeros((len(states), len(indices), ANSWER)), checker._shapes.paddings
+    for row, q_full in zip(found, states, strict=True):
+        pinocchio.forwardKinematics(checker.pepper.inner_model, data, q_full)
         queries.place(data)
-        for place, index in enumerate(indices.tolist()):
-            found[row, place] = queries.distance(index).min_distance
-    return found - checker._shapes.paddings[indices]
+        for answer, index in zip(row, indices.tolist(), strict=True):
+            result = queries.distance(index)
+            distance = answer[0] = result.min_distance - paddings[index]
+            if distance < within:
+                answer[1:4], answer[4:7] = result.getNearestPoint1(), result.getNearestPoint2()
+                answer[7:] = -result.normal
+    return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Tables:
+class NearTables:
     """What of a checker's shapes and pairs never changes.
 
     Attributes:
@@ -174,36 +161,41 @@ class _Tables:
         names: The owners of each pair.
         movers: Which joints move the two of each pair against one another.
         cores: Length of the straight part of each pair, see `NearPairs`.
+        owners: The same number for all pairs of the same two owners.
     """
 
     near: NearTable
     names: tuple[tuple[str, str], ...]
     movers: NDArray[np.bool_]
     cores: Array
+    owners: NDArray[np.int64]
 
 
-_kept: WeakKeyDictionary[CollisionChecker, _Tables] = WeakKeyDictionary()
+_kept: WeakKeyDictionary[CollisionChecker, NearTables] = WeakKeyDictionary()
 
 
-def _tables_of(checker: CollisionChecker) -> _Tables:
+def near_tables(checker: CollisionChecker) -> NearTables:
+    """Return the tables of a checker, kept as long as it lives."""
     tables = _kept.get(checker)
     if tables is None:
         tables = _kept[checker] = _make_tables(checker)
     return tables
 
 
-def _make_tables(checker: CollisionChecker) -> _Tables:
+def _make_tables(checker: CollisionChecker) -> NearTables:
     from pepper_kin.collision.fast.near_table import near_table
 
     near, bodies, (first, second) = near_table(checker), checker._shapes.bodies, checker._shapes.pairs
     moved = near.above[near.shapes[:, CARRIER].astype(int)]
     cores = np.array([_core(body.geometry_object.geometry) for body in bodies])
     owners = [body.owner for body in bodies]
-    return _Tables(
+    numbers = np.unique(owners, return_inverse=True)[1] if owners else np.empty(0, np.int64)
+    return NearTables(
         near=near,
         names=tuple([(owners[a], owners[b]) for a, b in zip(first.tolist(), second.tolist(), strict=True)]),
         movers=(moved[first] != moved[second]) @ (np.abs(checker.pepper.full_map) > 0),
         cores=np.minimum(cores[first], cores[second]),
+        owners=numbers[first] * len(owners) + numbers[second],
     )
 
 

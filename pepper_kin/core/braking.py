@@ -90,7 +90,7 @@ def stopping_speed(distance: float, deceleration: float, dt: float) -> float:
     return distance / ((steps + 1.0) * dt) + 0.5 * quantum * steps
 
 
-@compiled("void(float64[::1], float64[::1], JointLimits, float64, VelocityInterval)")
+@compiled
 def bound_velocities(
     q: Floats1, v: Floats1, limits: JointLimits, dt: float, bounds: VelocityInterval
 ) -> None:
@@ -128,54 +128,52 @@ def bound_velocities(
         high[i], low[i] = max(high[i], brake[i]), min(low[i], brake[i])
 
 
-@compiled("void(float64[::1], float64[::1], float64, int64[::1], float64[:, ::1])")
-def write_brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1, path: Floats2) -> None:
-    """Write how far each joint has moved after some ticks, the first at v, the others braking.
+@compiled
+def brake_joints(bounds: VelocityInterval, joints: Flags1, gentle: Floats1) -> None:
+    """Narrow bounds so that some joints brake.
+
+    Args:
+        bounds: Changed.
+        joints: Which joints, shape (n,).
+        gentle: Velocities of the gentlest brake that will do [rad/s or m/s], shape (n,); near the end of its
+            range a joint brakes harder.
+    """
+    low, high = bounds.low, bounds.high
+    for i in range(gentle.size):
+        if joints[i]:
+            softest = min(max(gentle[i], low[i]), high[i])
+            low[i], high[i] = min(bounds.brake[i], softest), max(bounds.brake[i], softest)
+            bounds.low_kind[i] = bounds.high_kind[i] = LOCKED
+
+
+@compiled
+def brake_path(v: Floats1, acceleration: Floats1, dt: float) -> Floats2:
+    """Return how far each joint has moved at each tick of a brake, with sign, shape (m, n) [rad or m].
 
     Args:
         v: Velocity of the first tick [rad/s or m/s], shape (n,).
-        acceleration: a [rad/s^2 or m/s^2], shape (n,).
+        acceleration: a, by which they brake from then on [rad/s^2 or m/s^2], shape (n,).
         dt: Length of a tick [s].
-        ticks: Numbers of ticks, shape (m,).
-        path: Written: changes of position, with sign [rad or m], shape (m, n).
+
+    Returns:
+        From no tick, which is zero, to the last one that moves.
     """
+    last = 0.0
+    for i in range(v.size):
+        last = max(last, math.floor(abs(v[i]) / min(acceleration[i] * dt, 1e300)))
+    path = np.empty((int(last) + 2, v.size))
     for i in range(v.size):
         quantum, speed = min(acceleration[i] * dt, 1e300), abs(v[i])
         moving, sign = math.floor(speed / quantum) + 1.0, np.sign(v[i])
-        for k in range(ticks.size):
-            count = min(float(ticks[k]), moving)
+        for k in range(path.shape[0]):
+            count = min(float(k), moving)
             # Ticks that are not needed count 0 times the quantum, which may be huge.
             loss = quantum * (count - 1.0) / 2.0 if count > 1.0 else 0.0
             path[k, i] = dt * sign * count * (speed - loss)
-
-
-def brake_path(v: Floats1, acceleration: Floats1, dt: float, ticks: Ints1) -> Floats2:
-    """Return what `write_brake_path` writes, shape (m, n), for v of shape (n,) and ticks of shape (m,)."""
-    path = np.empty((ticks.size, v.size))
-    write_brake_path(v, acceleration, dt, ticks, path)
     return path
 
 
-@compiled("int64(float64[::1], float64[::1], float64)")
-def ticks_to_rest(v: Floats1, acceleration: Floats1, dt: float) -> int:
-    """Return how many ticks of `brake_path` move, for velocities and accelerations of shape (n,)."""
-    most = 0.0
-    for i in range(v.size):
-        most = max(most, math.floor(abs(v[i]) / min(acceleration[i] * dt, 1e300)))
-    return int(most) + 1
-
-
-def stopping_place(q: Floats1, v: Floats1, acceleration: Floats1, dt: float) -> Floats1:
-    """Return where the joints come to rest after one tick at v and the hardest brake, shape (n,)."""
-    last = np.array([ticks_to_rest(v, acceleration, dt)])
-    place: Floats1 = q + brake_path(v, acceleration, dt, last)[0]
-    return place
-
-
-@compiled(
-    "Tuple(float64, float64)(float64[:, ::1], float64[::1], float64[::1], JointLimits, float64, float64, "
-    "float64)"
-)
+@compiled
 def approach_rate(
     jacobian: Floats2,
     wanted: Floats1,

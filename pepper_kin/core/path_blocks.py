@@ -46,8 +46,12 @@ def _write_block(
 
 
 @compiled(lean=True)
-def _factorize(band: Floats2) -> bool:
-    """Replace a band by that of its Cholesky factor; False where it is not positive definite."""
+def factorize_band(band: Floats2) -> bool:
+    """Replace a band, row i of which has columns i - w to i, by that of its Cholesky factor.
+
+    Returns:
+        Whether the matrix is positive definite.
+    """
     width = band.shape[1] - 1
     for i in range(band.shape[0]):
         first = max(0, i - width)
@@ -63,6 +67,20 @@ def _factorize(band: Floats2) -> bool:
             else:
                 band[i, width] = np.sqrt(total)
     return True
+
+
+@compiled(lean=True)
+def solve_band(band: Floats2, x: Floats1) -> None:
+    """Replace b by A^-1 b, given the factor of `factorize_band`; b has shape (N,)."""
+    width = band.shape[1] - 1
+    for i in range(x.size):
+        for j in range(max(0, i - width), i):
+            x[i] -= band[i, width - i + j] * x[j]
+        x[i] /= band[i, width]
+    for i in range(x.size - 1, -1, -1):
+        x[i] /= band[i, width]
+        for j in range(max(0, i - width), i):
+            x[j] -= band[i, width - i + j] * x[i]
 
 
 @compiled(
@@ -104,20 +122,13 @@ def solve_path_blocks(
             for i in range(size):
                 own[i] = bend[step, k] + (weight[k, i] if step == 0 else 0.0)
             _write_block(null, own, more[k] if step == 0 else nothing, (high, low), band, at)
-    if not _factorize(band):
+    if not factorize_band(band):
         return False
     x = np.empty((count - 1) * d)
     for k in range(1, count):
         for i in range(d):
             x[place[k] * d + i] = values[k, i]
-    for i in range(x.size):
-        for j in range(max(0, i - width), i):
-            x[i] -= band[i, width - i + j] * x[j]
-        x[i] /= band[i, width]
-    for i in range(x.size - 1, -1, -1):
-        x[i] /= band[i, width]
-        for j in range(max(0, i - width), i):
-            x[j] -= band[i, width - i + j] * x[i]
+    solve_band(band, x)
     for k in range(1, count):
         for i in range(d):
             values[k, i] = x[place[k] * d + i]

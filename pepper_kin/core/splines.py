@@ -295,6 +295,64 @@ def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Arr
     return np.stack([value[:-1], slope[:-1], bend[:-1] / 2, cubic, quartic, quintic], axis=1)
 
 
+@compiled("boolean(float64[::1], float64, float64)", lean=True)
+def clamp(values: Array, greatest: float, slack: float) -> bool:
+    """Move values, shape (T,), into [0, greatest]; return whether none was further outside than the slack."""
+    for k in range(values.size):
+        if not (values[k] >= -slack and values[k] <= greatest + slack):  # also where it is NaN
+            return False
+        values[k] = min(max(values[k], 0.0), greatest)
+    return True
+
+
+@compiled(
+    "Tuple(int64, int64)(float64[::1], float64[:, :, ::1], float64[::1], float64, float64[::1], "
+    "float64[:, :, ::1])"
+)
+def cut_out(
+    breaks: Array, coefficients: Array, ends: Array, apart: float, knots: Array, pieces: Array
+) -> tuple[int, int]:
+    """Write the part of a piecewise polynomial between two arguments, whose first becomes 0.
+
+    Args:
+        breaks: Ends of the segments, rising, shape (m + 1,).
+        coefficients: Constant term first, shape (m, k, n).
+        ends: The two arguments, shape (2,).
+        apart: Breaks no further than this from one of them are left out.
+        knots: Written: its breaks, in the first of shape (m + 1,).
+        pieces: Written: its coefficients, shape (m, k, n).
+
+    Returns:
+        How many pieces it has, and how many coefficients, without powers that have none in it.
+    """
+    powers, n, last = coefficients.shape[1], coefficients.shape[2], breaks.size - 2
+    count, order, i, begin = 0, 1, 0, ends[0]
+    while begin < ends[1]:
+        k = i  # the next break
+        while k <= last and breaks[k] <= begin + apart:
+            k += 1
+        finish = breaks[k] if k <= last and breaks[k] < ends[1] - apart else ends[1]
+        middle = 0.5 * (begin + finish)
+        while i < last and breaks[i + 1] <= middle:
+            i += 1
+        by = begin - breaks[i]
+        for p in range(powers):
+            for j in range(n):
+                pieces[count, p, j] = coefficients[i, p, j]
+        for p in range(order, powers):
+            for j in range(n):
+                if coefficients[i, p, j] != 0.0:
+                    order = p + 1
+        if by != 0.0:  # Horner's scheme, again and again
+            for first in range(powers - 1):
+                for p in range(powers - 2, first - 1, -1):
+                    for j in range(n):
+                        pieces[count, p, j] += by * pieces[count, p + 1, j]
+        knots[count], begin, count = begin - ends[0], finish, count + 1
+    knots[count] = ends[1] - ends[0]
+    return count, order
+
+
 def shifted(coefficients: Array, by: Array) -> Array:
     """Return the polynomials p(x + by) of p(x).
 

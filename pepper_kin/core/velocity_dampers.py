@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pepper_kin.core.collision.joint_ranges import leaves_range
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2
 
@@ -31,7 +32,7 @@ class PairTable(NamedTuple):
     spare: Floats1
 
 
-@compiled("int64(float64[:, ::1], int64, PairTable, float64, boolean[::1])")
+@compiled
 def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doubts: Flags1) -> int:
     """Find how far along a path pairs that are not in the table stay away, and which of the table may not.
 
@@ -82,12 +83,17 @@ class RangeTable(NamedTuple):
     """Curves that one joint keeps on one side of, over another joint.
 
     Attributes:
-        heads: Both joints, the side (1 above, -1 below), beginning and end of each curve, shape (k, 5).
+        heads: Both joints, the side (1 above, -1 below), beginning and end of each curve, and the tabulated
+            range that it stands for, shape (k, 6).
         curves: x and y of all curves, shape (2, total) [rad].
+        table_heads: The ranges, see `collision.joint_ranges`.
+        tables: Their rows, see there.
     """
 
     heads: Floats2
     curves: Floats2
+    table_heads: Floats1
+    tables: Floats1
 
 
 @compiled
@@ -108,7 +114,7 @@ def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
     """Return the angle left at q below or above a curve [rad], and the curve's slope there.
 
     Args:
-        head: See `RangeTable`, shape (5,).
+        head: See `RangeTable`, shape (6,).
         curves: See `RangeTable`, shape (2, total) [rad].
         q: Joint positions, shape (n,) [rad].
     """
@@ -119,7 +125,7 @@ def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
     return head[2] * (q[int(head[1])] - curve[place] - slope * (at - x[place])), slope
 
 
-@compiled("void(RangeTable, float64[::1], float64[::1], float64, float64[:, ::1], float64[::1])")
+@compiled
 def write_range_rows(
     table: RangeTable, q: Floats1, stop: Floats1, gain: float, matrix: Floats2, least: Floats1
 ) -> None:
@@ -143,8 +149,8 @@ def write_range_rows(
             least[2 * k + i] = -gain * max(min(left, left_there) - ANGLE_KEPT, 0.0)
 
 
-@compiled("boolean(RangeTable, int64, float64[::1], float64[::1])")
-def range_holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> bool:
+@compiled
+def _holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> bool:
     """Return whether the whole rectangle with corners q and `end`, shape (n,), is safe by curve k."""
     head, curves = table.heads[k], table.curves
     first, second, side = int(head[0]), int(head[1]), head[2]
@@ -157,3 +163,33 @@ def range_holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> 
     for place in range(_place(x, low), _place(x, high)):
         highest = max(highest, side * curve[place])
     return nearest >= highest
+
+
+@compiled
+def entered_range(table: RangeTable, q: Floats1, shifts: Floats2) -> int:
+    """Return the curve of a range that a path leaves although q is in it, -1 for none.
+
+    Args:
+        table: The curves and ranges.
+        q: Joint positions, shape (n,) [rad].
+        shifts: Positions along the path, from q on, every joint going one way only, shape (m, n) [rad].
+    """
+    place = np.empty(q.size)
+    for k in range(table.heads.shape[0]):
+        _write_sum(q, shifts[shifts.shape[0] - 1], place)
+        if _holds_between(table, k, q, place):
+            continue
+        number = int(table.heads[k, 5])
+        if leaves_range(table.table_heads, table.tables, 0.0, q, number):
+            continue
+        for row in range(shifts.shape[0]):
+            _write_sum(q, shifts[row], place)
+            if leaves_range(table.table_heads, table.tables, 0.0, place, number):
+                return k
+    return -1
+
+
+@compiled
+def _write_sum(a: Floats1, b: Floats1, total: Floats1) -> None:
+    for i in range(a.size):
+        total[i] = a[i] + b[i]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.batch import over_states
+from pepper_kin.batch import KERNEL_FROM, over_states
 from pepper_kin.core import tree_dynamics
 from pepper_kin.core.tree_dynamics import JOINT, LINK, TreeTables, work_size
 from pepper_kin.kernels.compiled_function import INTERPRETED, CompiledFunction
@@ -73,6 +73,28 @@ def one_state(
         return None
 
 
+def _few_states(
+    function: CompiledFunction, pepper: PepperModel, solver: str, shape: tuple[int, ...], *states: Any
+) -> Array | None:
+    """Return the results of a few rows in the frequent case: contiguous (count, n) arrays of floats in range.
+
+    Returns:
+        The results, shape (count, *shape); None where `over_states` has to convert, refuse or take a kernel.
+    """
+    size = states[0].shape if isinstance(states[0], np.ndarray) else ()
+    if len(size) != 2 or not 0 < size[0] < KERNEL_FROM:
+        return None
+    tables = _tables_for(function, pepper, solver)
+    if tables is None or not all(type(array) is np.ndarray and array.shape == size for array in states):
+        return None
+    results = np.empty((size[0], *shape))
+    try:
+        done = all(function.native(tables, *row) for row in zip(*states, results, strict=True))
+    except TypeError:  # other types of numbers, rows that are not contiguous
+        return None
+    return results if done else None
+
+
 def all_states(
     function: CompiledFunction,
     pepper: PepperModel,
@@ -96,6 +118,9 @@ def all_states(
     Raises:
         InvalidValueError: as `batch.over_states` does.
     """
+    few = _few_states(function, pepper, solver, shape, *quantities.values())
+    if few is not None:
+        return few
 
     def one(*state: Array) -> Array:
         found = one_state(function, pepper, solver, shape, *map(np.ascontiguousarray, state))

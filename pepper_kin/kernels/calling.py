@@ -81,10 +81,11 @@ _set_item = intrinsic(_emit_call("int32", "int64", "int64", "int64"))(lambda add
 def _emit_stack(typing_context: Any) -> Any:
     from llvmlite import ir
     from numba import types
-    from numba.core import cgutils
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        block = cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(64), 2 * BLOCK_WORDS))
+        # Numba's `alloca_once` would clear the 12 kB in every call.
+        with builder.goto_entry_block():
+            block = builder.alloca(ir.ArrayType(ir.IntType(64), 2 * BLOCK_WORDS))
         return builder.ptrtoint(block, ir.IntType(64))
 
     return types.intp(), generate

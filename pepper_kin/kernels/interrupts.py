@@ -34,7 +34,7 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int64)
 
 @intrinsic(_emit_call("int64"))
 def call_back(address: int) -> int:
-    """Call `int64 f()` at an address, such as that of a `pepper_kin.twin.callback.Callback`."""
+    """Call `int64 f()` at an address, such as that of a `pepper_kin.kernels.callback.Callback`."""
     return int(_CALL(address)())
 
 

@@ -1,48 +1,23 @@
-"""Keeps the body clear of itself and of the world: rows for the next velocity, and whether it can stop."""
+"""Keeps the body clear of itself and of the world: what machine code needs for it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.collision import NearPairs, Scene, checker_for
+from pepper_kin.collision import Scene, checker_for
+from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.motion_tree import bounds_anywhere
-from pepper_kin.collision.near_pairs import distances_along, pairs_within
-from pepper_kin.core.braking import VelocityInterval, brake_path, ticks_to_rest
-from pepper_kin.core.velocity_dampers import PairTable, clear_rows
+from pepper_kin.collision.near_pairs import measure_by_coal, near_tables
+from pepper_kin.core.collision.distances import KNOWN, NearTable, near_points
+from pepper_kin.core.collision.scene_rows import KIND
+from pepper_kin.core.near_state import NearWorld, OtherMeasures
+from pepper_kin.kernels.callback import Callback
+from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.servo.demand import Demand
-from pepper_kin.servo.half_spaces import VelocityRows, stacked
-from pepper_kin.servo.range_rows import range_rows
-
-# Farthest that bodies are looked for [m], and how often one brake path is looked at again.
-FARTHEST = 0.08
-MAX_QUERIES = 4
-
-# Share of the clearance that braking may use up.
-HARD = 0.5
-
-# Pairs nearer than that keep this share of their distance; pairs that touch may be found so much deeper [m].
-STEP_OF_NEAR = 0.75
-DEEPER = 1e-4
-
-# Weight of the separation of near pairs, over the tasks.
-PARTING = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Obstacle:
-    """What keeps a velocity from being known to be safe.
-
-    Attributes:
-        joints: The joints that have to brake, shape (n,).
-        name: What they would come too near, in words.
-    """
-
-    joints: np.ndarray
-    name: str
 
 
 @kept_for_robot(most=32)
@@ -56,117 +31,64 @@ class ClearanceGuard:
 
     Damper (Faverjon and Tournassoud, A local based approach for path planning of manipulators with a high
     number of degrees of freedom, 1987): g . v >= -gain max(d - d_min, 0) with g = dd/dq.
-    Pairs nearer than d_min may only part, and are asked to: see `parting`.
+    Pairs nearer than d_min may only part, and are asked to.
 
     Args:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself.
         clearance: d_min [m].
         gain: Share of the free distance that may be used up per second [1/s].
+
+    Attributes:
+        clearance: d_min [m].
+        gain: The same gain.
+        world: The pairs, as machine code takes them, valid as long as the guard.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene, clearance: float, gain: float) -> None:
-        self._checker = checker_for(pepper, scene)
-        self._motion_bounds = frame_motion_bounds(pepper)
-        self._ranges = range_rows(pepper)
-        self._clearance, self._gain = clearance, gain
-        self._hard = HARD * clearance
+        checker, self.clearance, self.gain = checker_for(pepper, scene), clearance, gain
+        tables, count = near_tables(checker), checker.pair_count
+        self._names, counts, within = tables.names, np.zeros(2, np.int64), np.zeros(1)
+        # Distances of shapes that machine code does not know are asked again only where they may be near.
+        shapes, (first, second) = tables.near.shapes[:, KIND], tables.near.pairs[:, :2].T
+        asked = ~(np.isin(shapes, KNOWN)[first] & np.isin(shapes, KNOWN)[second])
+        seen = np.full((int(asked.sum()), 1 + pepper.n), np.inf)
+        self._callback = callback = Callback(partial(_answer, checker, counts, within))
+        self.world = NearWorld(
+            True, tables.near, near_points(tables.near, count, count), tables.movers, tables.cores,
+            tables.owners, frame_motion_bounds(pepper), pepper.full_map, pepper.full_offset,
+            OtherMeasures(callback.address, callback.mail, counts, within),
+            np.where(asked, np.cumsum(asked) - 1, -1), seen,
+        )  # fmt: skip
 
-    def look(self, q: Array, bounds: VelocityInterval, acceleration: Array, dt: float) -> NearPairs:
-        """Return the pairs that matter at q for any velocity within bounds.
+    def check(self) -> None:
+        """Raise what coal, or the handler of a signal meanwhile, has raised."""
+        error = self._callback.raised()
+        if error is not None:
+            raise error
 
-        Args:
-            q: Joint positions [rad or m], shape (n,).
-            bounds: Of the next velocity.
-            acceleration: Of the brake [rad/s^2 or m/s^2], shape (n,).
-            dt: Length of a tick [s].
-        """
-        fastest = np.maximum(np.abs(bounds.low), np.abs(bounds.high))
-        damped = self._clearance + float(self._motion_bounds @ fastest) / self._gain
-        last = np.array([ticks_to_rest(fastest, acceleration, dt)])
-        stopped = self._hard + float(self._motion_bounds @ brake_path(fastest, acceleration, dt, last)[0])
-        return pairs_within(self._checker, q, min(max(damped, stopped), FARTHEST))
+    def name(self, pair: int) -> str:
+        """Return what keeps two things apart, in words."""
+        return "clearance of {} and {}".format(*self._names[pair])
 
-    def rows(self, q: Array, stop: Array, near: NearPairs, caution: float) -> VelocityRows:
-        """Return the dampers at q.
 
-        Args:
-            q: Joint positions [rad or m], shape (n,).
-            stop: Where the hardest brake would end, shape (n,).
-            near: What `look` returned there.
-            caution: Factor on the gain, up to 1.
-        """
-        gain = self._gain * caution
-        least = -gain * np.maximum(near.distances - self._clearance, 0.0)
-        names = tuple([f"clearance of {a} and {b}" for a, b in near.names])
-        return stacked(
-            [VelocityRows(near.gradients, least, names), self._ranges.rows(q, stop, gain)],
-            near.gradients.shape[1],
-        )
+def _answer(
+    checker: CollisionChecker, counts: NDArray[np.int64], within: Array, states: int, pairs: int, answers: int
+) -> int:
+    """Measure by coal what machine code does not know, see `OtherMeasures`; return 0."""
+    rows, size = counts.tolist()
+    full = checker.pepper.full_offset.size
+    configurations, indices = floats_at(states, rows * full).reshape(rows, full), words_at(pairs, size)
+    found = measure_by_coal(checker, configurations, indices, float(within[0]))
+    floats_at(answers, found.size)[:] = found.ravel()
+    return 0
 
-    def parting(self, near: NearPairs) -> Demand | None:
-        """Return the term that separates pairs nearer than d_min, at gain (d_min - d), or None."""
-        short = near.distances < self._clearance
-        if not short.any():
-            return None
-        rate = self._gain * (self._clearance - near.distances[short])
-        return Demand(near.gradients[short], rate, PARTING, "clearance", 1.0, 0.0, 0.0)
 
-    def obstacle(
-        self, q: Array, v: Array, near: NearPairs, acceleration: Array, dt: float
-    ) -> Obstacle | None:
-        """Return None if one tick at v and the hardest brake after it stay clear; else what is in the way.
-
-        Most pairs are shown to stay apart all the way by how far the joints can move them, see
-        `core.velocity_dampers.clear_rows`; those of which this says nothing are measured at every tick of
-        the way.  No pair may come nearer than half the clearance, or than 3/4 of its distance at q if that
-        is less; pairs that touch at q may part, and else not go deeper.
-
-        Args:
-            q: Joint positions [rad or m], shape (n,).
-            v: The velocity proposed [rad/s or m/s], shape (n,).
-            near: What `look` returned at q.
-            acceleration: Of the brake [rad/s^2 or m/s^2], shape (n,).
-            dt: Length of a tick [s].
-        """
-        end = ticks_to_rest(v, acceleration, dt)
-        shifts = brake_path(v, acceleration, dt, np.arange(end + 1))
-        entered = self._ranges.entered(q, q + shifts[1:])
-        if entered is not None:
-            return Obstacle(np.isin(np.arange(q.size), entered[0]), entered[1])
-        floors, tick = self._floors(near), 0
-        everything = Obstacle(np.ones(q.size, dtype=bool), "clearance")
-        for _ in range(MAX_QUERIES):
-            least = np.full(len(near), self._hard)
-            if floors:
-                least[:] = [floors.get(pair, self._hard) for pair in near.names]
-            doubts = np.empty(len(near), dtype=bool)
-            pairs = PairTable(
-                near.gradients, near.movers, near.cores, self._motion_bounds, near.distances - least
-            )
-            clear = clear_rows(shifts, tick, pairs, near.within - self._hard, doubts)
-            # So far no pair that was not seen can have come too near.
-            if clear < 1:
-                return everything
-            doubtful = doubts.nonzero()[0]
-            if doubtful.size:
-                path = q + shifts[tick + 1 : tick + clear + 1]
-                distances = distances_along(self._checker, path, near.indices[doubtful])
-                hit = doubtful[(distances < least[doubtful]).any(axis=0)]
-                if hit.size:
-                    a, b = near.names[hit[0]]
-                    return Obstacle(np.asarray(near.movers[hit].any(axis=0)), f"clearance of {a} and {b}")
-            tick += clear
-            if tick >= end:
-                return None
-            near = pairs_within(self._checker, q + shifts[tick], FARTHEST)
-        return everything
-
-    def _floors(self, near: NearPairs) -> dict[tuple[str, str], float]:
-        """Return how near those pairs may come that are near already; the least of equal names."""
-        floors: dict[tuple[str, str], float] = {}
-        for pair, distance in zip(near.names, near.distances.tolist(), strict=True):
-            if distance > self._hard / STEP_OF_NEAR:
-                break
-            floors.setdefault(pair, STEP_OF_NEAR * distance if distance > 0 else distance - DEEPER)
-        return floors
+def unexamined() -> NearWorld:
+    """Return the world of a robot that is not checked for collisions."""
+    rows, words, numbers = np.empty((0, 0)), np.empty(0, np.int64), np.empty(0)
+    table = NearTable(rows, rows, rows, rows, words.reshape(0, 0), numbers, numbers)
+    return NearWorld(
+        False, table, near_points(table, 0, 0), rows.astype(bool), numbers, words, numbers, rows, numbers,
+        OtherMeasures(0, words, words, numbers), words, rows,
+    )  # fmt: skip

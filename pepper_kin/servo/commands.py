@@ -11,7 +11,7 @@ from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
-from pepper_kin.servo.demand import Demand, Pace, rate_demand, task_demand
+from pepper_kin.servo.demand import Demand, task_demand
 
 # A target that moves faster than this has jumped [m/s or rad/s]; one that comes later has rested [s].
 FASTEST_DRIFT = 2.0
@@ -38,15 +38,15 @@ class Twist(FrozenArrays):
     in_hand_axes: bool
     tick: int
 
-    def demand(self, pepper: PepperModel, q: Array, v: Array, pace: Pace) -> Demand:
-        """Return the demand at q, shape (n,) [rad or m], after velocity v, shape (n,) [rad/s or m/s]."""
+    def demand(self, pepper: PepperModel, q: Array) -> Demand:
+        """Return the demand at q, shape (n,) [rad or m]."""
         jacobian = frame_jacobian(pepper, q, self.frame)
         parts = [self.linear] if self.angular is None else [self.linear, self.angular]
         if self.in_hand_axes:
             rotation = frame_pose(pepper, q, self.frame)[:3, :3]
             parts = [rotation @ part for part in parts]
         rate = np.concatenate(parts)
-        return rate_demand(jacobian[: rate.size], rate, v, 1.0, self.label, pace)
+        return Demand(jacobian[: rate.size], rate, None, 1.0, self.label, False, True, 0.0)
 
 
 @dataclass(eq=False)
@@ -87,20 +87,18 @@ class Targets:
         )
         self.tasks, self.tick, self._lasting = tuple(tasks), tick, ticks
 
-    def demands(self, pepper: PepperModel, q: Array, v: Array, tick: int, pace: Pace) -> list[Demand]:
+    def demands(self, pepper: PepperModel, q: Array, tick: int) -> list[Demand]:
         """Return what the tasks ask for; a target that has not come again as expected counts as resting.
 
         Args:
             pepper: The robot.
             q: Joint positions [rad or m], shape (n,).
-            v: The last velocity [rad/s or m/s], shape (n,).
             tick: Number of the tick.
-            pace: How fast to go.
         """
         moving = tick - self.tick < self._lasting
         known = self._residuals if tick == self.tick else (None,) * len(self.tasks)
         return [
-            task_demand(pepper, task, q, v, drift if moving else None, pace, residual)
+            task_demand(pepper, task, q, drift if moving else None, residual)
             for task, drift, residual in zip(self.tasks, self._drifts, known, strict=True)
         ]
 

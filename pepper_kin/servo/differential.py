@@ -20,12 +20,12 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_positive
-from pepper_kin.servo.balance_rows import BalanceRows
+from pepper_kin.servo.balance_table import balance_table
 from pepper_kin.servo.clearance_guard import ClearanceGuard
-from pepper_kin.servo.demand import Demand, Pace, task_demand
+from pepper_kin.servo.demand import Pace, task_demand
 from pepper_kin.servo.motion_limits import motion_limits
 from pepper_kin.servo.servo import GAIN, GAIN_PER_TICK, checked_configuration
-from pepper_kin.servo.stepper import Stepper, Tick
+from pepper_kin.servo.stepper import Stepper
 
 # A velocity that exceeds its bounds by less is rounding [rad/s or m/s].
 SLACK = 1e-6
@@ -77,7 +77,7 @@ def differential_step(
         dd/dt >= -approach (d - margin) for all near pairs;  balance.
 
     The hardest braking always keeps the first line; violated rows of the second are relaxed and named.
-    `Servo` does the same from tick to tick, with a warm-started solver; use it for loops.
+    `Servo` does the same from tick to tick; use it for loops.
 
     Args:
         pepper: The robot.
@@ -115,21 +115,15 @@ def differential_step(
         None if balance is None else float(as_finite(balance, "balance", ())),
         loads_of(pepper, world),
     )
-    rows = None if kept is None else BalanceRows(pepper, kept, loads)
+    standing = None if kept is None else balance_table(pepper, kept, loads)
     parts = balanced(with_loads(flatten_tasks(pepper, tasks), loads))
-    demands = [task_demand(pepper, task, state, last, None, pace) for task in parts]
-    tick = Stepper(pepper, limits, dt, state, joint_scale, guard, rows).step(state, last, demands)
-    return _answer(state, dt, tick, demands)
-
-
-def _answer(q: Array, dt: float, tick: Tick, demands: list[Demand]) -> DifferentialStep:
-    """Return the result of a tick of length dt [s] from q [rad or m], shape (n,)."""
-    lost = tuple(f"singularity of {demand.label}" for demand in demands if demand.scale < 1)
+    demands = [task_demand(pepper, task, state, None) for task in parts]
+    tick = Stepper(pepper, pace, state, guard, standing).step(state, last, demands)
     return DifferentialStep(
         v=read_only(tick.v),
-        q=read_only(q + dt * tick.v),
-        scale=min(demand.scale for demand in demands),
-        limited_by=tick.limited_by + lost,
+        q=read_only(state + dt * tick.v),
+        scale=tick.scale,
+        limited_by=tick.limited_by,
         relaxed=tick.relaxed,
         blocked=tick.blocked,
     )

@@ -12,6 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.core.balance_rows import BalanceTable
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import flatten_tasks, motion_scale
@@ -21,10 +22,10 @@ from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive
 from pepper_kin.model.joint_vectors import check_within_limits as check_limits
-from pepper_kin.servo.balance_rows import BalanceRows
+from pepper_kin.servo.balance_table import balance_table
 from pepper_kin.servo.clearance_guard import ClearanceGuard
 from pepper_kin.servo.commands import Targets, Twist
-from pepper_kin.servo.demand import Demand, Pace, rate_demand
+from pepper_kin.servo.demand import Demand, Pace
 from pepper_kin.servo.motion_limits import motion_limits
 from pepper_kin.servo.state import ServoState, ServoStatus
 from pepper_kin.servo.stepper import Stepper, Tick
@@ -109,19 +110,17 @@ class Servo:
         gain = min(GAIN, GAIN_PER_TICK * self.rate) if gain is None else check_positive("gain", gain, "[1/s]")
         limits = motion_limits(pepper, locked, velocity_scale, acceleration_scale)
         joint_scale = motion_scale(pepper, self._q)
-        self._pace = Pace(
+        pace = Pace(
             min(gain, self.rate), check_positive("singularity", singularity, "[m]"), dt, limits, joint_scale
         )
         self._collisions = collisions
         guard = self._guard(scene)
-        kept = None if balance is None else float(as_finite(balance, "balance", ()))
-        loads = loads_of(pepper, scene)
-        self._rows = None if kept is None else BalanceRows(pepper, kept, loads)
-        self._loads = loads
-        self._stepper = Stepper(pepper, limits, dt, self._q, joint_scale, guard, self._rows)
+        self._balance = None if balance is None else float(as_finite(balance, "balance", ()))
+        self._loads = loads_of(pepper, scene)
+        self._stepper = Stepper(pepper, pace, self._q, guard, self._standing())
         self._v = read_only(np.zeros(pepper.n))
         # What is compiled should be so before the first tick.
-        still = rate_demand(np.eye(6, pepper.n), np.zeros(6), self._v, 1.0, "", self._pace)
+        still = Demand(np.eye(6, pepper.n), np.zeros(6), None, 1.0, "", False, True, 0.0)
         self._stepper.step(self._q, self._v, [still])
         self._tick, self._caution = 0, 1.0
         self._targets = Targets()
@@ -194,8 +193,9 @@ class Servo:
         """
         self._stepper.guard = self._guard(scene)
         self._loads = loads_of(self.pepper, scene)
-        if self._rows is not None:
-            self._rows.loads = self._loads
+        standing = self._standing()
+        if standing is not None:
+            self._stepper.balance = standing
 
     def stop(self) -> None:
         """Forget all commands: the next ticks brake."""
@@ -217,6 +217,10 @@ class Servo:
         world = checked_world(scene, self._collisions)
         return None if world is None else ClearanceGuard(self.pepper, world, self._margin, self._approach)
 
+    def _standing(self) -> BalanceTable | None:
+        """Return the table of balance with all loads; None where balance is left out."""
+        return None if self._balance is None else balance_table(self.pepper, self._balance, self._loads)
+
     def _fresh(self, set_at: int) -> bool:
         # Half a tick of slack: a time of whole ticks does not depend on rounding.
         return (self._tick - set_at + 0.5) * self._dt < self.command_timeout
@@ -225,16 +229,12 @@ class Servo:
         if self._targets.tasks and not self._fresh(self._targets.tick):
             self._targets = Targets()
         self._twists = {hand: twist for hand, twist in self._twists.items() if self._fresh(twist.tick)}
-        demands = self._targets.demands(self.pepper, self._q, self._v, self._tick, self._pace)
-        return demands + [
-            twist.demand(self.pepper, self._q, self._v, self._pace) for twist in self._twists.values()
-        ]
+        demands = self._targets.demands(self.pepper, self._q, self._tick)
+        return demands + [twist.demand(self.pepper, self._q) for twist in self._twists.values()]
 
     def _state(self, tick: Tick, demands: list[Demand]) -> ServoState:
-        tasks, scale = self._targets.tasks, min((demand.scale for demand in demands), default=1.0)
-        errors = tuple(demand.error for demand in demands[: len(tasks)])
-        lost = tuple(f"singularity of {demand.label}" for demand in demands if demand.scale < 1)
-        limited = tick.limited_by + lost
+        tasks = self._targets.tasks
+        errors = tuple([demand.error for demand in demands[: len(tasks)]])
         if not demands:
             status = ServoStatus.STOPPING if tick.v.any() else ServoStatus.RESTING
         elif tick.blocked:
@@ -242,15 +242,15 @@ class Servo:
         elif tasks and not self._twists and all(e <= t.tolerance for e, t in zip(errors, tasks, strict=True)):
             status = ServoStatus.ARRIVED
         else:
-            status = ServoStatus.LIMITED if limited or tick.relaxed else ServoStatus.FOLLOWING
+            status = ServoStatus.LIMITED if tick.limited_by or tick.relaxed else ServoStatus.FOLLOWING
         return ServoState(
             tick=self._tick,
             time=self.time,
             q=self._q,
             v=self._v,
             status=status,
-            scale=scale,
-            limited_by=limited,
+            scale=tick.scale,
+            limited_by=tick.limited_by,
             relaxed=tick.relaxed,
             errors=errors,
             clearance=tick.clearance,

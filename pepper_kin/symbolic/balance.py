@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
-from pepper_kin.symbolic.inverse_dynamics import Wrench, body_wrenches
+from pepper_kin.symbolic.inverse_dynamics import Wrench, body_wrenches, torques_of
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect, force_and_moment, world_motion
 from pepper_kin.symbolic.scalars import reciprocal
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import State, gather, new_state
 from pepper_kin.symbolic.vectors import add
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def base_wrench(pepper: PepperModel) -> casadi.Function:
         [N m], in world axes.
     """
     state, symbols = new_state(pepper, "q", "v", "a")
-    force, torque = _floor_wrench(state)
+    force, torque = _floor_wrench(state, collect(state, body_wrenches(state))[1])
     return symbols.function("base_wrench", wrench=[[x] for x in (*force, *torque)])
 
 
@@ -49,15 +49,37 @@ def zero_moment_point(pepper: PepperModel) -> casadi.Function:
         Function of q, v, a (n each); output `point` (2): x and y on the floor [m].
     """
     state, symbols = new_state(pepper, "q", "v", "a")
-    force, torque = _floor_wrench(state)
+    force, torque = _floor_wrench(state, collect(state, body_wrenches(state))[1])
     share = reciprocal(force[2])
     rows = [[-torque[1] * share], [torque[0] * share]]
     return symbols.function("zero_moment_point", point=rows)
 
 
-def _floor_wrench(state: State) -> Wrench:
-    """Return force [N] and moment about the world's origin [N m], in world axes."""
-    _, (force, torque) = collect(state, body_wrenches(state))
+def torques_and_wrench(pepper: PepperModel) -> casadi.Function:
+    """Return the function (q, v, a) -> torques and wrench of the floor, by one recursion for both.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        Function of q, v, a (n each); output `effects` (n + 6): `tau` of `inverse_dynamics`, then `wrench` of
+        `base_wrench`.
+    """
+    state, symbols = new_state(pepper, "q", "v", "a")
+    totals, carried = collect(state, body_wrenches(state))
+    force, torque = _floor_wrench(state, carried)
+    tau = gather(state.tree.full_map, torques_of(state, totals))
+    return symbols.function("torques_and_wrench", effects=[[x] for x in (*tau, *force, *torque)])
+
+
+def _floor_wrench(state: State, carried: Wrench) -> Wrench:
+    """Return force [N] and moment about the world's origin [N m], in world axes.
+
+    Args:
+        state: The state.
+        carried: Those of the links that move.
+    """
+    force, torque = carried
     resting = world_motion(state.tree.gravity)
     for inertia in (state.tree.ground, state.tree.still):
         f, n = force_and_moment(resting, inertia)

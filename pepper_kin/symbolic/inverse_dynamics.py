@@ -91,7 +91,11 @@ def full_torques(
     wrenches = body_wrenches(state)
     if contact_frame is not None and wrench is not None:
         add_contact(state, wrenches, contact_frame, wrench)
-    totals, _ = collect(state, wrenches)
+    return torques_of(state, collect(state, wrenches)[0])
+
+
+def torques_of(state: State, totals: Sequence[Wrench]) -> list[Value]:
+    """Return the torques of all coordinates, of the wrenches that each joint passes on, and of the rotors."""
     rotors = (j * a for j, a in zip(state.tree.armature, state.a, strict=True))
     return [t + rotor for t, rotor in zip(along_joints(state, totals), rotors, strict=True)]
 

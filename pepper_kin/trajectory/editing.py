@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.core.splines import shifted
+from pepper_kin.core.splines import cut_out, shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
 from pepper_kin.trajectory.samples import known
@@ -45,11 +45,11 @@ def between(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     if not (start >= -TIME_TOLERANCE and end <= duration + TIME_TOLERANCE and end - start > TIME_TOLERANCE):
         allowed = f"0 <= start < end <= {duration:.9g} s"
         raise InvalidValueError("start and end", f"{start} s and {end} s", allowed)
-    start, end = max(float(start), 0.0), min(float(end), duration)
-    inner = trajectory.breaks[
-        (trajectory.breaks > start + TIME_TOLERANCE) & (trajectory.breaks < end - TIME_TOLERANCE)
-    ]
-    return _recut(trajectory, np.concatenate([[start], inner, [end]]))
+    ends = np.array([max(float(start), 0.0), min(float(end), duration)])
+    knots, pieces = np.empty(trajectory.breaks.size), np.empty(trajectory.coefficients.shape)
+    breaks, coefficients = trajectory.breaks, trajectory.coefficients
+    count, order = cut_out.native(breaks, coefficients, ends, TIME_TOLERANCE, knots, pieces)
+    return _sound(trajectory, knots[: count + 1], pieces[:count, :order])
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -120,17 +120,6 @@ def _padded(coefficients: Array, order: int) -> Array:
     found = np.zeros((count, order, n))
     found[:, :known] = coefficients
     return found
-
-
-def _recut(trajectory: Trajectory, knots: Array) -> Trajectory:
-    """Return the part over knots [s], shape (m + 1,), which include all breaks between both ends.
-
-    Powers are left out that have no coefficients in it.
-    """
-    segments, by = _places(trajectory, knots)
-    kept = trajectory.coefficients[segments]
-    order = int(np.flatnonzero(kept.any(axis=(0, 2))).max(initial=0)) + 1
-    return _sound(trajectory, knots - knots[0], shifted(kept[:, :order], by))
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:

@@ -1,21 +1,21 @@
 """Timing along a path with velocity, acceleration, jerk and torque limited at once.
 
-The time-optimal motion without jerk limits is smoothed by a moving average over time and made slower until
-it keeps all limits.  Its time tau then becomes a new path parameter, Q(tau) = q(s(tau)), along which the
-robot sets out with zero speed, and the rate y = (d tau / dt)^2 > 0 is improved:
+The time-optimal motion without jerk limits is smoothed by a moving average over time.  Its time tau then
+becomes a new path parameter, Q(tau) = q(s(tau)), along which the robot sets out with zero speed, and the rate
+y = (d tau / dt)^2 > 0 is optimized:
 
     dq/dt = sqrt(y) Q',   d2q/dt2 = y Q'' + y' Q' / 2,
     d3q/dt3 = sqrt(y) (y Q''' + 3 y' Q'' / 2 + y'' Q' / 2).
 
 Limits on velocity, acceleration, torque and balance are linear in y and y'.  Those on jerk, divided by
-sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that a linear
-program with tangents at the last y leaves only motions that keep the limit, and its solution is at least as
-fast.  (Sequential convex programming of convex-concave constraints: F. Debrouwere et al., IEEE Trans.
-Robotics 29, 2013.)  y is a quadratic spline in tau, so that jerk is smooth between its knots.
+sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that steps within
+tangents at the last y keep the limit (convex-concave constraints: F. Debrouwere et al., IEEE Trans. Robotics
+29, 2013).  y is a quadratic spline in tau, so that jerk is smooth between its knots, and the search for it an
+interior-point method, `pepper_kin.core.timing.rate_program`.
 
 A motion that begins with ds/dt and d2s/dt2 joins that one: a polynomial of degree 5 leads from both to those
-of an instant of the motion from rest.  Of the instants and durations tried, the soonest way that keeps all
-limits is taken.
+of an instant of the motion from rest.  Of the instants and durations tried, of it and of slower ones, the
+soonest way that keeps all limits is taken.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments
+from pepper_kin.core.timing.joining import next_way
+from pepper_kin.core.timing.rate_program import fastest_rate
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import extremes_of
-from pepper_kin.trajectory.jerk_rows import Rows, make_rows
+from pepper_kin.trajectory.jerk_rows import rate_program, to_powers
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, CubicPath
@@ -41,19 +43,18 @@ from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
-_ITERATIONS = 12  # linear programs
-_ENOUGH = 1e-3  # gain of duration below which to stop
-_TRUST = 2.0  # factor by which y may change in one step
+_GAP = 5e-3  # of the duration, at which to stop, after
+_STEPS = 60  # at most
 _PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
-_WINDOWS = (0.6, 1.0, 1.6)  # of the time in which acceleration may build up, and
-_SHARES = (0.05, 0.2, 0.6)  # of the duration without jerk limits: widths of the moving average to try
-_JOINS = 32  # instants of the motion from rest at which one from motion may join it
+_WINDOW = 2.5  # width of the moving average over the time in which acceleration may build up,
+_SHARES = (0.1, 0.8)  # and over the duration without jerk limits, least and most
+_JOINS = 64  # instants of the motion from rest at which one from motion may join it
 _DURATIONS = (0.4, 2.5, 24)  # of the way there, of what it would take evenly: least, most and number
-_ROUGH = 0.05  # of limits, by which a look at few states may be off
+_SLOWER = (1.0, 1.02, 1.06, 1.15, 1.3)  # the motion from rest, which may then be joined sooner
 _PIECE = 0.005  # [s] of the polynomials of that way
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
-_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the programs look at
+_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the program looks at
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,29 +104,13 @@ def limit_jerk(
     jerk, velocity, acceleration = (
         _SHARE_OF_MARGIN * most for most in (limits.jerk, limits.velocity, limits.acceleration)
     )
-    inner = replace(limits, velocity=velocity, acceleration=acceleration)
-    best: tuple[float, SmoothTime, Rows, Array] | None = None
-    for window in _windows(limits.acceleration, limits.jerk, fastest.duration):
-        base = smooth_time(curve, fastest.breaks, s, window)
-        rows = make_rows(pepper, curve, base, inner, jerk)
-        if not rows.can_rest():
-            raise _cannot_rest()
-        y = np.full(base.knots.size + 1, rows.greatest_even_rate())
-        if best is None or rows.duration(y) < best[0]:
-            best = rows.duration(y), base, rows, y
-    assert best is not None  # there is at least one window
-    _, base, rows, y = best
-    duration = rows.duration(y)
-    for _ in range(_ITERATIONS):
-        better = rows.improved(y, _TRUST)
-        if better is None:
-            break
-        gain = 1.0 - rows.duration(better) / duration
-        if gain > 0:
-            y, duration = better, rows.duration(better)
-        if gain < _ENOUGH:
-            break
-    rate = _Rate(base.knots, *rows.polynomials(y))
+    base = smooth_time(curve, fastest.breaks, s, _window(limits.acceleration, limits.jerk, fastest.duration))
+    inner = replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)
+    program, y = rate_program(pepper, curve, base, inner), np.empty(base.knots.size + 1)
+    if fastest_rate(program, y, _GAP, _STEPS) == np.inf:
+        raise _cannot_rest()
+    coefficients = y[np.arange(base.knots.size - 1)[:, None] + np.arange(3)]
+    rate = _Rate(base.knots, *np.einsum("kdc,kc->dk", to_powers(base.knots), coefficients))
     for parts in _PARTS:
         trajectory, law = _trajectory(pepper, curve, base, rate, parts)
         if _keeps_positions(pepper, trajectory):
@@ -137,8 +122,8 @@ def limit_jerk(
     return _from_motion(pepper, curve, slow, law / stretch ** np.arange(3.0)[:, None], limits, start)
 
 
-def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
-    """Return widths of the moving average to try [s].
+def _window(acceleration: Array, jerk: Array, duration: float) -> float:
+    """Return the width of the moving average [s].
 
     Args:
         acceleration: Limits [rad/s^2 or m/s^2], shape (n,).
@@ -146,9 +131,8 @@ def _windows(acceleration: Array, jerk: Array, duration: float) -> list[float]:
         duration: Of the motion without jerk limits [s].
     """
     both = np.isfinite(acceleration) & np.isfinite(jerk)
-    build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.1 * duration
-    widths = [share * build_up for share in _WINDOWS] + [share * duration for share in _SHARES]
-    return [width for width in widths if 0.02 * duration < width < duration]  # never empty: the last two
+    build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.0
+    return float(np.clip(_WINDOW * build_up, _SHARES[0] * duration, _SHARES[1] * duration))
 
 
 def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
@@ -192,7 +176,7 @@ def _from_motion(
     pepper: PepperModel, curve: CubicPath, slow: Trajectory, law: Array, limits: Limits,
     start: tuple[float, float],
 ) -> Trajectory:  # fmt: skip
-    """Return the motion that joins one from rest in the soonest way tried that keeps limits.
+    """Return the motion that joins one from rest, or a slower one, in the soonest way that keeps limits.
 
     Args:
         pepper: The robot.
@@ -205,26 +189,29 @@ def _from_motion(
     Raises:
         InfeasibleError: where there is none.
     """
+    assert limits.jerk is not None
     joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
-    even = 2.0 * (law[0, joins] - law[0, 0]) / (start[0] + law[1, joins] + _TOLERANCE)
-    times = (even[:, None] * np.geomspace(*_DURATIONS)).ravel()
-    joins = np.repeat(joins, _DURATIONS[2])
-    first = np.array([law[0, 0], *start])
-    ways = _quintics(times, np.broadcast_to(first[:, None], (3, times.size)), law[:, joins])
-    share = np.linspace(0.0, 1.0, 33)
-    use = _use(curve, ways, times[:, None] * share, limits)
-    for way in np.argsort(times - slow.breaks[joins]):
-        if use[way] > 1.0 + _ROUGH:
-            continue
-        local = np.linspace(0.0, times[way], math.ceil(times[way] / _PIECE) + 2)[None]
-        q, v, a, _ = _along(curve, ways[way : way + 1], local)
-        begun = _through(pepper, local[0], q[0], v[0], a[0])
+    slower, joins, longer = (
+        grid.ravel() for grid in np.meshgrid(_SLOWER, joins, np.geomspace(*_DURATIONS), indexing="ij")
+    )
+    ends = law[:, joins] / slower ** np.arange(3.0)[:, None]
+    times = longer * 2.0 * (ends[0] - law[0, 0]) / (start[0] + ends[1] + _TOLERANCE)
+    order = np.argsort(times + slower * (slow.duration - slow.breaks[joins]), kind="stable")
+    slower, joins, times = slower[order], joins[order], times[order]
+    first = np.array([law[0, 0], *start])[:, None]
+    ways = _quintics(times, np.broadcast_to(first, (3, times.size)), ends[:, order])
+    bounds = (1.0 + _TOLERANCE) * np.stack([limits.velocity, limits.acceleration, limits.jerk])
+    way = -1
+    while (way := next_way(curve.breaks, curve.coefficients, ways, times, bounds, way + 1)) >= 0:
+        local = np.linspace(0.0, times[way], math.ceil(times[way] / _PIECE) + 2)
+        begun = _through(pepper, local, *_along(curve, ways[way], local))
         state = begun(sample_times(begun.duration, 0.001))
         stretch = max(stretch_at_extremes(begun, limits), measure_use(pepper, state, limits).stretch)
         if stretch <= 1.0 + _TOLERANCE and _keeps_positions(pepper, begun):
             if joins[way] == slow.breaks.size - 1:
                 return begun
-            return begun.then(slow.between(slow.breaks[joins[way]], slow.duration))
+            late = slow.scaled(slower[way])
+            return begun.then(late.between(late.breaks[joins[way]], late.duration))
     raise InfeasibleError(
         "start_velocity", "no way from it into the motion from rest keeps all limits",
         "a slower one, a longer path, or `Trajectory.replaced`",
@@ -240,31 +227,13 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
     return np.stack([p, v, a / 2, third / h**3, fourth / h**4, fifth / h**5], axis=1)
 
 
-def _values(ways: Array, local: Array, order: int) -> Array:
-    """Return a derivative of polynomials, coefficients of shape (m, 6), at times (m, T): shape (m, T)."""
-    rows = np.polynomial.polynomial.polyder(ways, order, axis=1)
-    found: Array = np.einsum("mp,mtp->mt", rows, local[..., None] ** np.arange(rows.shape[1]))
-    return found
-
-
-def _along(curve: CubicPath, ways: Array, local: Array) -> Array:
-    """Return q and three derivatives in time along ways, shape (m, 6), at times (m, T): (4, m, T, n)."""
-    s, s1, s2, s3 = (_values(ways, local, order)[..., None] for order in range(4))
-    inside = np.clip(s[..., 0], curve.breaks[0], curve.breaks[-1])
+def _along(curve: CubicPath, way: Array, local: Array) -> tuple[Array, Array, Array]:
+    """Return positions, velocities and accelerations along a way, shape (6,), at times, shape (T,)."""
+    s, s1, s2 = derivatives_on_segments(way[None, :, None], 0, local, 3)
+    inside = np.clip(s[:, 0], curve.breaks[0], curve.breaks[-1])
     piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
-    within = (inside - curve.breaks[piece]).ravel()
-    q = derivatives_on_segments(curve.coefficients, piece.ravel(), within, 4)
-    q0, q1, q2, q3 = q.reshape(4, *inside.shape, -1)
-    return np.stack([q0, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3])
-
-
-def _use(curve: CubicPath, ways: Array, local: Array, limits: Limits) -> Array:
-    """Return the greatest share of joints' limits that ways use, shape (m,); inf where they turn back."""
-    _, *rates = np.abs(_along(curve, ways, local))
-    use = np.zeros(len(ways))
-    for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
-        use = np.maximum(use, (rate / most).max(axis=(1, 2)))
-    return np.where(_values(ways, local, 1).min(axis=1) < -_TOLERANCE, np.inf, use)
+    q, q1, q2 = derivatives_on_segments(curve.coefficients, piece, inside - curve.breaks[piece], 3)
+    return q, q1 * s1, q2 * s1**2 + q1 * s2
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:

@@ -14,12 +14,14 @@ from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
+from pepper_kin.core.timing.excess import EffectKernel
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
-from pepper_kin.kernels import Kernel
-from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
 from pepper_kin.model.wheels import WHEEL_FRAMES
 from pepper_kin.trajectory.balance import (
@@ -34,6 +36,8 @@ from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+
+expressions = lazy_module("pepper_kin.symbolic.balance")
 
 JerkLike: TypeAlias = str | float | ArrayLike
 
@@ -233,6 +237,14 @@ def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
     return np.zeros((6, 0)) if polygon is None else moment_matrix(polygon, margin)
 
 
+@kept_for_robot(most=32)
+def _torques_and_wrench(pepper: PepperModel) -> Kernel:
+    """Return the kernel of both, which takes hardly longer than that of one of them."""
+    sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
+    key = f"torques and wrench of {robot_digest(pepper)} by {sources}"
+    return compile_function(lambda: expressions.torques_and_wrench(pepper), key=key)
+
+
 class LimitedQuantities:
     """What limits besides those of joint velocity and acceleration look at.
 
@@ -274,9 +286,37 @@ class LimitedQuantities:
             found = self._local.kernel = TorqueKernel(address, np.empty(work + 8), np.empty(8, np.int64))
         return found
 
+    @property
+    def effect_kernel(self) -> EffectKernel | None:
+        """Torques and edge moments for compiled functions; None where loads, wheels or a base add to them."""
+        limits, edges = self._limits, self._moment_of_wrench
+        if limits.loads or limits.wheels is not None or (self.edges and edges is None):
+            return None
+        found: EffectKernel | None = getattr(self._local, "effects", None)
+        if found is None:
+            pepper, n = self._pepper, self._pepper.n
+            made = kernel(pepper, "inverse_dynamics") if edges is None else _torques_and_wrench(pepper)
+            work, size = made.work_size + 8, n if edges is None else n + 6
+            address = made.address_of("batch", inputs=3 * n, outputs=size, work=work)
+            found = self._local.effects = EffectKernel(
+                address, np.empty(work), np.empty(8, np.int64), self.torque_limit,
+                np.empty((6, 0)) if edges is None else edges,
+            )  # fmt: skip
+        return found
+
     def of(self, q: Array, v: Array, a: Array) -> StateEffects:
         """Return all of them; arguments have shape (T, n)."""
         return StateEffects(self.torque(q, v, a), self.moments(q, v, a), self.speed(q, v))
+
+    def forces(self, q: Array, v: Array, a: Array) -> Array:
+        """Return torques and edge moments side by side, shape (T, n or 0, + k or 0, + edges)."""
+        edges = self._moment_of_wrench
+        if edges is None or not self._joint_torques or self.effect_kernel is None:
+            return np.concatenate([self.torque(q, v, a), self.moments(q, v, a)], axis=1)
+        n, found = self._pepper.n, _evaluated(_torques_and_wrench(self._pepper), q, v, a)
+        moments = np.empty((len(q), self.edges))
+        matrix_product(np.ascontiguousarray(found[:, n:]), edges, moments)
+        return np.concatenate([found[:, :n], moments], axis=1)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Return torques and accelerations of wheels, shape (T, n or 0, + k or 0): see `torque_limit`."""

@@ -11,10 +11,11 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.splines import derivatives_on_segments, quintic_hermite
 from pepper_kin.trajectory.path import CubicPath
 
-PIECES = 90
+PIECES = 120
 """Number of pieces of a smooth time law, about."""
 
-_CLOSE = 0.45  # of a piece: knots nearer than this are one
+_CLOSE = 0.03  # of a piece: knots nearer than this are one
+_AT_ENDS = np.array([0.2, 0.5, 1.5])  # of a piece, where the rate changes most: further knots
 _JUMPS = 16  # jumps of acceleration that become knots, at most,
 _LARGE = 0.1  # and how large they are at least, as a share of the greatest acceleration
 
@@ -48,7 +49,7 @@ class SmoothTime:
         return q, q1 * s1, q2 * s1**2 + q1 * s2, q3 * s1**3 + 3 * q2 * s1 * s2 + q1 * s3
 
 
-def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> SmoothTime:
+def smooth_time(curve: CubicPath, time: Array, s: Array, window: float, pieces: int = PIECES) -> SmoothTime:
     """Return the moving average over `window` [s] of a time law with piecewise constant d2s/dt2.
 
         s_w(t) = (1 / w) integral of s from t - w to t:   ds_w/dt = (s(t) - s(t - w)) / w,
@@ -59,6 +60,7 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> Smoot
         time: Times of the grid points [s], shape (N + 1,).
         s: Path parameter there, shape (N + 1,).
         window: Width of the average [s].
+        pieces: Number of pieces, about.
     """
     law = _TimeLaw(time, s)
     duration = float(time[-1]) + window
@@ -68,15 +70,17 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float) -> Smoot
         now, before = law(t), law(t - window)
         return tuple((a - b) / window for a, b in zip(now, before, strict=True))  # type: ignore[return-value]
 
-    knots = np.linspace(0.0, duration, PIECES + 1)
-    dense = np.linspace(0.0, duration, 20 * PIECES + 1)
+    knots = np.linspace(0.0, duration, pieces + 1)
+    at_ends = duration / pieces * _AT_ENDS
+    knots = np.unique(np.concatenate([knots, at_ends, duration - at_ends]))
+    dense = np.linspace(0.0, duration, 20 * pieces + 1)
     along = np.maximum.accumulate(average(dense)[0])
     inner = np.interp(curve.breaks[1:-1], along, dense)
     for _ in range(6):
         place, speed, _ = average(inner)
         inner = np.clip(inner - (place - curve.breaks[1:-1]) / np.maximum(speed, 1e-12), 0.0, duration)
-    knots = _with(knots, inner, _CLOSE * duration / PIECES)
-    knots = _with(knots, _jumps(law, window), _CLOSE * duration / PIECES, set(inner))
+    knots = _with(knots, inner, _CLOSE * duration / pieces)
+    knots = _with(knots, _jumps(law, window), _CLOSE * duration / pieces, set(inner))
     at_knots = (value[:, None] for value in average(knots))
     return SmoothTime(knots, quintic_hermite(np.diff(knots), *at_knots))
 

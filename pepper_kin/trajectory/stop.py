@@ -21,6 +21,7 @@ from pepper_kin.core.splines import (
     evaluate_on_segments,
     quintic_hermite,
 )
+from pepper_kin.core.timing.excess import BLAMED, FEWEST, MOMENT, ROUNDING, TORQUE, find_excess
 from pepper_kin.core.timing.grid import coefficient_states
 from pepper_kin.core.timing.steering import join_phases
 from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop_polynomials, stop_profile
@@ -47,10 +48,7 @@ if TYPE_CHECKING:
 _STEP = 0.005  # [s] greatest length of an interval
 _AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
 _SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
-_FEWEST = 0.4  # of an acceleration that is too great, left in one step
-_BLAMED = 0.5  # of the greatest contribution to what is exceeded
 _LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
-_ROUNDING = 1e-9  # of a limit
 _AT_REST = 1e-9  # [rad/s or m/s]
 
 
@@ -221,8 +219,7 @@ def _effects(
     local = path.local[:count, None] + path.step[:count, None] * np.array([0.0, 0.5, 1.0])
     evaluate_on_segments(coefficients, np.repeat(path.segment[:count], 3), local.ravel(), at)
     coefficient_states(at, states)
-    found = np.concatenate([quantities.torque(*states), quantities.moments(*states)], axis=1)
-    return np.ascontiguousarray(found.reshape(3, 3 * count, low.size)), low, high
+    return quantities.forces(*states).reshape(3, 3 * count, low.size), low, high
 
 
 def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits) -> Stop:
@@ -321,6 +318,11 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
         0.4 of what it is at least; inf for others, shape (n,) [rad/s^2 or m/s^2].
     """
     quantities, n = quantities_of(pepper, limits), pepper.n
+    kernel = quantities.effect_kernel
+    if kernel is not None and quantities.torque_limit.size + quantities.edges:
+        used, times = np.empty(n), sample_times(motion.duration, EXAMINED_EVERY)
+        found = find_excess.native(kernel, motion.breaks, motion.coefficients, times, used)
+        return ("torque",) * bool(found & TORQUE) + ("balance",) * bool(found & MOMENT), used
     for state in _examined(quantities, motion):
         excess = _excess(quantities, state)
         over = np.flatnonzero(excess.max(axis=0) > 0.0)
@@ -330,9 +332,9 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
             without[2].reshape(-1, n, n)[:, np.arange(n), np.arange(n)] = 0.0
             left = _excess(quantities, without)[:, over].reshape(-1, n, over.size)
             gain = excess[worst, over][:, None] - left[each, :, each]
-            blamed = gain > _BLAMED * np.maximum(gain.max(axis=1, keepdims=True), _ROUNDING)
-            enough = 1.0 - excess[worst, over] / np.maximum((gain * blamed).sum(axis=1), _ROUNDING)
-            kept = np.clip(enough, _FEWEST, 1.0)[:, None] * np.abs(state[2, worst])
+            blamed = gain > BLAMED * np.maximum(gain.max(axis=1, keepdims=True), ROUNDING)
+            enough = 1.0 - excess[worst, over] / np.maximum((gain * blamed).sum(axis=1), ROUNDING)
+            kept = np.clip(enough, FEWEST, 1.0)[:, None] * np.abs(state[2, worst])
             return _names(quantities, over), np.where(blamed, kept, np.inf).min(axis=0)
     return (), np.full(n, np.inf)
 
@@ -352,8 +354,11 @@ def _examined(quantities: LimitedQuantities, motion: Trajectory) -> Iterator[Arr
 
 def _excess(quantities: LimitedQuantities, state: Array) -> Array:
     """Return by how much torques and edge moments of states, shape (3, T, n), exceed limits, (T, k + e)."""
-    torque = np.abs(quantities.torque(*state)) - quantities.torque_limit * (1 + _ROUNDING)
-    return np.concatenate([torque, -quantities.moments(*state)], axis=1)
+    forces, torques = quantities.forces(*state), quantities.torque_limit.size
+    limits = np.append(quantities.torque_limit * (1 + ROUNDING), np.zeros(quantities.edges))
+    forces[:, :torques] = np.abs(forces[:, :torques])
+    forces[:, torques:] *= -1.0
+    return forces - limits
 
 
 def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, ...]:
@@ -363,7 +368,7 @@ def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, 
 
 
 def _within(motion: Trajectory, order: int, low: Array, high: Array) -> bool:
-    slack = _ROUNDING * np.maximum(1.0, np.minimum(np.abs(high), 1e6))
+    slack = ROUNDING * np.maximum(1.0, np.minimum(np.abs(high), 1e6))
     found = extremes_of(motion.breaks, motion.coefficients, order)
     return bool(np.all(found.high <= high + slack) and np.all(found.low >= low - slack))
 

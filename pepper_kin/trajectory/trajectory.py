@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
-from pepper_kin.core.splines import evaluate_at_times
+from pepper_kin.core.splines import clamp, evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
 from pepper_kin.trajectory import editing
@@ -422,7 +422,7 @@ class Trajectory(FrozenArrays):
         """Return value and derivatives at times, shape (count, ..., n); see `_within`."""
         time = self._within(t)
         state = np.empty((count, *time.shape, self.n))
-        flat = np.ascontiguousarray(time.reshape(-1))
+        flat = time.reshape(-1)
         evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, self.n))
         return state
 
@@ -433,13 +433,12 @@ class Trajectory(FrozenArrays):
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
         """
         floats = isinstance(t, float) or getattr(t, "dtype", None) == np.float64
-        time = np.array(t if floats else as_numbers(t, "t"))
-        if time.size and not (
-            time.min() >= -TIME_TOLERANCE and time.max() <= self.duration + TIME_TOLERANCE
-        ):  # NaN is in the least and the greatest of all
-            wrong = time[~((time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE))]
-            raise InvalidValueError("t", f"{wrong.flat[0]} s", f"times within [0, {self.duration:.9g}] s")
-        return np.minimum(np.maximum(time, 0.0), self.duration)
+        time = np.array(t if floats else as_numbers(t, "t"), order="C")
+        if not clamp.native(time.reshape(-1), self.duration, TIME_TOLERANCE):
+            within = (time >= -TIME_TOLERANCE) & (time <= self.duration + TIME_TOLERANCE)
+            allowed = f"times within [0, {self.duration:.9g}] s"
+            raise InvalidValueError("t", f"{time[~within].flat[0]} s", allowed)
+        return time
 
 
 def known_trajectory(

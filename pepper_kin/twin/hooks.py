@@ -12,8 +12,8 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.contact_solver import ADDRESSES
 from pepper_kin.core.simulation.contact_step import CALLBACK, WorldTables, no_world
+from pepper_kin.kernels.callback import Callback
 from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.state import TwinState
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.collision import checker_for, least_clearance
 from pepper_kin.collision.least_clearance import _Search
-from pepper_kin.collision.near_pairs import distances_along
+from pepper_kin.collision.near_pairs import measure_by_coal
 from pepper_kin.core.certificates import clearance
 from pepper_kin.exceptions import InvalidValueError
 
@@ -97,7 +97,7 @@ def test_no_pair_comes_nearer_than_the_bounds_say(kind, scene):
         steps = size * rng.normal(size=(8, pepper.n)) * (rng.random((8, pepper.n)) < 0.3)
         path = np.concatenate([here[None], here + steps])
         balls, low, high, allowed = bounds_at(checker, path, pairs.tolist())
-        distance = distances_along(checker, path, pairs)
+        distance = measure_by_coal(checker, pepper.to_full(path), pairs, -np.inf)[..., 0]
         apart = (distance > 0).all(axis=0)  # depths are less exact
         change = np.abs(distance[1:] - distance[0])[:, apart]
         assert np.all(change <= allowed[:, apart] + COAL)

@@ -221,3 +221,23 @@ def test_other_solvers_are_refused_by_name():
     ):
         with pytest.raises(InvalidValueError, match="solver: got 'pinochio', expected one of 'compiled'"):
             call()
+
+
+@pytest.mark.parametrize("count", [1, 2, 23, 24])
+def test_a_few_rows_are_their_states_one_by_one(count):
+    robot = pk.load_pepper()
+    q, v, a = (array[:count] for array in random_states(robot, 24))
+    for function, state in (
+        (dynamics.inverse_dynamics, (q, v, a)),
+        (dynamics.forward_dynamics, (q, v, a)),
+        (dynamics.mass_matrix, (q,)),
+        (dynamics.gravity_torque, (q,)),
+    ):
+        expected = np.array([function(robot, *row, solver="pinocchio") for row in zip(*state, strict=True)])
+        for given in (state, [np.asfortranarray(x) for x in state], [list(x) for x in state]):
+            np.testing.assert_allclose(function(robot, *given), expected, rtol=1e-10, atol=1e-10)
+    shared = dynamics.inverse_dynamics(robot, q, v[0], a[0])
+    np.testing.assert_allclose(shared[-1], dynamics.inverse_dynamics(robot, q[-1], v[0], a[0]), atol=1e-11)
+    q[-1, 3] = np.nan
+    with pytest.raises(InvalidValueError, match=f"q: got nan at joint {robot.joint_names[3]}"):
+        dynamics.inverse_dynamics(robot, q, v, a)

@@ -8,7 +8,8 @@ import pepper_kin as pk
 from pepper_kin import ik
 from pepper_kin.collision import loads_of
 from pepper_kin.collision.loads import center_of_mass_jacobian_with, center_of_mass_with
-from pepper_kin.servo.balance_rows import BalanceRows
+from pepper_kin.core.balance_rows import write_balance_rows
+from pepper_kin.servo.balance_table import balance_table
 
 PEPPER = pk.load_pepper()
 SIZE, MASS = (0.06, 0.04, 0.05), 0.8
@@ -81,8 +82,9 @@ def test_the_rows_of_balance_are_the_wrench_of_the_loaded_robot():
         wrench = wrench + np.concatenate([weight, np.cross(still.lever, weight)])
         tilt = np.array([-wrench[4], wrench[3]])
         expected = inward @ tilt - (np.einsum("ij,ij->i", inward, corners) + 0.01) * wrench[2]
-        rows = BalanceRows(PEPPER, 0.01, LOADS).rows(q, v, dt)
-        found = rows.matrix[:3] @ after - rows.least[:3]
+        matrix, least = np.empty((6, PEPPER.n)), np.empty(6)
+        write_balance_rows(balance_table(PEPPER, 0.01, LOADS), q, v, dt, matrix, least)
+        found = matrix[:3] @ after - least[:3]
         # Rows are divided by the floor's force without acceleration.
         pinocchio.rnea(model, data, q, v, np.zeros(PEPPER.n))
         lift = (

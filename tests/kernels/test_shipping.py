@@ -226,7 +226,7 @@ print(max(edits), *changed)
         (
             "def symmetric_eigen(",
             "def symmetric_eigen(more=1, *, ",
-            {"pepper_kin.core.braking"},
+            {"pepper_kin.core.servo_tick"},
         ),
     ],
     ids=["a comment", "docstrings", "one function"],

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.core.braking import brake_path, ticks_to_rest
+from pepper_kin.core.brake_check import FARTHEST, NOTHING, obstacle
+from pepper_kin.core.braking import brake_path
+from pepper_kin.core.near_state import near_at
 from pepper_kin.servo.clearance_guard import ClearanceGuard, frame_motion_bounds
+from pepper_kin.servo.range_curves import range_curves
 
 PEPPER = pk.load_pepper()
 STAND = PEPPER.posture("Stand")
@@ -83,8 +86,8 @@ def test_scene_may_move():
 def test_what_is_shown_to_stop_clear_does():
     """The proof against a fine sampling of the very brake path that it speaks of."""
     generator = np.random.default_rng(1)
-    guard = ClearanceGuard(PEPPER, WALL, 0.01, 4.0)
-    shown, refused = 0, 0
+    guard, ranges = ClearanceGuard(PEPPER, WALL, 0.01, 4.0), range_curves(PEPPER).table
+    shown, refused, joints = 0, 0, np.empty(15, dtype=bool)
     a, dt = PEPPER.acceleration_limits, 0.01
     for _ in range(300):
         q = READY + generator.normal(size=15) * 0.15
@@ -92,11 +95,12 @@ def test_what_is_shown_to_stop_clear_does():
         v = generator.normal(size=15) * generator.choice([0.3, 1.0, 2.0])
         if pk.collision.in_collision(PEPPER, q, WALL):
             continue
-        near = pk.collision.near_pairs(PEPPER, q, 0.08, WALL)
-        if len(near) and near.distances[0] < 0.006:
+        near = near_at(guard.world, q, FARTHEST)
+        if near.distances.size and near.distances[0] < 0.006:
             continue
-        path = q + brake_path(v, a, dt, np.arange(ticks_to_rest(v, a, dt) + 1))
-        if guard.obstacle(q, v, near, a, dt) is None:
+        shifts = brake_path(v, a, dt)
+        path = q + shifts
+        if obstacle(guard.world, ranges, q, shifts, near, 0.005, joints) == NOTHING:
             shown += 1
             assert pk.collision.clearance(PEPPER, path, WALL).min() >= 0.005 - 1e-6
             assert not pk.collision.in_collision(PEPPER, path, WALL).any()

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.core.braking import brake_path, stopping_speed, ticks_to_rest
+from pepper_kin.core.braking import (
+    VelocityInterval,
+    bound_velocities,
+    brake_joints,
+    brake_path,
+    stopping_speed,
+)
 from pepper_kin.core.quadratic_program import solve_program
-from pepper_kin.servo.braking import braked, velocity_bounds
 from pepper_kin.servo.motion_limits import motion_limits
 
 PEPPER = pk.load_pepper()
@@ -61,18 +66,18 @@ def test_a_joint_made_to_brake_for_others_brakes_in_time_for_its_own_limit():
     harder = 0
     for _ in range(200):
         v = rng.uniform(-1, 1, PEPPER.n) * limits.velocity
-        way = brake_path(
-            np.abs(v), limits.acceleration, dt, np.array([ticks_to_rest(v, limits.acceleration, dt)])
-        )
-        way = (way[0] + np.abs(v) * dt) * rng.uniform(1.0, 1.2, PEPPER.n)
+        way = brake_path(np.abs(v), limits.acceleration, dt)[-1]
+        way = (way + np.abs(v) * dt) * rng.uniform(1.0, 1.2, PEPPER.n)
         q = np.where(
             v > 0,
             np.maximum(limits.upper - way, limits.lower),
             np.minimum(limits.lower + way, limits.upper),
         )
-        bounds = velocity_bounds(q, v, limits, dt)
+        bounds = VelocityInterval(*np.empty((3, PEPPER.n)), *np.empty((2, PEPPER.n), dtype=np.int64))
+        bound_velocities(q, v, limits, dt, bounds)
         gentle = np.copysign(np.maximum(np.abs(v) - 0.1 * limits.acceleration * dt, 0.0), v)
-        found = braked(bounds, everywhere, gentle)
+        found = VelocityInterval(*(part.copy() for part in bounds))
+        brake_joints(found, everywhere, gentle)
         assert (found.low >= bounds.low).all()
         assert (found.high <= bounds.high).all()
         assert (found.low <= found.high).all()
@@ -169,10 +174,7 @@ def test_stopping_speed_is_the_inverse_of_the_distance_to_rest():
             traveled += dt * speed
             speed -= a * dt
         assert stopping_speed(traveled, a, dt) == pytest.approx(v, rel=1e-9)
-        end = ticks_to_rest(np.array([v]), np.array([a]), dt)
-        assert brake_path(np.array([-v]), np.array([a]), dt, np.array([end]))[0, 0] == pytest.approx(
-            -traveled
-        )
+        assert brake_path(np.array([-v]), np.array([a]), dt)[-1, 0] == pytest.approx(-traveled)
     assert stopping_speed(np.inf, 1.0, 0.01) == np.inf
     assert stopping_speed(0.3, np.inf, 0.01) == pytest.approx(30.0)
     assert stopping_speed(0.0, 5.0, 0.01) == 0.0

@@ -158,6 +158,18 @@ def test_with_jerk_limits_the_acceleration_is_met_too(pepper, name, jerk):
         assert motion.duration < pk.retime(pepper, left, **options).duration
 
 
+@pytest.mark.parametrize("jerk", ["gentle", "brisk"])
+def test_with_jerk_limits_a_slow_start_is_little_slower_than_rest(pepper, jerk):
+    for points, _ in cases(pepper, 3, torque=False):
+        curve = as_cubic_path(pepper, points)
+        tangent = curve.coefficients[0, 1]
+        rest = pk.retime(pepper, curve, jerk=jerk, torque=False)
+        for share in (0.02, 0.2):
+            velocity = share * (pepper.velocity_limits / np.abs(tangent)).min() * tangent
+            motion = pk.retime(pepper, curve, jerk=jerk, torque=False, start_velocity=velocity)
+            assert motion.duration < 1.2 * rest.duration
+
+
 def test_way_points_are_joined_by_a_spline_that_bends_as_the_acceleration_asks(pepper):
     points, velocity = next(cases(pepper, 1, torque=False))
     rng = np.random.default_rng(3)

@@ -7,7 +7,7 @@ import pepper_kin as pk
 from pepper_kin import dynamics
 from pepper_kin.core.timing.steering import bridge, join_phases, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
-from pepper_kin.trajectory.limits import motion_limits
+from pepper_kin.trajectory.limits import LimitedQuantities, motion_limits
 from pepper_kin.trajectory.splice import MovingStart
 from pepper_kin.trajectory.stop import first_exceeded, limits_of
 
@@ -183,6 +183,26 @@ def test_the_joints_to_blame_are_those_the_mass_matrix_names(pepper):
             assert names == ("torque",)
             assert np.allclose(used, expected, rtol=1e-6, atol=0)
     assert seen > 10
+
+
+def test_what_is_exceeded_with_balance_is_what_each_quantity_by_itself_says(pepper, monkeypatch):
+    """The same limits by Python, as for robots that carry something."""
+    rng, limits = np.random.default_rng(1), limits_of(pepper, motion_limits(pepper, balance=0.02))
+    lower, upper, met = pepper.lower_limits.copy(), pepper.upper_limits.copy(), set()
+    lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
+    for speed in (0.5, 0.8, 1.0, 1.5) * 4:
+        try:
+            motion = pk.retime(pepper, rng.uniform(lower, upper, (2, pepper.n)), balance=0.02).scaled(speed)
+        except InfeasibleError:
+            continue
+        names, used = first_exceeded(pepper, motion, limits)
+        with monkeypatch.context() as patch:
+            patch.setattr(LimitedQuantities, "effect_kernel", None)
+            expected = first_exceeded(pepper, motion, limits)
+        assert names == expected[0]
+        np.testing.assert_allclose(used, expected[1], rtol=1e-9)
+        met.add(names)
+    assert met >= {(), ("torque", "balance")}
 
 
 def test_the_motions_own_end_may_be_the_goal(pepper):

@@ -58,7 +58,7 @@ def _make_table(pepper: PepperModel, structure: Structure) -> NearTable:
     pairs = np.column_stack([np.where(swapped, second, first), np.where(swapped, first, second), swapped])
     reaches = shapes[first, BOUNDING] + shapes[second, BOUNDING]
     keep = np.zeros(len(pairs))
-    return NearTable(*_tree(pepper), shapes, np.concatenate(vertices), pairs, reaches, keep)
+    return NearTable(*joint_tree(pepper), shapes, np.concatenate(vertices), pairs, reaches, keep)
 
 
 def among(table: NearTable, chosen: NDArray[Any]) -> NearTable:
@@ -102,7 +102,7 @@ def _outermost(vertices: Array) -> Array:
 
 
 @kept_for_robot(most=32)
-def _tree(pepper: PepperModel) -> tuple[Array, Array]:
+def joint_tree(pepper: PepperModel) -> tuple[Array, Array]:
     """Return the joints of the tree, and which of them carry each."""
     joints = joint_table(pepper)
     above = np.zeros((len(joints), len(joints) - 1))

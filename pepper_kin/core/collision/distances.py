@@ -24,6 +24,9 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints
 PLANE = 5
 """Kind of a half-space, beside those of `layout`: it ends at the upper face of its box."""
 
+KNOWN = (BOX, CYLINDER, PLANE)
+"""Kinds whose core is the whole shape, and `measure` exact."""
+
 CARRIER, FIRST, COUNT, SHAPE = ROW, ROW + 1, ROW + 2, ROW + 3
 """Columns of a shape behind those of `scene_rows`, and their number: the joint that carries it, first vertex
 and number of vertices of HULL.  The bounding radius of PLANE is infinite."""
@@ -331,9 +334,9 @@ def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1,
 
 
 @compiled(lean=True)
-def _is_known(shape: Floats1) -> bool:
-    """Whether a core is the whole shape, and `measure` exact."""
-    return shape[KIND] == BOX or shape[KIND] == CYLINDER or shape[KIND] == PLANE
+def is_known(shape: Floats1) -> bool:
+    """Whether a shape is of a KNOWN kind."""
+    return shape[KIND] == KNOWN[0] or shape[KIND] == KNOWN[1] or shape[KIND] == KNOWN[2]
 
 
 @compiled(lean=True)
@@ -408,7 +411,7 @@ def find_near(
         if compact and _is_beyond(second, placed[b], x, y, z, far + first[HALF + 2]):
             continue
         _turn(table, poses, a, turned, placed)
-        if exact and not (_is_known(first) and _is_known(second)):
+        if exact and not (is_known(first) and is_known(second)):
             if _may_be_near(first, placed[a], second, placed[b], reach):
                 result.undecided[undecided] = k
                 undecided += 1

@@ -25,7 +25,7 @@ _HALVINGS = 40  # of a segment of a curve
 
 
 @compiled
-def _violates(heads: Array, tables: Array, margin: float, q: Array, k: int) -> bool:
+def leaves_range(heads: Array, tables: Array, margin: float, q: Array, k: int) -> bool:
     """Whether a configuration leaves the range of one table.
 
     Args:
@@ -86,7 +86,7 @@ def violations(
         state, left[i] = left[i], left[i] & 1
         if state == 2:
             for k in range(heads.size // HEAD):
-                left[i] |= _violates(heads, tables, margin, rows[n * i : n * i + n], k)
+                left[i] |= leaves_range(heads, tables, margin, rows[n * i : n * i + n], k)
 
 
 @compiled

@@ -27,11 +27,11 @@ from pepper_kin.core.simulation.contact_step import (
 from pepper_kin.core.simulation.narrow_phase import MOST_POINTS, ON_ROBOT, BodyTable
 from pepper_kin.dynamics import total_mass
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.kernels.callback import Callback
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vector
 from pepper_kin.model.shapes import transform
-from pepper_kin.twin.callback import Callback
 from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.world import body_limits
 from pepper_kin.twin.world.coal_contacts import CoalContacts

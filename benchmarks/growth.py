@@ -1,0 +1,211 @@
+"""How times grow: with obstacles, with joints, with the rows of a batch.  Prints Markdown, draws curves.
+
+    python benchmarks/growth.py [--picture docs/pictures/growth.svg] [--most 1000000]
+
+Each time is the least processor time of several runs, one thread.  The exponent is the slope of a straight
+line through the upper half of a curve in logarithms: 0 is a time that does not grow, 1 one that doubles with
+the number.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+import pepper_kin as pk
+
+OBSTACLES = (10, 30, 100, 300, 1000, 3000, 10_000)
+JOINTS = (7, 10, 15, 20, 30, 40, 50, 60)
+ROWS = (1, 10, 100, 1000, 10_000, 100_000, 1_000_000)
+COSTLY = 20_000
+"""Most rows of jobs that take more than 10 us a row."""
+Curves = dict[str, dict[int, float]]
+Jobs = dict[str, tuple[Callable[[], object], int]]
+"""By name: what is timed, and how many problems it solves."""
+
+
+def least(function: Callable[[], object], problems: int = 1, seconds: float = 0.15) -> float:
+    """Return the least processor time of a problem [us]; the function runs once before."""
+    function()
+    found, end = [], time.process_time() + seconds
+    while time.process_time() < end or len(found) < 3:
+        begin = time.process_time()
+        function()
+        found.append(time.process_time() - begin)
+    return 1e6 * min(found) / problems
+
+
+def boxes(count: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return sizes and places [m] of boxes around Pepper: as many to a cubic meter, farther out the more."""
+    rng = np.random.default_rng(count)
+    reach = max(1.5, 1.5 * (count / 30) ** (1 / 3))
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    while len(found) < count:
+        place = rng.uniform((-reach, -reach, 0.0), (reach, reach, 2.0 * reach))
+        if np.hypot(*place[:2]) > 0.65:
+            found[f"box {len(found)}"] = (rng.uniform(0.03, 0.15, 3), place)
+    return found
+
+
+def obstacle_jobs(count: int) -> Jobs:
+    """Return jobs of Pepper among so many boxes."""
+    pepper, things = pk.load_pepper(), boxes(count)
+    stand, low, high = (
+        pepper.posture("Stand"),
+        *np.clip((pepper.lower_limits, pepper.upper_limits), -0.5, 0.5),
+    )
+    low[:3], high[:3] = 0.1 * low[:3], 0.1 * high[:3]
+    many = np.random.default_rng(0).uniform(low, high, (2000, pepper.n))
+    tasks = [
+        pk.ik.HandPosition("left", pose[:3, 3])
+        for pose in pk.kinematics.frame_pose(pepper, many[:30], "LArm_effector")
+    ]
+    scene = _scene(things)
+    free = many[~pk.collision.in_collision(pepper, many, scene)]
+    pairs = list(zip(free[:20:2], free[1:20:2], strict=True))
+    return {
+        "check of one posture": (lambda: pk.collision.in_collision(pepper, stand, scene), 1),
+        "check, of 2,000": (lambda: pk.collision.in_collision(pepper, many, scene), len(many)),
+        "clearance": (lambda: pk.collision.clearance(pepper, stand, scene), 1),
+        "IK of a hand": (lambda: [pk.ik.solve(pepper, task, scene=scene) for task in tasks], len(tasks)),
+        "plan": (lambda: [pk.plan(pepper, *pair, scene, timeout=30.0) for pair in pairs], len(pairs)),
+        "new scene and its first check": (
+            lambda: pk.collision.in_collision(pepper, stand, _scene(things)),
+            1,
+        ),
+    }
+
+
+def _scene(things: dict[str, tuple[np.ndarray, np.ndarray]]) -> pk.Scene:
+    scene = pk.Scene()
+    for name, (size, place) in things.items():
+        scene = scene.add_box(name, size, place)
+    return scene
+
+
+def chain(count: int) -> pk.model.RobotModel:
+    """Return a chain of links of 0.1 m about axes in turn, each a capsule, with a tip."""
+    parts = []
+    for k in range(count + 1):
+        inertia = "".join(
+            f'{name}="{0.002 if name[1] == name[2] else 0}" '
+            for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        )
+        body = f'<mass value="0.5"/><origin xyz="0 0 0.05"/><inertia {inertia}/>'
+        shape = '<origin xyz="0 0 0.05"/><geometry><sphere radius="0.03"/></geometry>'
+        parts.append(f'<link name="link{k}"><inertial>{body}</inertial><collision>{shape}</collision></link>')
+    for k in range(count):
+        axis = ("1 0 0", "0 1 0", "0 0 1")[k % 3]
+        parts.append(
+            f'<joint name="joint{k}" type="revolute"><parent link="link{k}"/><child link="link{k + 1}"/>'
+            f'<origin xyz="0 0 0.1"/><axis xyz="{axis}"/>'
+            f'<limit lower="-1" upper="1" velocity="3" effort="100"/></joint>'
+        )
+    return pk.load_robot(f"<robot name='chain'>{''.join(parts)}</robot>", acceleration_limits=10.0)
+
+
+def joint_jobs(count: int) -> Jobs:
+    """Return jobs of a chain of so many joints."""
+    robot, rng, tip = chain(count), np.random.default_rng(count), f"link{count}"
+    q, v, a = rng.uniform(-3.0 / count, 3.0 / count, (100, count)), *rng.normal(size=(2, 100, count))
+    free = q[~pk.collision.in_collision(robot, q)]
+    pairs, rows = list(zip(free[:20:2], free[1:20:2], strict=True)), list(zip(q, v, a, strict=True))
+    bent = rng.uniform(-0.5, 0.5, (100, count))
+    tasks = [pk.ik.FramePosition(tip, pose[:3, 3]) for pose in pk.kinematics.frame_pose(robot, bent, tip)]
+    of = pk.dynamics
+    return {
+        "inverse dynamics": (lambda: [of.inverse_dynamics(robot, *row) for row in rows], 100),
+        "forward dynamics": (lambda: [of.forward_dynamics(robot, *row) for row in rows], 100),
+        "mass matrix": (lambda: [of.mass_matrix(robot, one) for one in q], 100),
+        "derivatives": (lambda: [of.inverse_dynamics_derivatives(robot, *row) for row in rows], 100),
+        "IK of the tip": (lambda: [pk.ik.solve(robot, task, collisions=False) for task in tasks], 100),
+        "check, of 100": (lambda: pk.collision.in_collision(robot, q), 100),
+        "plan": (lambda: [pk.plan(robot, *pair, timeout=30.0) for pair in pairs], len(pairs)),
+        "timing": (lambda: [pk.retime(robot, np.array(pair), torque=False) for pair in pairs], len(pairs)),
+    }
+
+
+def row_jobs(count: int) -> Jobs:
+    """Return jobs of batches of so many rows."""
+    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (count, pepper.n))
+    v = rng.normal(size=q.shape)
+    jobs: dict[str, Callable[[], object]] = {
+        "inverse dynamics": lambda: pk.dynamics.inverse_dynamics(pepper, q, v, v),
+        "forward dynamics": lambda: pk.dynamics.forward_dynamics(pepper, q, v, v),
+        "frame pose": lambda: pk.kinematics.frame_pose(pepper, q, "LArm_effector"),
+        "collision check": lambda: pk.collision.in_collision(pepper, q),
+    }
+    if count <= COSTLY:
+        points = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:, :3, 3]
+        task, twins = pk.ik.HandPosition("left", points), pk.TwinBatch(pepper, count)
+        jobs["IK of a hand"] = lambda: pk.ik.solve_batch(pepper, task, collisions=False, threads=1)
+        jobs["10 steps of the twin"] = lambda: twins.step(q, 10)
+    return {name: (job, count) for name, job in jobs.items()}
+
+
+def curves_of(jobs: Callable[[int], Jobs], numbers: Iterable[int]) -> Curves:
+    """Return the time of a problem [us] by job and number."""
+    curves: Curves = {}
+    for number in numbers:
+        for name, job in jobs(number).items():
+            curves.setdefault(name, {})[number] = least(*job)
+    return curves
+
+
+def exponent(curve: dict[int, float]) -> float:
+    """Return the slope in logarithms over the upper half of a curve."""
+    number, value = np.log(np.array(list(curve.items())).T)
+    upper = slice(len(number) // 2, None)
+    return float(np.polyfit(number[upper], value[upper], 1)[0])
+
+
+def table(words: str, curves: Curves) -> None:
+    """Print a table of curves."""
+    numbers = sorted({number for curve in curves.values() for number in curve})
+    print(f"\n| {words} | {' | '.join(f'{number:,}' for number in numbers)} | exponent |")
+    print("|---" * (len(numbers) + 2) + "|")
+    for name, curve in curves.items():
+        cells = [f"{curve[number]:.3g}" if number in curve else "-" for number in numbers]
+        print(f"| {name} | {' | '.join(cells)} | {exponent(curve):.2f} |")
+
+
+def draw(path: Path, pictures: dict[str, Curves]) -> None:
+    """Draw the curves of all tables."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, len(pictures), figsize=(15, 5), layout="constrained")
+    for axis, (words, curves) in zip(axes, pictures.items(), strict=True):
+        for name, curve in curves.items():
+            label = f"{name} ({exponent(curve):.2f})"
+            axis.loglog(list(curve), list(curve.values()), marker="o", markersize=3, label=label)
+        axis.set_xlabel(words)
+        axis.set_ylabel("processor time [us]")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize="x-small")
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Print the tables and draw the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--most", type=int, default=ROWS[-1], help="most rows of a batch")
+    options = parser.parse_args()
+    pictures = {
+        "boxes": curves_of(obstacle_jobs, OBSTACLES),
+        "joints": curves_of(joint_jobs, JOINTS),
+        "rows, time of one": curves_of(row_jobs, [rows for rows in ROWS if rows <= options.most]),
+    }
+    for words, curves in pictures.items():
+        table(words, curves)
+    if options.picture:
+        draw(options.picture, pictures)
+
+
+if __name__ == "__main__":
+    main()
