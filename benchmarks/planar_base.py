@@ -2,8 +2,8 @@
 
     python benchmarks/planar_base.py [--count 30] [--seconds 5]
 
-The second table is of base, torso and arm among three boxes of a meter's height, ten times as many problems,
-`plan` and `retime`, in processor time.
+The second table is of base, torso and arm among three boxes of a meter's height, and the third of torso and
+arm beside them, the base standing, ten times as many problems, `plan` and `retime`, in processor time.
 
 The long search is `planners.aorrtc` without smoothing, on the same problem with the same margins.
 Lengths are those of the polylines through the way-points, in the metric of the search and as distance
@@ -25,21 +25,25 @@ from pepper_kin import planners
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.problem import RESOLUTION, path_problem
 
+WHAT = "plan", "retime", "both"
+
 
 def driven(points: np.ndarray) -> float:
     """Return how far the base moves along way-points whose first two coordinates are its own [m]."""
     return float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum())
 
 
-def among_boxes(count: int) -> None:
-    """Print how long planning and timing among three boxes takes."""
-    pepper, generator = pk.load_pepper(base="planar"), np.random.default_rng(1)
+def among_boxes(base: str, count: int) -> None:
+    """Print how long planning and timing among three boxes takes, with the base "planar" or "fixed"."""
+    pepper, generator = pk.load_pepper(base=base), np.random.default_rng(1)
     groups = pepper.joint_group("torso"), pepper.joint_group("left_arm")
-    joints = ("BaseX", "BaseY", "BaseYaw", *groups[0], *groups[1])
+    driving = ("BaseX", "BaseY", "BaseYaw") if base == "planar" else ()
+    joints = (*driving, *groups[0], *groups[1])
     index = [pepper.joint_index(name) for name in joints]
     low, high = pepper.lower_limits[index].copy(), pepper.upper_limits[index].copy()
-    low[:3], high[:3] = (-1.5, -1.5, -3.1), (1.5, 1.5, 3.1)
-    legs = slice(3, 3 + len(groups[0]))
+    if driving:
+        low[:3], high[:3] = (-1.5, -1.5, -3.1), (1.5, 1.5, 3.1)
+    legs = slice(len(driving), len(driving) + len(groups[0]))
     low[legs], high[legs] = 0.1 * low[legs], 0.1 * high[legs]
     scene = pk.Scene()
     for name, x, y in (("a", 0.0, 0.6), ("b", 0.6, -0.6), ("c", -0.7, -0.3)):
@@ -50,7 +54,7 @@ def among_boxes(count: int) -> None:
         q[index] = generator.uniform(low, high)
         if not pk.collision.in_collision(pepper, q, scene):
             free.append(q)
-    planned, timed = [], []
+    planned, timed, both = [], [], []
     for start, goal in zip(free[::2], free[1::2], strict=True):
         begin = time.thread_time()
         plan = pk.plan(pepper, start, goal, scene, joints=joints)
@@ -59,12 +63,12 @@ def among_boxes(count: int) -> None:
             begin = time.thread_time()
             pk.retime(pepper, plan)
             timed.append(time.thread_time() - begin)
-    print("\n| problems | solved | plan: median, 90 %, 99 %, ms | retime: median, 90 %, 99 %, ms |")
-    print("|---|---|---|---|")
-    cells = [
-        " ".join(f"{1e3 * x:.1f}" for x in np.quantile(some, (0.5, 0.9, 0.99))) for some in (planned, timed)
-    ]
-    print(f"| {len(planned)} | {len(timed)} | {cells[0]} | {cells[1]} |")
+            both.append(planned[-1] + timed[-1])
+    print(f"\n| base | problems | solved{''.join(f' | {x}: median, 90 %, 99 %, ms' for x in WHAT)} |")
+    print("|---|---|---" + len(WHAT) * "|---" + "|")
+    rows = planned, timed, both
+    cells = [" ".join(f"{1e3 * x:.2f}" for x in np.quantile(some, (0.5, 0.9, 0.99))) for some in rows]
+    print(f"| {base} | {len(planned)} | {len(timed)} | {' | '.join(cells)} |")
 
 
 def main() -> None:
@@ -99,7 +103,8 @@ def main() -> None:
     short = int(np.sum(np.array(lengths) <= 1.1))
     print(f"| {len(lengths)} | {short} | {cells[0]} | {cells[1]} ", end="")
     print(f"| {max(difference):.2f} | {1e3 * np.median(times):.0f} |")
-    among_boxes(10 * arguments.count)
+    for base in ("planar", "fixed"):
+        among_boxes(base, 10 * arguments.count)
 
 
 if __name__ == "__main__":

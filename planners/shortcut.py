@@ -336,6 +336,28 @@ def skip_ahead(space: SearchSpace, line: Polyline) -> None:
         k += 1
 
 
+@compiled
+def straighten_each(space: SearchSpace, line: Polyline, least_gain: float) -> None:
+    """Let each coordinate of a polyline, in turn, run straight from its start to its end where that is valid.
+
+    What it has to save is a part of the length, as of `shorten`.
+    """
+    points, part, counters, weights = line.points, line.part, line.counters, space.weights
+    lengths = line.lengths
+    for i in range(weights.size):
+        size = counters[SIZE]
+        if size < 3:
+            return
+        measure(points, size, weights, lengths[0])
+        _copy(points, 0, size, part, 0)
+        _straighten(part, size, lengths[1], i, weights)
+        measure(part, size, weights, lengths[1])
+        gain = lengths[0, size - 1] - lengths[1, size - 1]
+        if gain > least_gain * lengths[0, size - 1] and _valid(space, line, size):
+            _copy(part, 0, size, points, 0)
+            counters[SIZE] = drop_flat(points, size, weights, FLAT * lengths[0, size - 1])
+
+
 @compiled("int64(SearchSpace, Polyline, float64, float64, uint64, int64, int64, boolean)")
 def shorten(
     space: SearchSpace,

@@ -89,7 +89,10 @@ class CurveChecks:
         known, found = self._checks.get(thread, (None, None))
         if found is not None and known == of and found.moving is moves:
             return found
-        found = self._motion_check(still, moves, standing, self.holding.loads_along)
+        if found is not None and found.still is still and found.moving is moves:
+            found = found._replace(standing=standing)
+        else:
+            found = self._motion_check(still, moves, standing, self.holding.loads_along)
         self._checks = {thread: (of, found)}
         return found
 

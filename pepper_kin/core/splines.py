@@ -187,6 +187,18 @@ def cubic_spline(points: Array, breaks: Array, coefficients: Array) -> None:
             coefficients[i, 3, j] = (slope[i, j] + slope[i + 1, j] - 2 * chord) / (h * h)
 
 
+@compiled("float64(float64[:, ::1])")
+def polyline_length(points: Array) -> float:
+    """Return the length of a polyline through points, shape (k, n) [rad and m mixed]."""
+    length = 0.0
+    for i in range(1, points.shape[0]):
+        square = 0.0
+        for j in range(points.shape[1]):
+            square += (points[i, j] - points[i - 1, j]) ** 2
+        length += np.sqrt(square)
+    return length
+
+
 @compiled("float64(float64[::1], float64[:, :, ::1], float64[::1], float64[::1])", lean=True)
 def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: Array) -> float:
     """Return how far a piecewise cubic leaves its bounds at most, negative where it stays inside.

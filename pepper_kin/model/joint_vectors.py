@@ -223,7 +223,11 @@ def check_within_limits(
     Raises:
         LimitError: naming the worst joint, its value and its limits.
     """
-    if (q >= pepper.lower_limits).all() and (q <= pepper.upper_limits).all():
+    low, high = pepper.lower_limits, pepper.upper_limits
+    # A minimum and a maximum of one vector cost less than comparisons whose truth values are gathered.
+    if q.ndim == 1 and np.minimum(np.maximum(q, low), high).tobytes() == q.tobytes():
+        return
+    if (q >= low).all() and (q <= high).all():
         return
     violation = np.maximum(pepper.lower_limits - q, q - pepper.upper_limits)
     if violation.size and violation.max() > tolerance:

@@ -101,7 +101,8 @@ class Checks(CurveChecks):
         thread = get_ident()
         found = self._of_configurations.get(thread)
         if found is None or found.moving is not blocks[1]:
-            found = self._motion_check(*blocks, self.pepper.neutral(), self.statics.loads)
+            neutral = self.pepper.neutral() if self._whole is None else self._whole.frozen
+            found = self._motion_check(*blocks, neutral, self.statics.loads)
             self._of_configurations = {thread: found}
         return found
 

@@ -160,7 +160,7 @@ def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_
     """
     if count == 0 or blocked(check, margin, self_margin):
         return 0
-    _check_states(check, rows, count, (margin, self_margin), False)
+    _check_states(check, rows, count, (margin, self_margin))
     found = 0
     for i in range(count):
         if check.answers[i] == FREE:

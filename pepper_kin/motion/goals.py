@@ -198,7 +198,8 @@ def fault_of_start(checks: Checks, q: Array, least: float = 0.0) -> _Fault | Non
 
 def is_there(start: Array, goals: Array) -> bool:
     """Whether one of the goals, shape (m, n), is the start, shape (n,): then nothing need move."""
-    return bool((np.abs(goals - start) <= _THERE).all(axis=1).any())
+    apart = np.abs(goals - start) > _THERE
+    return not (np.count_nonzero(apart) if len(apart) == 1 else apart.any(axis=1).all())
 
 
 def free_joints(
@@ -219,14 +220,15 @@ def free_joints(
         InvalidValueError: where a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
-    differ = np.any(np.abs(goals - start) > _SAME, axis=0)
-    moved = np.flatnonzero(differ)
+    apart = np.abs(goals - start) > _SAME
+    differ: NDArray[np.bool_] = apart[0] if len(apart) == 1 else np.asarray(apart.any(axis=0))
+    moved = differ.nonzero()[0]
     if joints is None:
         return moved
     listed = tuple(joints) if isinstance(joints, Iterable) and not isinstance(joints, str) else joints
     allowed = _places_of(pepper, listed)
     differ[allowed] = False
-    if differ.any():
+    if np.count_nonzero(differ):
         locked = [pepper.joint_names[j] for j in np.flatnonzero(differ)]
         raise InvalidValueError(
             "goal", f"other values of {', '.join(locked)}", "the start's, since they may not move"

@@ -32,7 +32,7 @@ from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.rejoin import Route, shortest_end
 from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
 from pepper_kin.planners.sampling import stream_key
-from pepper_kin.planners.search_space import ITERATIONS, SearchSpace, measure
+from pepper_kin.planners.search_space import CALLS, ITERATIONS, STATES, SearchSpace, last_valid_step, measure
 from pepper_kin.planners.shortcut import (
     FLAT,
     GAINED,
@@ -44,6 +44,7 @@ from pepper_kin.planners.shortcut import (
     new_polyline,
     shorten,
     skip_ahead,
+    straighten_each,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
 from pepper_kin.planners.smooth import schoenberg_spline
@@ -70,6 +71,7 @@ SEARCH, SHORTEN, SHORTEN_ON, ROUNDING = range(4)
 DONE, SEARCH_ENDED, OUT_OF_TIME, TOO_MANY_POINTS, LEAVES_LIMITS, NOT_CLEAR = range(6)
 
 _NODES, _POINTS = 4096, 512  # of a workspace: nodes of each tree, points of a line
+_LOOKED_AT = 8  # states of a straight way before all of it
 
 
 class PlannerPath(NamedTuple):
@@ -199,24 +201,67 @@ def _write_waypoints(state: PlanningState, segments: int, size: int) -> None:
 
 
 @compiled
+def _try_spline(state: PlanningState, margins: Floats1) -> int:
+    """Write the spline through way-points of the rounded path; return DONE if it is clear at margins [m].
+
+    Otherwise LEAVES_LIMITS or NOT_CLEAR.
+    """
+    spline, segments, size = state.spline, state.spline.segments[0], state.line.counters[SIZE]
+    measure(state.line.points, size, state.space.weights, state.line.lengths[0])
+    _write_waypoints(state, segments, size)
+    points, breaks = spline.points[: segments + 1], spline.breaks[: segments + 1]
+    coefficients = spline.coefficients[:segments]
+    low, high = state.limits[0], state.limits[1]
+    if bounded_cubic_spline(points, low, high, SAME, breaks, coefficients) > LIMIT_TOLERANCE:
+        return LEAVES_LIMITS
+    check, reach, kept, kept_self = state.check, state.reach, margins[0], margins[1]
+    clear = is_clear(check, breaks, coefficients, reach, kept, kept_self, True, state.strictly)
+    return DONE if clear else NOT_CLEAR
+
+
+@compiled
 def _round(state: PlanningState) -> int:
     """Look for few way-points along a path that is rounded everywhere alike whose spline is clear."""
-    line, check, relaxed, spline = state.line, state.check, state.relaxed, state.spline
-    size, count = line.counters[SIZE], spline.segments
-    measure(line.points, size, state.space.weights, line.lengths[0])
+    count = state.spline.segments
     while count[0] <= MOST:
-        segments = count[0]
-        _write_waypoints(state, segments, size)
-        points, breaks = spline.points[: segments + 1], spline.breaks[: segments + 1]
-        coefficients = spline.coefficients[:segments]
-        low, high = state.limits[0], state.limits[1]
-        if bounded_cubic_spline(points, low, high, SAME, breaks, coefficients) > LIMIT_TOLERANCE:
-            return LEAVES_LIMITS
-        kept, kept_self, strictly = relaxed[0], relaxed[1], state.strictly
-        if is_clear(check, breaks, coefficients, state.reach, kept, kept_self, True, strictly):
-            return DONE
+        ended = _try_spline(state, state.relaxed)
+        if ended != NOT_CLEAR:
+            return int(ended)
         count[0] *= 2
     return NOT_CLEAR
+
+
+@compiled
+def _is_straight(state: PlanningState) -> bool:
+    """Whether the straight way to the nearest goal keeps the path's margins all along; write it if so.
+
+    A search would find the same path, and the examination the same curve.  States all along are looked at
+    before.
+    """
+    space, line, goal = state.space, state.line, state.ends.order[0]
+    if state.spline.segments[0] > MOST:
+        return False
+    start, end = state.ends.start, state.ends.goals[goal]
+    if last_valid_step(space, start, end, _LOOKED_AT, line.counters) < _LOOKED_AT:
+        return False
+    _copy_row(start, line.points[0])
+    _copy_row(end, line.points[1])
+    line.counters[SIZE], state.found.goal[0] = 2, goal
+    if _try_spline(state, state.margins) != DONE:
+        return False
+    state.trees.counters[STATES], state.trees.counters[CALLS] = line.counters[STATES], line.counters[CALLS]
+    return True
+
+
+@compiled
+def _keep_found(state: PlanningState) -> None:
+    """Keep the path in `line` as that of the search."""
+    line, found = state.line, state.found
+    size = found.size[0] = line.counters[SIZE]
+    for k in range(size):
+        _copy_row(line.points[k], found.points[k])
+    measure(line.points, size, state.space.weights, line.lengths[0])
+    found.cost[0] = line.lengths[0, size - 1]
 
 
 @compiled
@@ -226,19 +271,14 @@ def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np
     See `rrt_connect`.
     """
     space, trees, line, found = state.space, state.trees, state.line, state.found
-    if blocked(state.check, state.margins[0], state.margins[1]):
-        return False
+    set_margins(state.check.moving, state.margins[0], state.margins[1], state.check.radius)
     ended = first_round(space, trees, seconds, state.ends, line.points, line.lengths[0], key, ROUND)
     if ended != FOUND or trees.counters[WAY_POINTS] == 0:
         return False
     found.goal[0], line.counters[SIZE] = trees.counters[GOAL], trees.counters[WAY_POINTS]
     if state.compare and state.ends.goals.shape[0] > 1:
         _compare_goals(state, shortcut_key)
-    size = found.size[0] = line.counters[SIZE]
-    for k in range(size):
-        _copy_row(line.points[k], found.points[k])
-    measure(line.points, size, space.weights, line.lengths[0])
-    found.cost[0] = line.lengths[0, size - 1]
+    _keep_found(state)
     return True
 
 
@@ -261,11 +301,18 @@ def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortc
     """
     space, line, check, margins = state.space, state.line, state.check, state.margins
     set_margins(check.moving, margins[0], margins[1], check.radius)
-    if stage == SEARCH and not _find(state, seconds, key, shortcut_key):
-        return SEARCH_ENDED
+    if stage == SEARCH:
+        if blocked(check, margins[0], margins[1]):
+            return SEARCH_ENDED
+        if _is_straight(state):
+            _keep_found(state)
+            return DONE
+        if not _find(state, seconds, key, shortcut_key):
+            return SEARCH_ENDED
     if stage <= SHORTEN:
         _begin_shortening(state, line.counters[SIZE])
         skip_ahead(space, line)
+        straighten_each(space, line, LEAST_GAIN)
     if stage <= SHORTEN_ON:
         ended = shorten(space, line, seconds, LEAST_GAIN, shortcut_key, SHORTCUTS, PATIENCE, False)
         if ended == TIME_UP:
@@ -368,7 +415,7 @@ class PathSearch:
         problem, box, goals = self._problem, self._problem.box, self._problem.moving_goals
         check = problem.checks.of_motion(problem.start, problem.free)
         workspace.line.counters[:] = 0
-        bounded = np.isfinite(problem.reach).all()
+        bounded = math.isfinite(np.vdot(problem.reach, problem.reach))
         workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # each curve has different bounds
         space = SearchSpace(
             validity=problem.checks.edges,
@@ -382,7 +429,8 @@ class PathSearch:
         )
         order = np.zeros(len(goals), np.int64)
         if len(goals) > 1:
-            order = np.argsort(problem.metric.distance(problem.moving_start, goals), kind="stable")
+            apart = (goals - problem.moving_start) * problem.metric.weights
+            order = (apart * apart).sum(axis=1).argsort(kind="stable")
         margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
         return PlanningState(
             space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,

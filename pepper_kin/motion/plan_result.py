@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import read_only
 from pepper_kin.collision import CollisionChecker, Scene, checker_for
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.core.splines import polyline_length
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
@@ -179,6 +180,9 @@ class Plan:
         return f"{self.message}{suffix} {self.advice}"
 
 
+_DEFAULTS = {one.name: one.default for one in fields(Plan) if one.default is not MISSING}
+
+
 class Ending:
     """Makes the plan that is returned, with what is the same for all endings filled in."""
 
@@ -190,10 +194,13 @@ class Ending:
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
         """Return the plan of an ending; `more` are its other fields."""
-        elapsed = time.perf_counter() - self.begin
-        return Plan(
-            status, message, self.joint_names, time=elapsed, seed=self.seed, planner=self.planner, **more
-        )
+        made = object.__new__(Plan)
+        made.__dict__.update(
+            _DEFAULTS, status=status, message=message, joint_names=self.joint_names,
+            time=time.perf_counter() - self.begin, seed=self.seed, planner=self.planner,
+        )  # fmt: skip
+        made.__dict__.update(more)
+        return made
 
     def solved(
         self,
@@ -233,8 +240,7 @@ def along_trajectory(
 
 def length_of(path: NDArray[np.float64]) -> float:
     """Return the length of a polyline in joint space, shape (k, n) [rad and m mixed]."""
-    steps = path[1:] - path[:-1]
-    return float(np.sqrt(np.einsum("ij,ij->i", steps, steps)).sum())
+    return float(polyline_length(np.ascontiguousarray(path, float)))
 
 
 def _clearance_along(

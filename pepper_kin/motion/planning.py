@@ -193,7 +193,7 @@ def path_found(request: PlanRequest, ends: Ends, clock: PausedClock | None = Non
     """
     checks, options, planner = request.checks, request.options, request.options.planner
     own, coarse, compare, states = planner in PLANNERS, planner == PLANNERS[0], ends.ik is not None, 0
-    drives = any(checks.pepper.joint_names[j] in BASE_JOINTS for j in ends.free.tolist())
+    drives = not BASE_JOINTS.isdisjoint(map(checks.pepper.joint_names.__getitem__, ends.free.tolist()))
     at_once = coarse and checks.compiled and not drives
     for problem, share in falling_problems(checks, ends, options.margins, COARSE if coarse else RESOLUTION):
         for closer in (False, True) if coarse else (False,):

@@ -256,6 +256,8 @@ def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
         InvalidValueError: for a joint that turns for ever, or a base, beyond WIDEST.
     """
     check_within_limits(pepper, q, quantity)
+    if _limited_within_widest(pepper):
+        return
     far = np.abs(q) > WIDEST
     if far.any():
         index = tuple(np.argwhere(far)[0])
@@ -263,6 +265,12 @@ def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
         unit = pepper.joint_units[joint]
         allowed = f"-{WIDEST:g} to {WIDEST:g} {unit}" + (", less by full turns" if unit == "rad" else "")
         raise InvalidValueError(quantity, f"{pepper.joint_names[joint]} = {q[index]:.6g} {unit}", allowed)
+
+
+@kept_for_robot(most=1)
+def _limited_within_widest(pepper: PepperModel) -> bool:
+    """Whether what is within the joint limits is within WIDEST."""
+    return bool(np.abs(_limits(pepper, ())[0]).max(initial=0.0) < WIDEST)
 
 
 def checked_margin(margin: float) -> float:

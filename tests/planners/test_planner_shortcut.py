@@ -9,7 +9,7 @@ from pepper_kin.planners import MotionValidator, Path, Problem, rrt_connect, sho
 from pepper_kin.planners.deadline import Deadline
 from pepper_kin.planners.motion_validator import machine_code_of
 from pepper_kin.planners.search_space import space_of
-from pepper_kin.planners.shortcut import SIZE, new_polyline, skip_ahead
+from pepper_kin.planners.shortcut import SIZE, new_polyline, skip_ahead, straighten_each
 
 ENDS = ([0.1, 0.1], [0.9, 0.15])
 
@@ -232,3 +232,24 @@ def test_skipping_ahead_leaves_the_ends_where_nothing_is_in_the_way() -> None:
     with machine_code_of(problem, Deadline()) as code:
         skip_ahead(space_of(problem, code, problem.spacing), line)
     assert np.array_equal(line.points[: line.counters[SIZE]], points[[0, -1]])
+
+
+def test_coordinates_that_need_no_detour_run_straight() -> None:
+    """A wall at x = 0.5 is passed above y = 0.8 only; z, which goes to and fro, has no reason to."""
+
+    def valid(q: np.ndarray) -> np.ndarray:
+        return (np.abs(q[:, 0] - 0.5) > 0.05) | (q[:, 1] > 0.8)
+
+    x, y, z = [0.1, 0.4, 0.6, 0.9], [0.1, 0.9, 0.9, 0.1], [0.2, 0.9, 0.1, 0.6]
+    points = np.array([x, y, z]).T
+    problem = Problem(np.zeros(3), np.ones(3), points[0], points[-1], valid, resolution=0.01)
+    line = new_polyline(np.concatenate([points, np.full((3, 3), np.nan)]))
+    line.counters[SIZE] = len(points)
+    with machine_code_of(problem, Deadline()) as code:
+        straighten_each(space_of(problem, code, problem.spacing), line, 0.005)
+    found = line.points[: line.counters[SIZE]]
+    assert np.array_equal(found[[0, -1]], points[[0, -1]])
+    assert found[:, 1].max() == 0.9  # the straight way is blocked
+    np.testing.assert_array_equal(np.sort(found[:, 2]), found[:, 2])
+    assert Path(found).length < Path(points).length - 0.5
+    assert valid(Path(found).resample(0.005).points).all()

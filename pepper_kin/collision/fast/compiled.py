@@ -179,8 +179,10 @@ class CompiledValidity:
                 outputs=n + EDGE_NUMBERS,
                 work=scratch - (n + EDGE_NUMBERS) * lanes,
             )
-            at.section(memory, at.LOADS)[:] = self.loads.masses
-            at.section(memory, at.EDGES)[:] = self.loads.edges.ravel()
+            if self.loads.masses.size:
+                at.section(memory, at.LOADS)[:] = self.loads.masses
+            if self.loads.edges.size:
+                at.section(memory, at.EDGES)[:] = self.loads.edges.ravel()
         begin_motion(memory, self.frozen, self.effort, gravity, lanes, self._limited.moves)
 
     def _named(self, memory: Array) -> Array:

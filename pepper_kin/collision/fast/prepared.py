@@ -141,7 +141,7 @@ class _Robot:
         self.motion_bounds = part_motion_bounds(pepper, structure)
         self.block = at.pack(
             {
-                **_gaps(self.motion_bounds[: len(structure.classes)]),
+                **_gaps(self.motion_bounds, len(structure.classes)),
                 **_constants(pepper, structure, tables, self.rounding),
                 **_ranges(ranges),
                 **_scratch(pepper, structure, tables),
@@ -254,10 +254,15 @@ def _touching(
     return (reach * (1.0 + 1e-6)).astype(np.float32).view(np.int32)
 
 
-def _gaps(motion_bounds: Array) -> dict[int, Array]:
-    """Return the sections of motion bounds, shape (classes, n) [m/rad, or 1], and of unmeasured gaps."""
-    gaps = np.full(len(motion_bounds), -np.inf)
-    return {at.LEVERS: motion_bounds, at.GAPS: gaps, at.GAP_STATES: np.zeros(motion_bounds.size)}
+def _gaps(motion_bounds: Array, classes: int) -> dict[int, Array]:
+    """Return the sections from LEVERS on; motion bounds have shape (classes + groups, n) [m/rad, or 1]."""
+    states = np.zeros((classes, motion_bounds.shape[1]))
+    return {
+        at.LEVERS: motion_bounds,
+        at.ALLOWANCES: np.zeros(len(motion_bounds)),
+        at.GAPS: np.full(classes, -np.inf),
+        at.GAP_STATES: states,
+    }
 
 
 def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:

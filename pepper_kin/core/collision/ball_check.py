@@ -42,6 +42,7 @@ from pepper_kin.kernels.lanes import (
     LANES,
     ONE_LANE,
     TRIPLES,
+    double_at,
     greatest_lane,
     lane_abs,
     lane_maximum,
@@ -81,6 +82,7 @@ class Tables(NamedTuple):
     groups: int
     parts: int
     balls: int
+    allowances: int
     lists: int
     roots: int
     nodes: int
@@ -121,6 +123,7 @@ def tables_of(memory: Array) -> Tables:
         here(memory, at.GROUPS),
         here(memory, at.PARTS),
         here(memory, at.BALLS),
+        here(memory, at.ALLOWANCES),
         here(scene, at.ROOT_LISTS),
         here(scene, at.ROOTS),
         here(scene, at.NODES),
@@ -300,8 +303,8 @@ def to_frame(item: int, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
 
 
 @compiled(lean=True)
-def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
-    """Compare the balls of a part of a body with a cloud, object k, in some lanes.
+def _check_cloud(t: Tables, b: int, p: int, k: int, margin: float, lanes: int) -> int:
+    """Compare the balls of a part of a body with a cloud, object k, at a margin [m], in some lanes.
 
     Returns those in contact, and those in doubt 8 bits higher.
     """
@@ -309,7 +312,7 @@ def _check_cloud(t: Tables, b: int, p: int, k: int, lanes: int) -> int:
     coarse = BALL.at(t.balls, PART.coarse(t.parts, p))
     x, y, z = _point(LANE_POSE.at(t.poses, b + 1), BALL.center(coarse))
     x, y, z = to_frame(item, x, y, z)
-    outside, inside = OBJECT.outer(item) + t.margin, OBJECT.inner(item) + t.margin
+    outside, inside = OBJECT.outer(item) + margin, OBJECT.inner(item) + margin
     wide = BALL.outer(coarse) + outside
     near = lanes_below(field_squared(c, x, y, z, scratch), spread(wide * wide)) & lanes
     if near == 0:
@@ -369,8 +372,8 @@ def _check_balls(t: Tables, b: int, p: int, item: int, outside: Any, inside: Any
 
 
 @compiled(inline=True, lean=True)
-def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: bool) -> int:
-    """Compare a part of a group with the objects of its trees.
+def _check_part(t: Tables, g: int, b: int, p: int, margin: float, decided: int, first_contact: bool) -> int:
+    """Compare a part of a group with the objects of its trees, at a margin [m].
 
     Objects that the box around the part's coarse ball in all lanes does not meet are left out, eight at a
     time.  Returns the lanes in contact, those in doubt 8 bits higher, and -1 where a part without balls is
@@ -379,7 +382,7 @@ def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: 
     part = PART.at(t.parts, p)
     coarse = BALL.at(t.balls, PART.coarse(part))
     x, y, z = _point(LANE_POSE.at(t.poses, b + 1), BALL.center(coarse))
-    outside, inside = spread(t.margin * ROUNDED_UP), spread(t.margin * ROUNDED_DOWN)
+    outside, inside = spread(margin * ROUNDED_UP), spread(margin * ROUNDED_DOWN)
     reach = outside + BALL.outer(coarse)
     low = spread(least_lane(x)), spread(least_lane(y)), spread(least_lane(z))
     high = spread(greatest_lane(x)), spread(greatest_lane(y)), spread(greatest_lane(z))
@@ -409,7 +412,7 @@ def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: 
                         if PART.first_ball(part) == PART.ball_end(part):
                             return -1
                         if OBJECT.kind(item) == CLOUD:
-                            found = _check_cloud(t, b, p, start + lowest_bit(met), near)
+                            found = _check_cloud(t, b, p, start + lowest_bit(met), margin, near)
                         else:
                             found = _check_balls(t, b, p, item, outside, inside)
                         contact |= found & ALL
@@ -431,8 +434,9 @@ def _check_group(t: Tables, g: int, decided: int, first_contact: bool) -> int:
     contact, doubt = decided, 0
     if GROUP.checked(group) == 0:
         return decided
+    margin = t.margin + double_at(t.allowances, t.class_count + g)
     for p in range(GROUP.first_part(group), GROUP.part_end(group)):
-        found = _check_part(t, g, GROUP.body(group), p, contact, first_contact)
+        found = _check_part(t, g, GROUP.body(group), p, margin, contact, first_contact)
         if found < 0:
             continue
         if PART.first_ball(t.parts, p) == PART.ball_end(t.parts, p):
@@ -477,18 +481,21 @@ def _within(t: Tables, first: int, second: int, reach: Any) -> int:
 
 
 @compiled(inline=True, lean=True)
-def _check_side(t: Tables, side: int, a: int, p: int, decided: int) -> int:
-    """Compare balls of part p of body a with a core, which is placed; return as `_check_balls` does."""
+def _check_side(t: Tables, side: int, a: int, p: int, margin: float, decided: int) -> int:
+    """Compare balls of part p of body a with a core, which is placed, at a margin [m].
+
+    Returns as `_check_balls` does.
+    """
     e, coarse = SIDE.core(side), PART.coarse(t.parts, p)
     core, scratch = CORE.at(t.cores, e), PLACED_CORE.at(t.placed, e)
-    outside, zero = spread(t.self_margin * ROUNDED_UP) + CORE.outer(core), spread(0.0)
+    outside, zero = spread(margin * ROUNDED_UP) + CORE.outer(core), spread(0.0)
     reach = outside + BALL.outer(t.balls, coarse)
     x, y, z = TRIPLES.xyz(t.centers, coarse)
     squared = core_distance(core, scratch, x, y, z)
     if (lanes_below(squared, reach * reach) & ~decided) == 0:
         return 0
     _center_balls(t, a, p)
-    inside = spread(t.self_margin * ROUNDED_DOWN) + CORE.inner(core)
+    inside = spread(margin * ROUNDED_DOWN) + CORE.inner(core)
     contact, doubt = 0, 0
     for r in range(SIDE.first_range(side), SIDE.range_end(side)):
         for i in range(RANGE.first_ball(t.ranges, r), RANGE.ball_end(t.ranges, r)):
@@ -503,7 +510,9 @@ def _check_side(t: Tables, side: int, a: int, p: int, decided: int) -> int:
 @compiled(inline=True, lean=True)
 def _check_link(t: Tables, k: int, decided: int, first_contact: bool) -> int:
     """Compare the balls of one body with the cores of another, part by part; return the lanes in contact."""
-    link, margin = LINK.at(t.links, k), spread(t.self_margin * ROUNDED_UP)
+    link = LINK.at(t.links, k)
+    own = t.self_margin + double_at(t.allowances, LINK.pair_class(link))
+    margin = spread(own * ROUNDED_UP)
     reach = margin + LINK.touching(link)
     if (_within(t, LINK.covered_coarse(link), LINK.exact_coarse(link), reach) & ~decided) == 0:
         return decided
@@ -519,7 +528,7 @@ def _check_link(t: Tables, k: int, decided: int, first_contact: bool) -> int:
             continue
         _place_cores(t, b, second)
         for s in range(LINK_PART.first_side(pair), LINK_PART.side_end(pair)):
-            found = _check_side(t, SIDE.at(t.sides, s), a, first, contact)
+            found = _check_side(t, SIDE.at(t.sides, s), a, first, own, contact)
             contact |= found & ALL
             doubt |= found >> LANES
             if first_contact and contact != 0:

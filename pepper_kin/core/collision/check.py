@@ -360,7 +360,7 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
 
 @compiled("void(float64[::1], float64, float64, float64)")
 def set_margins(memory: Array, margin: float, self_margin: float, radius: float) -> None:
-    """Write the margins into a block.
+    """Write the margins into a block, without allowances.
 
     Args:
         memory: The block, shape (s,).
@@ -371,6 +371,7 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
     numbers = section(memory, at.NUMBERS)
     numbers[at.MARGIN], numbers[at.SELF_MARGIN] = margin, self_margin
     numbers[at.RANGE_MARGIN] = self_margin / radius
+    section(memory, at.ALLOWANCES)[:] = 0.0
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)

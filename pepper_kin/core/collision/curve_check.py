@@ -11,15 +11,24 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.collision.check import set_margins
 from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges
-from pepper_kin.core.collision.layout import STATES_AT_ONCE
+from pepper_kin.core.collision.layout import (
+    ALLOWANCES,
+    CLASS_COUNT,
+    LEVERS,
+    NUMBERS,
+    STATES_AT_ONCE,
+    section,
+)
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 LONGEST, SHORTER = 0.008, 4
-"""Greatest distance that a point of the body moves between states of a curve [m], and by how much each of the
-next is shorter than the one before."""
+"""Greatest distance that a point of the body moves between states of a curve at which margins are kept [m],
+and by how much each of the next is shorter than the one before."""
+FIRST = SHORTER * LONGEST
+"""The same where margins are proven to be kept in between as well [m]."""
 SHORTEST = LONGEST / SHORTER**2
 """Half a millimeter [m]: the distance of states checked elsewhere."""
 FINEST = SHORTEST / SHORTER**2
@@ -133,9 +142,7 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
 
 
 @compiled
-def _check_states(
-    check: MotionCheck, states: Array, count: int, margins: tuple[float, float], surely: bool
-) -> None:
+def _check_states(check: MotionCheck, states: Array, count: int, margins: tuple[float, float]) -> None:
     """Write the verdicts on states at margins into `answers`.
 
     Args:
@@ -143,7 +150,6 @@ def _check_states(
         states: The states, shape (>= count, n) [rad or m].
         count: Number of states, STATES_AT_ONCE at most.
         margins: To the scene and to the robot itself [m].
-        surely: Whether ties may count as contacts, where `quick` allows it.
     """
     answers = check.answers
     check.margins[0], check.margins[1] = margins
@@ -153,8 +159,33 @@ def _check_states(
     else:
         for i in range(count):
             answers[i] = TIE
-    if not surely or not check.quick:
-        _ask(check, states, count, answers)
+    _ask(check, states, count, answers)
+
+
+@compiled
+def _check_far(
+    check: MotionCheck, count: int, kept: tuple[float, float], allowances: Array, farther: float
+) -> None:
+    """Write into `answers` which of the first `states` keep more than margins, ties as CONTACT or TIE.
+
+    Args:
+        check: Checks of the states of one motion.
+        count: Number of states, STATES_AT_ONCE at most.
+        kept: Margins to the scene and to the robot itself [m].
+        allowances: How much more each class of pairs, then each group, has to keep, shape (c,) [m].
+        farther: How much more coal asks of all where it is asked [m].
+    """
+    answers, states = check.answers, check.states.ctypes.data
+    check.margins[0], check.margins[1] = kept[0] + farther, kept[1] + farther
+    if check.verdicts != 0:
+        set_margins(check.moving, kept[0], kept[1], check.radius)
+        section(check.moving, ALLOWANCES)[:] = allowances
+        call_four(check.verdicts, check.moving.ctypes.data, states, count, answers.ctypes.data)
+    else:
+        for i in range(count):
+            answers[i] = TIE
+    if not check.quick:
+        _ask(check, check.states, count, answers)
 
 
 @compiled
@@ -194,7 +225,7 @@ def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: floa
     found = 0
     for first in range(0, ends.shape[0], STATES_AT_ONCE):
         count = min(STATES_AT_ONCE, ends.shape[0] - first)
-        _check_states(check, ends[first:], count, (margin, self_margin), False)
+        _check_states(check, ends[first:], count, (margin, self_margin))
         if first == 0 and check.answers[0] != FREE:
             return 0
         for i in range(count):
@@ -247,6 +278,18 @@ def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, k
     return True
 
 
+@compiled(inline=True, lean=True)
+def _greatest_rate(coefficients: Array, i: int, j: int, h: float) -> float:
+    """Return the most that |dq_j/ds| can be on segment i, of length h, of a curve, shape (m, 4, n).
+
+    That is the greatest of the control values of that quadratic, since it is a Bezier curve.
+    """
+    first, second, third = coefficients[i, 1, j], coefficients[i, 2, j], coefficients[i, 3, j]
+    middle = first + second * h
+    last = middle + (second + 3.0 * third * h) * h
+    return max(abs(first), abs(middle), abs(last))
+
+
 @compiled("int64(float64[::1], float64[:, :, ::1], float64[::1], float64, int64[::1])")
 def count_intervals(
     breaks: Floats1, coefficients: Floats3, reach: Floats1, step: float, counts: Ints1
@@ -254,8 +297,7 @@ def count_intervals(
     """Write the number of intervals of each segment; return their sum.
 
     On none of them any point of the body moves farther than the step: a point moves at most
-    sum_j reach_j |dq_j|, and |dq_j/ds| on a segment is at most the greatest of the control values of that
-    quadratic, since it is a Bezier curve.
+    sum_j reach_j |dq_j|.
 
     Args:
         breaks: Ends of the segments, shape (m + 1,).
@@ -268,10 +310,7 @@ def count_intervals(
     for i in range(coefficients.shape[0]):
         h, speed = breaks[i + 1] - breaks[i], 0.0
         for j in range(reach.size):
-            first, second, third = coefficients[i, 1, j], coefficients[i, 2, j], coefficients[i, 3, j]
-            middle = first + second * h
-            last = middle + (second + 3.0 * third * h) * h
-            speed += reach[j] * max(abs(first), abs(middle), abs(last))
+            speed += reach[j] * _greatest_rate(coefficients, i, j, h)
         counts[i] = max(1, math.ceil(h * speed / step))
         total += counts[i]
     return total
@@ -297,6 +336,35 @@ def _write_middle(coefficients: Array, i: int, x: float, state: Array) -> None:
 
 
 @compiled
+def _pair_motions(check: MotionCheck, breaks: Array, coefficients: Array, counts: np.ndarray) -> Array:
+    """Return how far classes of pairs, then groups, move in half an interval at most, shape (c,) [m].
+
+    Args:
+        check: Checks of the states of one motion.
+        breaks: Ends of the segments, shape (m + 1,).
+        coefficients: Constant term first, shape (m, 4, n) [rad or m].
+        counts: Number of intervals of each segment, see `count_intervals`, shape (m,).
+    """
+    n, most = coefficients.shape[2], np.zeros(0)
+    if check.verdicts == 0:
+        return most
+    levers, shifts = section(check.moving, LEVERS), np.empty(n)
+    most = np.zeros(section(check.moving, ALLOWANCES).size)
+    for i in range(counts.size):
+        h = breaks[i + 1] - breaks[i]
+        for j in range(n):
+            shifts[j] = 0.5 * h / counts[i] * _greatest_rate(coefficients, i, j, h)
+        for c in range(most.size):
+            shift = 0.0
+            for j in range(n):
+                shift += levers[n * c + j] * shifts[j] if shifts[j] > 0.0 else 0.0
+            most[c] = max(most[c], shift)
+    for c in range(most.size):
+        most[c] = min(most[c], 0.5 * FIRST)
+    return most
+
+
+@compiled
 def _near_ones(
     check: MotionCheck,
     coefficients: Array,
@@ -304,6 +372,7 @@ def _near_ones(
     kept: tuple[float, float],
     step: float,
     strictly: bool,
+    motions: Array,
 ) -> int:
     """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
 
@@ -314,23 +383,24 @@ def _near_ones(
         kept: Margins that all middles have to keep [m].
         step: What no point of the body moves farther than in an interval [m].
         strictly: Whether the margin to the scene is to be kept by all of an interval.
+        motions: See `_pair_motions`, for a step of FIRST.
     """
-    proven = kept[0] + 0.5 * step if strictly else max(kept[0], 0.5 * step)
-    far = proven, max(kept[1], 0.5 * step)
-    if strictly and step <= FINEST:
-        kept = proven, kept[1]
-    states, answers, near, all_near = check.states, check.answers, 0, False
-    alike = far[0] == kept[0] and far[1] == kept[1]
-    if not alike and step > FINEST:
-        all_near = blocked(check, far[0], far[1])
+    last, classes = step <= FINEST, int(section(check.moving, NUMBERS)[CLASS_COUNT]) if motions.size else 0
+    allowances = motions * (step / FIRST)
+    for c in range(motions.size if step <= LONGEST else 0):
+        if c < classes or not strictly:
+            allowances[c] = max(0.0, allowances[c] - kept[0 if c >= classes else 1])
+    if strictly and last:
+        kept = kept[0] + 0.5 * step, kept[1]
+    states, answers, near = check.states, check.answers, 0
     for first in range(0, parts.segment.size, STATES_AT_ONCE):
-        count = min(STATES_AT_ONCE, parts.segment.size - first)
+        count = left = min(STATES_AT_ONCE, parts.segment.size - first)
         for k in range(count):
             place = first + k
             middle = parts.begin[place] + 0.5 * parts.width[place]
             _write_middle(coefficients, parts.segment[place], middle, states[k])
-        if step > FINEST and not alike and not all_near:
-            _check_states(check, states, count, far, True)
+        if not last:
+            _check_far(check, count, kept, allowances, 0.5 * step)
             left = 0
             for k in range(count):
                 if answers[k] != FREE:
@@ -338,17 +408,12 @@ def _near_ones(
                         states[left, j] = states[k, j]
                     _copy_interval(parts, first + k, parts, near + left)
                     left += 1
-        else:
-            left = count
-            for k in range(count):
-                _copy_interval(parts, first + k, parts, near + k)
         if left > 0:
-            _check_states(check, states, left, kept, False)
+            _check_states(check, states, left, kept)
             for k in range(left):
                 if answers[k] != FREE:
                     return -1
-        if not alike and step > FINEST:
-            near += left
+        near += 0 if last else left
     return near
 
 
@@ -414,10 +479,11 @@ def is_clear(
 ) -> bool:
     """Return whether margins are kept, and gravity is held, along a piecewise cubic curve.
 
-    The curve is cut into intervals on which no point of the body moves farther than LONGEST.  Where the
-    state in the middle of one keeps a distance of half that, nothing touches in all of the interval.
-    Others are cut into shorter intervals, and those again, down to FINEST, whose middles need only keep the
-    requested margins.  Dependent ranges of joints are kept at every point.
+    The curve is cut into intervals on which no point of the body moves farther than FIRST.  Where the state
+    in the middle of one keeps the margins, and besides as much as each pair of bodies moves in half of it,
+    they are kept in all of the interval.  Others are cut into shorter ones, whose middles have to keep the
+    margins, and distances at which nothing touches in all of the interval; and those again, down to FINEST,
+    whose middles need only keep the margins.  Dependent ranges of joints are kept at every point.
 
     Args:
         check: Checks of the states of one motion.
@@ -434,12 +500,13 @@ def is_clear(
         return False
     if not curve_keeps_ranges(check.heads, check.tables, breaks, coefficients):
         return False
-    counts, step = np.empty(coefficients.shape[0], np.int64), LONGEST
+    counts, step = np.empty(coefficients.shape[0], np.int64), FIRST if check.verdicts != 0 else LONGEST
     total = count_intervals(breaks, coefficients, reach, step, counts)
+    motions = _pair_motions(check, breaks, coefficients, counts)
     parts = Intervals(np.empty(total, np.int64), np.empty(total), np.empty(total))
     write_intervals(breaks, counts, parts)
     parts = _sparse_first(parts)
-    near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+    near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly, motions)
     while near > 0:
         step /= SHORTER
         cut = Intervals(
@@ -451,5 +518,5 @@ def is_clear(
             cut.segment[k], cut.width[k] = parts.segment[source], width
             cut.begin[k] = parts.begin[source] + width * (k % SHORTER)
         parts = cut
-        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly)
+        near = _near_ones(check, coefficients, parts, (margin, self_margin), step, strictly, motions)
     return near == 0 and (not held or _held_along(check, breaks, coefficients, reach))

@@ -80,17 +80,21 @@ ALIGNMENT = 8
     AXES,
     GRAVITY,
     LEVERS,
+    ALLOWANCES,
     GAPS,
     GAP_STATES,
     PAIR_WORKSPACE,
     LOADS,
     EDGES,
-) = range(63)
+) = range(64)
 """Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` describe them.
 
 PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
-parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were."""
-SECTIONS = 63
+parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were.
+
+LEVERS has a row for each class of pairs, then for each group, of how far joints move these; ALLOWANCES what
+each of them keeps besides the margins [m]."""
+SECTIONS = 64
 SIZE = 2 * SECTIONS
 """Place of the size of the block, after the beginnings and ends of its sections."""
 

@@ -17,6 +17,7 @@ from pepper_kin.core.collision.clouds import (
 )
 from pepper_kin.core.collision.gjk import CONTACT, FREE, TIE, ConvexCore, nearer_than, separation
 from pepper_kin.core.collision.layout import (
+    ALLOWANCES,
     AXES,
     BOX,
     CLASS_COUNT,
@@ -247,11 +248,8 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
         slot: Place in AXES of its pair with the scene's first object.
     """
     lists, roots, nodes = address_of(scene, ROOT_LISTS), address_of(scene, ROOTS), address_of(scene, NODES)
-    margin, worst, center = (
-        section(memory, NUMBERS)[MARGIN],
-        FREE,
-        POSE.at(address_of(memory, SOLID_POSES), a),
-    )
+    numbers, worst, center = section(memory, NUMBERS), FREE, POSE.at(address_of(memory, SOLID_POSES), a)
+    margin = numbers[MARGIN] + section(memory, ALLOWANCES)[int(numbers[CLASS_COUNT]) + group]
     reach = SOLID.bounding(address_of(memory, SOLIDS), a) + margin + TIE_WIDTH
     for r in range(word_at(lists, group), word_at(lists, group + 1)):
         n, end = ROOT.first_node(roots, r), ROOT.node_end(roots, r)
@@ -312,8 +310,13 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
         q: The configuration, shape (n,) [rad or m].
     """
     numbers, scene, worst = section(memory, NUMBERS), scene_of(memory), FREE
-    first, pairs, margin = section(memory, PAIR_FIRST), section(memory, PAIRS), numbers[SELF_MARGIN]
+    first, pairs, allowances = (
+        section(memory, PAIR_FIRST),
+        section(memory, PAIRS),
+        section(memory, ALLOWANCES),
+    )
     for c in range(int(numbers[CLASS_COUNT])):
+        margin = numbers[SELF_MARGIN] + allowances[c]
         if not (classes >> min(c, 61)) & 1 or _keep_gap(memory, c, q) > margin + TIE_WIDTH:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
@@ -351,14 +354,14 @@ def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
     """
     status, doubts, numbers = section_bits(memory, STATUS), 0, section(memory, NUMBERS)
     classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
-    n, least = int(numbers[N]), numbers[SELF_MARGIN] + TIE_WIDTH
+    n, least, allowances = int(numbers[N]), numbers[SELF_MARGIN] + TIE_WIDTH, section(memory, ALLOWANCES)
     for i in range(count):
         if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
             doubts += 1
             q, left = rows[n * i : n * i + n], 0
             for c in range(int(numbers[CLASS_COUNT])):
                 bit = 1 << min(c, 61)
-                if (classes[i] & bit) != 0 and not _stays_apart(memory, c, q, least):
+                if (classes[i] & bit) != 0 and not _stays_apart(memory, c, q, least + allowances[c]):
                     left |= bit
             if left != 0 or groups[i] != 0:
                 place_solids(memory, q)
