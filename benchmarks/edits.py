@@ -71,6 +71,7 @@ def edited(package: Path, file: str | None, old: str, new: str) -> None:
 def timed(package: Path, program: str, cache: Path) -> tuple[float, float]:
     """Run a program; return wall-clock time and processor time, that of processes it started included [s]."""
     variables = os.environ | {"PYTHONPATH": str(package), "PEPPER_KIN_CACHE": str(cache)}
+    variables.pop("PYTHONDONTWRITEBYTECODE", None)
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run(
         [sys.executable, "-c", program], cwd=package, env=variables, check=True, capture_output=True

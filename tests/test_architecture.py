@@ -217,6 +217,29 @@ def test_the_toolkit_works_where_the_interfaces_are_deleted(tmp_path):
     assert not re.search(r"naoqi|\bros\b", shown, re.IGNORECASE)
 
 
+ENGINE_PROGRAM = """
+import importlib, pkgutil, sys
+for name in ("pinocchio", "coal", "hppfcl", "placo", "pepper_kin.model"):
+    sys.modules[name] = None  # cannot be imported
+import pepper_kin
+for name in sys.argv[1:]:
+    module = importlib.import_module(f"pepper_kin.{name}")
+    for found in pkgutil.walk_packages(getattr(module, "__path__", ()), f"pepper_kin.{name}."):
+        importlib.import_module(found.name)
+
+import numpy as np
+from pepper_kin import planners
+outside = lambda states: np.linalg.norm(states - 0.5, axis=1) > 0.3
+problem = planners.Problem([0, 0], [1, 1], [0.1, 0.5], [0.9, 0.5], outside, resolution=0.01)
+found = planners.rrt_connect(problem, seed=0, timeout=60.0)
+assert planners.certify(problem, found.path).success
+"""
+
+
+def test_what_is_independent_of_robots_works_without_pinocchio_and_models(child):
+    child(ENGINE_PROGRAM, *ORDER[: ORDER.index("model")], "kernels", "core", "planners")
+
+
 def test_only_the_command_line_imports_the_viewer():
     for path in ALL_FILES:
         if "viewer" in packages_imported(path) and path.name != "body_page.py":

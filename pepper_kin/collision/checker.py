@@ -66,7 +66,7 @@ class CollisionChecker:
             if isinstance(geometry, Mesh):
                 coal_geometry(geometry)  # a file that cannot be read is reported now
         self._local, self._joints = threading.local(), threading.local()
-        self._like = self
+        self._like: CollisionChecker | None = None  # not itself: only a collection of garbage would free it
 
     @cached_property
     def _margins(self) -> NDArray[np.float64]:
@@ -77,7 +77,7 @@ class CollisionChecker:
     @property
     def shapes_of(self) -> CollisionChecker:
         """The checker whose shapes and pairs this one shares; itself where it shares none."""
-        return self._like
+        return self if self._like is None else self._like
 
     def with_margins(self, margin: float, self_margin: float) -> CollisionChecker:
         """Return a checker of the same shapes with other margins [m], which costs far less than a new one."""
@@ -85,7 +85,7 @@ class CollisionChecker:
         made.__dict__.update(self.__dict__)
         made.margin, made.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
         made.__dict__.pop("_margins", None)
-        made._local = threading.local()
+        made._local, made._like = threading.local(), self.shapes_of
         return made
 
     @property

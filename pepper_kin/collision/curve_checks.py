@@ -146,8 +146,12 @@ class CurveChecks:
             result = function(*arguments)
         finally:
             _asking.checks = outer
-        if _asking.error is not None:
-            raise _asking.error
+        error, _asking.error = _asking.error, None
+        try:
+            if error is not None:
+                raise error
+        finally:
+            del error  # which refers to this frame
         return result
 
     def answer(self, states: Array, verdicts: NDArray[Any], margins: tuple[float, float]) -> None:

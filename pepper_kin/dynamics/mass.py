@@ -5,14 +5,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.tree_tables import TABLES, all_states
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_while_private
+from pepper_kin.model import PepperModel, kept_for_robot, kept_while_private
+from pepper_kin.model.moving_tree import moving_tree
 
 pinocchio = lazy_module("pinocchio")
+
+
+@kept_for_robot(most=1)
+def joint_masses(pepper: PepperModel) -> Array:
+    """Return the mass of the links that move with each joint [kg], shape (joints,), the world's first.
+
+    Joints are those of `moving_tree`; links are added up as Pinocchio does, which is not loaded for it.
+    """
+    changed = pepper.dynamics_model.changed()
+    if changed is not None:
+        return read_only([inertia.mass for inertia in changed.inertias])
+    tree = moving_tree(pepper)
+    masses = np.zeros(tree.count)
+    for link in pepper.document.tree.findall("link"):
+        mass = link.find("inertial/mass")
+        masses[tree.frame_joints[link.get("name", "")]] += (
+            0.0 if mass is None else float(mass.get("value", 0))
+        )
+    return read_only(masses)
 
 
 @kept_while_private

@@ -25,9 +25,11 @@ from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque, total_mass
 from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
+from pepper_kin.dynamics.mass import joint_masses
 from pepper_kin.ik import CenterOfMassOverWheels, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
+from pepper_kin.model.moving_tree import moving_tree
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import (
     balance_margin,
@@ -239,13 +241,11 @@ class StaticLimits:
 
     def _carried_masses(self) -> Array:
         """Return the mass that each joint carries [kg], shape (n,)."""
-        model, masses = self.pepper.inner_model, np.zeros(self.pepper.inner_model.njoints)
-        for i in range(1, model.njoints):
-            masses[i] = model.inertias[i].mass
+        tree, masses = moving_tree(self.pepper), joint_masses(self.pepper).copy()
         for load in self.carrying:
-            masses[model.frames[self.pepper.frame_id(load.frame)].parentJoint] += load.mass
-        for i in range(model.njoints - 1, 0, -1):
-            masses[model.parents[i]] += masses[i]
+            masses[tree.frame_joints[load.frame]] += load.mass
+        for i in range(tree.count - 1, 0, -1):
+            masses[tree.parents[i]] += masses[i]
         moved = np.asarray(self.pepper.full_map) != 0.0
         return np.asarray((moved * masses[1:, None]).sum(axis=0))
 

@@ -419,7 +419,10 @@ class Twin:
             done += series.good
             progress(done, total)
             if error is not None and not isinstance(error, ContactError):
-                raise error
+                try:
+                    raise error
+                finally:
+                    del error  # which refers to this frame: all states would wait for a collection of garbage
             if error is not None or series.good < len(series.position):
                 return joined(parts, done), error
         return joined(parts, done), None

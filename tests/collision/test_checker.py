@@ -1,3 +1,6 @@
+import gc
+import weakref
+
 import numpy as np
 import pinocchio
 import pytest
@@ -94,6 +97,22 @@ def test_dependent_ranges_find_contacts_that_capsules_cannot():
         q = pepper.joint_vector(values)
         assert pk.collision.in_collision(pepper, q)
         assert links in pk.collision.checker_for(pepper).contacts(q)
+
+
+def test_a_checker_is_freed_with_its_last_name():
+    """Without a collection of garbage, which comes late: hundreds of 2 MB each were there."""
+    pepper = pk.load_pepper()
+    checker = pk.collision.CollisionChecker(pepper, pk.Scene().add_sphere("ball", 0.1, (1.0, 0.0, 1.0)))
+    wider = checker.with_margins(0.01, 0.0)
+    assert wider.shapes_of is wider.with_margins(0.02, 0.0).shapes_of is checker
+    checker.in_collision(pepper.neutral())
+    both = [weakref.ref(checker), weakref.ref(wider)]
+    gc.disable()
+    try:
+        del checker, wider
+        assert [one() for one in both] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_batch_shapes():

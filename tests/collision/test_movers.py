@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.collision import approach_speed, checker_for, in_collision, least_clearance
+from pepper_kin.collision import CollisionChecker, approach_speed, in_collision, least_clearance
 from pepper_kin.exceptions import InvalidValueError
 
 GOAL = {"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "RShoulderRoll": -0.4, "HeadYaw": -0.5}
@@ -42,10 +42,13 @@ def test_verdicts_at_times_are_coals_of_the_scene_then(robot):
     for _ in range(6):
         scene, times = crossing(rng, np.zeros(8)), rng.uniform(0.0, 2.0, 40)
         q = rng.uniform(low, high, (40, pepper.n))
-        coal = [checker_for(pepper, scene.at(t)).in_collision(x) for x, t in zip(q, times, strict=True)]
+        coal = [CollisionChecker(pepper, scene.at(t)).in_collision(x) for x, t in zip(q, times, strict=True)]
         assert in_collision(pepper, q, scene, times).tolist() == np.array(coal).tolist()
         assert in_collision(pepper, q[0], scene, times[0]) == coal[0]
-        assert in_collision(pepper, q, scene).tolist() == checker_for(pepper, scene).in_collision(q).tolist()
+        assert (
+            in_collision(pepper, q, scene).tolist()
+            == CollisionChecker(pepper, scene).in_collision(q).tolist()
+        )
         touching += sum(coal)
         walled = scene.add_box("wall", (1.0, 1.0, 1.0), (0.0, 0.0, 0.8))
         assert in_collision(pepper, q, walled, times).all()

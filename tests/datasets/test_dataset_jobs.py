@@ -1,19 +1,16 @@
 """Jobs: their files, their hashes, and what is refused by name."""
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from small_jobs import BOX, TABLE, small_job
 
 import pepper_kin as pk
 from pepper_kin import datasets
 from pepper_kin.datasets import DatasetJob
 from pepper_kin.exceptions import PepperKinError
-
-sys.path.insert(0, str(Path(__file__).parent))
-from small_jobs import BOX, TABLE, small_job
 
 HEAD = "job: pepper_kin data set job\nversion: 1\n"
 

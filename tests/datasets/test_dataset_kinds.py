@@ -1,22 +1,18 @@
 """Each kind of data set at small size: its rows are held against laws, and read by others."""
 
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pyarrow.dataset
 import pyarrow.parquet as pq
 import pytest
+from small_jobs import small_job
 
 import pepper_kin as pk
 from pepper_kin import datasets
 from pepper_kin.datasets.shard import kind_of, rows_of
 from pepper_kin.identification import read_log, replay
 from pepper_kin.learning import PepperVectorEnv
-
-sys.path.insert(0, str(Path(__file__).parent))
-from small_jobs import small_job
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,6 @@
 """LeRobotDataset v3.0: its files as pandas, pyarrow and PyAV read them, its statistics against NumPy's."""
 
 import json
-import sys
-from pathlib import Path
 
 import av
 import mcap.reader
@@ -10,13 +8,11 @@ import numpy as np
 import pandas
 import pyarrow.parquet as pq
 import pytest
+from small_jobs import small_job
 
 from pepper_kin import datasets
 from pepper_kin.datasets import Feature, LeRobotWriter
 from pepper_kin.exceptions import InvalidValueError
-
-sys.path.insert(0, str(Path(__file__).parent))
-from small_jobs import small_job
 
 
 @pytest.fixture

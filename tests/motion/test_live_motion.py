@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.collision import checker_for
+from pepper_kin.collision import CollisionChecker
 from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.motion import LiveMotion, LiveStatus
 
@@ -44,7 +44,7 @@ def moving_contacts(pepper, found, see):
         for at in now + CYCLE * np.arange(5) / 5:
             x = state.at(at)
             if np.abs(x.velocity).max() > 1e-6:
-                hits += bool(checker_for(pepper, see(at)).in_collision(x.position))
+                hits += bool(CollisionChecker(pepper, see(at)).in_collision(x.position))
     return hits
 
 

@@ -1,5 +1,8 @@
 """The whole way from problem to curve in one call: paths as of the planner alone, answers as of coal."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -117,17 +120,23 @@ def test_what_is_asked_of_coal_is_answered_as_machine_code_does():
     assert 0 < sum(verdicts) < 6
 
 
-def test_what_coal_raises_is_raised(monkeypatch):
+def test_what_coal_raises_is_raised_and_keeps_nothing():
     checks = Checks(PEPPER, TABLE)
     checks.compiled = False
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(checks, "answer", interrupted)
+    checks.answer, gone = interrupted, weakref.ref(checks)
     curve = next(splines(1))
-    with pytest.raises(KeyboardInterrupt):
-        is_clear_along(checks, curve, motion=(HIGH, ARM))
+    gc.disable()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            is_clear_along(checks, curve, motion=(HIGH, ARM))
+        del checks
+        assert gone() is None
+    finally:
+        gc.enable()
     assert Checks(PEPPER, TABLE).margins(LOW, HIGH[None], ARM, 0.01)[0] > 0.0
 
 

@@ -38,7 +38,9 @@ CLIENT = textwrap.dedent(
     subscriber = memory.subscriber("Own")
     subscriber.signal.connect(got.append)
     memory.raiseEvent("Own", [1, "two"])
-    time.sleep(0.5)
+    end = time.monotonic() + 60.0
+    while not got and time.monotonic() < end:
+        time.sleep(0.02)
     said["event"] = got
     for name, call in (
         ("unknown", lambda: motion.getAngles("Tail", True)),

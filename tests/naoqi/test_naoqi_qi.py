@@ -95,7 +95,7 @@ def test_to_cancel_does_not_wait_for_a_strand_that_waits_for_the_clock(twin):
 
     mover, future = Mover(), qi.runAsync(int, delay=100_000_000)
     after, moved = future.then(mover.after), qi.runAsync(mover.move)
-    assert inside.wait(10)
+    assert inside.wait(60)
     threading.Thread(target=future.cancel, daemon=True).start()
     assert moved.wait(10_000) == qi.FutureState.FinishedWithValue
     assert (future.isCanceled(), after.value(10_000)) == (True, "after")

@@ -1,11 +1,9 @@
 """Trajectory messages: interpolation against SciPy, and what is refused."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import BPoly, CubicHermiteSpline
+from short_messages import trajectory
 
 from pepper_kin.files.motion_points import points_every
 from pepper_kin.ros.joint_trajectory import (
@@ -18,13 +16,6 @@ from pepper_kin.ros.joint_trajectory import (
     trajectory_of,
 )
 from pepper_kin.ros_messages import message_type
-
-_spec = importlib.util.spec_from_file_location(
-    "short_messages", Path(__file__).with_name("short_messages.py")
-)
-short = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(short)
-trajectory = short.trajectory
 
 START = StartState(np.array([0.1, -0.2]), np.array([0.3, 0.0]), np.full(2, -2.0), np.full(2, 2.0))
 NAMES = ("HeadYaw", "HeadPitch")

@@ -1,11 +1,10 @@
 """Goals of the action that a live motion goes to: spliced, canceled, among obstacles of the scene."""
 
-import importlib.util
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from short_messages import ACTION, goal, trajectory
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
@@ -22,13 +21,6 @@ from pepper_kin.ros.transports.rosbridge import RosbridgeServer
 from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
 from pepper_kin.ros_messages import message_type
 from pepper_kin.supervision import RobotMotionStatus
-
-_spec = importlib.util.spec_from_file_location(
-    "short_messages", Path(__file__).with_name("short_messages.py")
-)
-short = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(short)
-ACTION, goal, trajectory = short.ACTION, short.goal, short.trajectory
 
 WHOLE = "/joint_trajectory_controller/follow_joint_trajectory"
 LEFT = "/LeftArm_controller/follow_joint_trajectory"
@@ -215,7 +207,7 @@ def test_a_ball_on_a_topic_crosses_the_way(monkeypatch):
                 if handle is None and time.monotonic() > begun + 0.5:
                     handle = client.send_goal(LEFT, ACTION, goal(trajectory(ARM, (2.0, UP))))
                 time.sleep(0.03)
-            found = handle.result(20)
+            found = handle.result(60)
             with RobotClient(client) as robot:
                 start = robot.configuration()
                 away = start.copy()

@@ -85,7 +85,7 @@ def test_a_lost_connection_stops_the_robot_and_is_reported(robot, served):
     progress = threading.Event()
 
     def cut():
-        progress.wait(20)
+        progress.wait(60)
         client = robot.transport
         client._loop.call_soon_threadsafe(client._socket.protocol._abort)  # the cable, not a polite end
 

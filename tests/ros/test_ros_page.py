@@ -1,6 +1,5 @@
 """What stands in docs/ros.md for other programs, run as written but for the port."""
 
-import importlib.util
 import json
 import re
 import signal
@@ -9,15 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import test_rosbridge_clients as clients
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ros.md").read_text(encoding="utf-8")
-
-_spec = importlib.util.spec_from_file_location(
-    "clients", Path(__file__).with_name("test_rosbridge_clients.py")
-)
-clients = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(clients)
 
 
 @pytest.fixture(scope="module")

@@ -84,9 +84,9 @@ def test_topics_both_ways(server, client):
     here, here_came = received(lambda take: server.subscribe("/to_server", STRING, RELIABLE, take))
     publisher = client.advertise("/to_server", STRING)
     publisher.publish(message_type(STRING)(data="up"))
-    assert here_came.wait(20)
+    assert here_came.wait(60)
     server.advertise("/to_client", STRING).publish(message_type(STRING)(data="dä ✓"))
-    assert there_came.wait(20)
+    assert there_came.wait(60)
     assert (here[0].data, there[0].data) == ("up", "dä ✓")
 
 
@@ -140,13 +140,17 @@ def test_throttled_subscriptions_get_fewer(server):
         client._take = lambda text: taken.append(json.loads(text))  # what comes over the wire
         while len(server.topic("/fast", None).subscriptions) < 2:
             time.sleep(0.01)
+        begun = time.monotonic()
         for k in range(40):
             publisher.publish(message_type(STRING)(data=str(k)))
             time.sleep(0.02)
-        time.sleep(0.5)
-    numbers = [int(message["msg"]["data"]) for message in taken]
+        numbers = []
+        while len({*numbers}) < 40 and time.monotonic() < begun + 60.0:
+            time.sleep(0.01)
+            numbers = [int(message["msg"]["data"]) for message in taken]
+        passed = time.monotonic() - begun
     assert all(numbers.count(k) >= 1 for k in range(40))
-    assert 2 <= len(numbers) - 40 <= 8
+    assert 2 <= len(numbers) - 40 <= passed / 0.2 + 2
 
 
 def test_services_both_ways(server, client):
@@ -199,19 +203,19 @@ def test_actions_both_ways(server, client, offered):
         while "/count" not in server.actions:
             threading.Event().wait(0.01)
         feedback = []
-        found = sending.send_goal("/count", FIBONACCI, goal, feedback.append).result(20)
+        found = sending.send_goal("/count", FIBONACCI, goal, feedback.append).result(60)
         assert (found.status, found.result.error_string) == (GoalStatus.SUCCEEDED, "done")
         assert [message.joint_names for message in feedback] == [["A"]] * 3
         goal.goal_time_tolerance.sec = 5000
         handle = sending.send_goal("/count", FIBONACCI, goal)
         threading.Event().wait(0.1)
         assert handle.cancel()
-        found = handle.result(20)
+        found = handle.result(60)
         assert (found.status, found.result.error_string) == (GoalStatus.CANCELED, "stopped")
         if offered == "server":
             goal.trajectory.joint_names = []
             with pytest.raises(TransportError, match="not accepted"):
-                sending.send_goal("/count", FIBONACCI, goal).result(20)
+                sending.send_goal("/count", FIBONACCI, goal).result(60)
 
 
 def test_goals_of_lost_clients_are_canceled(server):
@@ -222,8 +226,8 @@ def test_goals_of_lost_clients_are_canceled(server):
             handle = client.send_goal("/count", FIBONACCI, goal)
             while not (goals := tuple(server.action("/count").goals)):
                 threading.Event().wait(0.01)
-        assert goals[0].result(20).status is GoalStatus.CANCELED
-        assert handle.result(20).status is GoalStatus.UNKNOWN
+        assert goals[0].result(60).status is GoalStatus.CANCELED
+        assert handle.result(60).status is GoalStatus.UNKNOWN
 
 
 def test_rosapi(server):
@@ -341,7 +345,7 @@ def test_an_outbox_ends_where_it_is_woken_and_canceled_at_once():
         await asyncio.sleep(0)
         outbox.wake()
         task.cancel()
-        done, _ = await asyncio.wait([task], timeout=5.0)
+        done, _ = await asyncio.wait([task], timeout=60.0)
         return bool(done) and task.cancelled()
 
     with ThreadPoolExecutor(1) as pool:

@@ -1,12 +1,6 @@
 """Messages with random values."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from random_messages import random_message
 
 

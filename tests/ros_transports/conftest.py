@@ -1,14 +1,8 @@
 """Programs with a real ROS 2, in an environment that is made once."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "ros_messages")]
-
-import ros_environment  # noqa: E402
-from peers import Peer  # noqa: E402
+import ros_environment
+from peers import Peer
 
 
 @pytest.fixture(scope="session")

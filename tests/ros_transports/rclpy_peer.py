@@ -40,7 +40,7 @@ def profile(reliable, latched):
     )
 
 
-def until(condition, timeout=20.0):
+def until(condition, timeout=60.0):
     end = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > end:

@@ -6,7 +6,6 @@ pyzeros compiles its codecs with the machine's C compiler, into the folder `buil
 import asyncio
 import os
 import socket
-import time
 from pathlib import Path
 
 import pytest
@@ -19,22 +18,12 @@ from pyzeros.qos import QosProfile
 from ros2_pyterfaces.cyclone import all_msgs, all_srvs
 from ros2_pyterfaces.cyclone.geometry_msgs import msg as geometry
 from ros2_pyterfaces.cyclone.sensor_msgs import msg as sensor
+from zenoh_goals import FOLLOW, Server, goal_of, until
 
-from pepper_kin.ros import ActionServer, QoS, TransportError
+from pepper_kin.ros import QoS, TransportError
 from pepper_kin.ros.transport import GoalStatus
 from pepper_kin.ros.transports.zenoh import ZenohTransport
-from pepper_kin.ros_messages import action_type, decode, encode, message_type, service_type, type_hash
-
-FOLLOW = "control_msgs/action/FollowJointTrajectory"
-KINDS = action_type(FOLLOW)
-
-
-def until(condition, timeout=20.0):
-    end = time.monotonic() + timeout
-    while not (found := condition()):
-        assert time.monotonic() < end, "nothing came"
-        time.sleep(0.01)
-    return found
+from pepper_kin.ros_messages import decode, encode, message_type, service_type, type_hash
 
 
 @pytest.fixture
@@ -162,38 +151,6 @@ def test_services_are_called_by_pyzeros_and_call_it(ours, session):
     assert (called.success, called.message) == (True, "theirs")
     with pytest.raises(TransportError, match=r"no answer within 0\.5 s"):
         ours.call_service("/nobody", "std_srvs/srv/SetBool", kinds.request(), 0.5)
-
-
-class Server(ActionServer):
-    """The joints' names say how goals end."""
-
-    def on_goal(self, goal):
-        return "wrong" not in goal.trajectory.joint_names
-
-    def on_cancel(self, goal):
-        return "stubborn" not in goal.goal.trajectory.joint_names
-
-    def execute(self, goal):
-        names, result = goal.goal.trajectory.joint_names, KINDS.result()
-        for index in range(1500):
-            goal.publish_feedback(KINDS.feedback(joint_names=names, index=index))
-            time.sleep(0.01)
-            if goal.cancel_requested:
-                result.error_string = "stopped"
-                goal.canceled(result)
-                return
-            if index == 5 and "long" not in names:
-                break
-        if "failing" in names:
-            raise RuntimeError("a failing server")
-        result.error_string = "done"
-        goal.succeed(result)
-
-
-def goal_of(*names):
-    goal = KINDS.goal()
-    goal.trajectory.joint_names = list(names)
-    return goal
 
 
 def test_actions_are_served_to_pyzeros(ours, session):

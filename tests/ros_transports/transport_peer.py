@@ -18,7 +18,7 @@ transport = Transport("tested_node")
 publishers, subscriptions, received, goals = {}, {}, {}, {}
 
 
-def until(condition, timeout=20.0):
+def until(condition, timeout=60.0):
     end = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > end:
@@ -144,7 +144,7 @@ def cancel(name):
 
 def result(name):
     handle, feedback = goals[name]
-    status, answer = handle.result(20.0)
+    status, answer = handle.result(60.0)
     return {
         "status": int(status),
         "error_code": answer.error_code,

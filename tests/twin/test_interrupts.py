@@ -1,7 +1,9 @@
 """Ctrl-C in long calls: it is never lost, and machine code returns often enough to hear it."""
 
+import gc
 import signal
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -67,6 +69,25 @@ def test_no_interrupt_is_lost_between_machine_code_and_what_it_calls_back(pepper
         with pytest.raises(Stopped):
             twin.execute(motion)
         assert twin.state.time < 299
+
+
+def test_what_a_world_raises_keeps_nothing_of_the_run(pepper):
+    """A frame with a variable for the error would be freed by a collection of garbage only."""
+
+    class Tired(Spring):
+        def advance(self, q, v, mass_hat, force, h):
+            raise Stopped
+
+    twin = pk.Twin(pepper, timestep=0.001, world=Tired())
+    gone = weakref.ref(twin)
+    gc.disable()
+    try:
+        with pytest.raises(Stopped):
+            twin.execute(far(pepper, 0.5))
+        del twin
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_a_run_and_a_batch_end_where_their_progress_raises(pepper):

@@ -43,7 +43,7 @@ def session(pepper, ends):
 def follow(session, end, each=lambda now: None):
     """Go, and tick until a condition holds of the session; return what was shown, and what was said."""
     session.go()
-    run, shown, said, deadline = session._run, [], [], time.monotonic() + 20
+    run, shown, said, deadline = session._run, [], [], time.monotonic() + 120
     while not end():
         assert time.monotonic() < deadline, said
         each(run._now)

@@ -188,17 +188,6 @@ class FastChecker:
         least = bounds.min(axis=1, initial=self._resting_distance())
         return np.asarray(least.reshape(q_all.shape[:-1]))
 
-    def free_below(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return the same as `lower_bound`, but 0 where it is below zero or a joint range is left.
-
-        The bounds [m] have shape (...,), the joint positions q [rad or m] shape (..., n).
-        """
-        q_all = as_joint_vectors(self.pepper, q, "q")
-        bound = np.maximum(self.lower_bound(q_all), 0.0)
-        for table in self.exact._ranges:
-            bound = np.where(table.violated(q_all), 0.0, bound)
-        return np.asarray(bound)
-
     def near(self, q: ArrayLike, points: Array, margin: float) -> NDArray[np.bool_]:
         """Whether points are nearer to the robot, with what it holds, than a distance, shape (k,).
 
