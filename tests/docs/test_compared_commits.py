@@ -1,13 +1,8 @@
 """Commands that the pages name, and the comparison of commits."""
 
 import math
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 import run_all
 from operations import OPERATIONS
 
