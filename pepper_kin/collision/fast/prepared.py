@@ -282,6 +282,7 @@ def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> d
         at.CLASS_DOUBTS: np.zeros(len(structure.classes)),
         at.GROUP_DOUBTS: np.zeros(len(structure.groups)),
         at.DOUBTFUL: np.zeros(1),
+        at.PLACING: np.zeros(4096),
         at.ORDER: words(np.arange(len(structure.groups))),
         at.CLOUD_WORKSPACE: np.zeros(4 * LANES // 2),
         at.PAIR_WORKSPACE: np.zeros(POINT_WORKSPACE.width),

@@ -16,7 +16,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.kernels.signatures import Bytes2, Floats1, Floats2, Ints1, Ints2, Singles2
 
-FEW = 12
+FEW = 32
 """Objects in a tree that is one leaf;"""
 LEAF = 4
 """those in a leaf of any other tree, at most."""
