@@ -33,7 +33,6 @@ from .tree import (
     OWN_COUNTERS,
     OWN_ROWS,
     SAMPLE,
-    SCALED,
     START_NODE,
     START_SIZE,
     TARGET,
@@ -111,7 +110,7 @@ def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bou
         return nearest_node(space, trees, side, state)
     scale(space, trees, state)
     costs, size = trees.values[COST, side], trees.counters[START_SIZE + side]
-    return nearest_within(trees.lanes[side], costs, size, trees.rows[SCALED], bound, trees.squares)
+    return nearest_within(trees.lanes[side], costs, size, trees.scaled, bound, trees.squares)
 
 
 @compiled(lean=True)
