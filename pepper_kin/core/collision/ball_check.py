@@ -555,7 +555,7 @@ def place_all(t: Tables) -> None:
 
 @compiled(inline=True, lean=True)
 def _place(t: Tables, b: int) -> None:
-    """Place a body that moves, if the kernel of all bodies has not done so."""
+    """Place a body that moves, unless the kernel has placed all; its balls and cores are to be placed."""
     if BODY.moves(t.bodies, b) != 0:
         if t.placing == 0:
             place_body(t, b)
