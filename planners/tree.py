@@ -14,7 +14,9 @@ import numpy as np
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import (
     LANES,
+    lane_minimum,
     lanes_below,
+    least_lane,
     load_lanes,
     lowest_bit,
     single_at,
@@ -259,12 +261,12 @@ def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int
     best, found, n = np.float32(FURTHEST), 0, query.size
     base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
     for block in range((size + ABREAST - 1) // ABREAST):
-        met = _nearer(base + block * stride, asked, n, best, place)
-        while met != 0:
-            lane = lowest_bit(met)
-            if spare[lane] < best:
-                best, found = spare[lane], block * ABREAST + lane
-            met &= met - 1
+        if _nearer(base + block * stride, asked, n, best, place) != 0:
+            first, second = load_lanes(place), load_lanes(place, 1)
+            best = least_lane(lane_minimum(first, second))
+            least = spread(best)
+            further = lanes_below(least, first) | lanes_below(least, second) << LANES
+            found = block * ABREAST + lowest_bit(~further)
     return found
 
 
