@@ -80,7 +80,7 @@ class Graph(NamedTuple):
         findings: What is known of edges, shape (k,).
         keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
         heap: Arcs, shape (2 k + 2,).
-        rows: Scratch space, shape (4, n).
+        rows: Scratch space, shape (3, n).
         counters: See the places above.
     """
 

@@ -23,7 +23,16 @@ from pepper_kin.kernels.lanes import (
     spread,
     store_lanes,
 )
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2, Singles1, Singles3, Singles4
+from pepper_kin.kernels.signatures import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Ints2,
+    Singles1,
+    Singles3,
+    Singles4,
+)
 
 from .search_space import ITERATIONS, SearchSpace
 from .vectors import FloatArray
@@ -256,7 +265,7 @@ def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int
         lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        spare: Sixteen numbers.
+        spare: Sixteen numbers; the first receives the squared distance.
     """
     best, found, n = np.float32(FURTHEST), 0, query.size
     base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
@@ -267,6 +276,7 @@ def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int
             least = spread(best)
             further = lanes_below(least, first) | lanes_below(least, second) << LANES
             found = block * ABREAST + lowest_bit(~further)
+    spare[0] = best
     return found
 
 
@@ -282,7 +292,7 @@ def nearest_within(
         size: Number of nodes.
         query: Scaled state, shape (n,).
         bound: Greatest sum of a node's cost and its distance.
-        spare: Sixteen numbers.
+        spare: Sixteen numbers; the first receives the squared distance.
 
     Returns:
         The node, the first of equally near ones; -1 if there is none.
@@ -296,6 +306,7 @@ def nearest_within(
             if spare[lane] < best and costs[block * ABREAST + lane] + math.sqrt(spare[lane]) <= bound:
                 best, found = spare[lane], block * ABREAST + lane
             met &= met - 1
+    spare[0] = best
     return found
 
 

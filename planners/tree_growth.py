@@ -163,9 +163,9 @@ def _extend(
     if near < 0:
         return -1
     origin, radii, reach = trees.states[side, near], trees.values[RADIUS, side], space.reach
-    apart = distance(origin, sample, space.weights)
-    if radii[near] < apart:
+    if radii[near] < math.sqrt(trees.squares[0]):
         return -1
+    apart = distance(origin, sample, space.weights)
     share = 1.0 if apart < reach else reach / apart
     for i in range(n):
         state[i] = origin[i] + (sample[i] - origin[i]) * share

@@ -64,6 +64,8 @@ ALL = 255
 """Bits of all lanes."""
 POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
+FEW = 4 * LANES
+"""Objects of a tree that are not worth tests of its nodes."""
 ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
 """What margins are multiplied by before they are rounded to single precision, added and squared there."""
 
@@ -393,13 +395,17 @@ def _check_part(t: Tables, g: int, b: int, p: int, decided: int, first_contact: 
     contact, doubt = decided, 0
     for r in range(word_at(t.lists, g), word_at(t.lists, g + 1)):
         n, end = ROOT.first_node(t.roots, r), ROOT.node_end(t.roots, r)
-        alone = n + 1 == end  # the box of a tree of one node is not worth a test
+        k, last = ROOT.first_object(t.roots, r), ROOT.object_end(t.roots, r)
+        few = last - k <= FEW
+        if few:
+            n = end - 1
         while n < end:
-            node = NODE.at(t.nodes, n)
-            if not alone and (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
-                n = int(NODE.after(node))
-                continue
-            k, last = int(NODE.first_object(node)), int(NODE.object_end(node))
+            if not few:
+                node = NODE.at(t.nodes, n)
+                if (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
+                    n = int(NODE.after(node))
+                    continue
+                k, last = int(NODE.first_object(node)), int(NODE.object_end(node))
             while k < last:
                 start = k & -LANES
                 met = _near_boxes(BOXES.at(t.boxes, start // LANES), low, high) & (ALL << (k - start))

@@ -16,7 +16,7 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.kernels.signatures import Bytes2, Floats1, Floats2, Ints1, Ints2, Singles2
 
-FEW = 32
+FEW = 12
 """Objects in a tree that is one leaf;"""
 LEAF = 4
 """those in a leaf of any other tree, at most."""
@@ -244,6 +244,8 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
             if sets.met[sets.trees[r, 0], g] != 0:
                 ROOT.set_first_node(roots, begins[r], listed)
                 ROOT.set_node_end(roots, begins[r + 1], listed)
+                ROOT.set_first_object(roots, sets.trees[r, 1], listed)
+                ROOT.set_object_end(roots, sets.trees[r, 2], listed)
                 listed += 1
         lists[g + 1] = listed
     _write_boxes(sets, section_single(block, at.BOXES))
