@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.core.clock import seconds_now
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
+from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1, Ints2, Singles3
 
 from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
@@ -32,7 +32,7 @@ from .search_space import (
     space_of,
     step_count,
 )
-from .tree import LANES, grown, k_nearest, neighbor_count, set_lane, whole_blocks
+from .tree import ABREAST, grown, k_nearest, neighbor_count, set_lane, whole_blocks
 from .vectors import (
     BoolArray,
     FloatArray,
@@ -47,7 +47,7 @@ from .vectors import (
 _FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
 _FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is space at first
 _MOST_NEIGHBORS = 64
-_SAME = 1e-18  # of a square of the box's diagonal
+_SAME = 1e-9  # of the box's diagonal
 _STREAM = 3
 
 # How a call ends.
@@ -72,7 +72,7 @@ class Graph(NamedTuple):
 
     Attributes:
         states: Shape (m, n).
-        lanes: Scaled states, shape (m / 8, n, 8).
+        lanes: Scaled states, shape (m / 16, n, 16).
         nodes: See the rows above, shape (4, m).
         costs: Length from the start, shape (m,).
         arcs: See the rows above, shape (2, 2 k).
@@ -80,12 +80,12 @@ class Graph(NamedTuple):
         findings: What is known of edges, shape (k,).
         keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
         heap: Arcs, shape (2 k + 2,).
-        rows: Scratch space, shape (4, n).
+        rows: Scratch space, shape (3, n).
         counters: See the places above.
     """
 
     states: Floats2
-    lanes: Floats3
+    lanes: Singles3
     nodes: Ints2
     costs: Floats1
     arcs: Ints2
@@ -332,7 +332,7 @@ def _new_graph(n: int) -> Graph:
     """Return an empty roadmap."""
     graph = Graph(
         states=np.empty((0, n)),
-        lanes=np.empty((0, n, LANES)),
+        lanes=np.empty((0, n, ABREAST), np.float32),
         nodes=np.empty((_NODE_ROWS, 0), dtype=np.int64),
         costs=np.empty(0),
         arcs=np.empty((2, 0), dtype=np.int64),
@@ -340,7 +340,7 @@ def _new_graph(n: int) -> Graph:
         findings=np.empty(0, dtype=np.int64),
         keys=np.empty(0),
         heap=np.empty(0, dtype=np.int64),
-        rows=np.empty((4, n)),
+        rows=np.empty((3, n)),
         counters=np.zeros(_COUNTERS, dtype=np.int64),
     )
     return _with_capacity(graph, _FIRST_NODES, _FIRST_NODES * _EDGES_PER_NODE)
@@ -351,7 +351,7 @@ def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
     nodes = whole_blocks(nodes)
     return graph._replace(
         states=grown(graph.states, nodes),
-        lanes=grown(graph.lanes, nodes // LANES),
+        lanes=grown(graph.lanes, nodes // ABREAST),
         nodes=grown(graph.nodes, nodes, axis=1),
         costs=grown(graph.costs, nodes),
         arcs=grown(graph.arcs, 2 * edges, axis=1),
@@ -387,14 +387,14 @@ def _are_joined(graph: Graph, first: int, second: int) -> bool:
 def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
     """Add a node joined to its nearest neighbors, or find the one that is there already; return it."""
     n, size = state.size, graph.counters[NODES]
-    near, squares, capacity = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), np.empty(8)
-    count = 0
+    near, squares, count = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), 0
     if size > 0:
+        scaled, spare = np.empty(n, np.float32), np.empty(ABREAST, np.float32)
         for i in range(n):
-            graph.rows[2, i] = state[i] * weights[i]
+            scaled[i] = state[i] * weights[i]
         wanted = neighbor_count(n, size, _MOST_NEIGHBORS)
-        count = k_nearest(graph.lanes, size, graph.rows[2], wanted, near, squares, capacity)
-        if squares[0] <= tolerance:
+        count = k_nearest(graph.lanes, size, scaled, wanted, near, squares, spare)
+        if distance(graph.states[near[0]], state, weights) <= tolerance:
             return near[0]
     graph.counters[NODES] += 1
     for i in range(n):
@@ -403,7 +403,7 @@ def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float)
     graph.nodes[HEAD, size] = graph.nodes[FROM, size] = -1
     graph.nodes[CLOSED, size] = graph.nodes[IS_GOAL, size] = -1
     for k in range(count):
-        _join(graph, near[k], size, math.sqrt(squares[k]))
+        _join(graph, near[k], size, distance(graph.states[near[k]], state, weights))
     return size
 
 
@@ -455,8 +455,8 @@ def _close(
 
 @compiled
 def _tolerance(space: SearchSpace) -> float:
-    """Return the square of a distance below which states are one."""
-    return _SAME * distance(space.lower, space.lower + space.extent, space.weights) ** 2
+    """Return a distance below which states are one."""
+    return _SAME * distance(space.lower, space.lower + space.extent, space.weights)
 
 
 @compiled("int64(SearchSpace, Graph, float64, uint64, int64)")
@@ -473,7 +473,7 @@ def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wa
     Returns:
         DONE, TIME_UP, or FULL if there may be no space for one more.
     """
-    counters, sample, place = graph.counters, graph.rows[3], np.empty(2, np.int64)
+    counters, sample, place = graph.counters, graph.rows[2], np.empty(2, np.int64)
     end, tolerance = seconds_now(space.clock, place) + seconds, _tolerance(space)
     while counters[NODES] < wanted:
         if counters[STOP] != 0 or seconds_now(space.clock, place) >= end:

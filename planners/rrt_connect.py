@@ -19,12 +19,13 @@ from .result import Result, Status
 from .sampling import luby, stream_key
 from .search_space import ITERATIONS, STOP, last_valid_step, space_of
 from .tree import (
+    ABREAST,
     BY_EDGE,
+    FAR,
     FOUND,
     FULL,
     GOAL_SIZE,
     GOING_ON,
-    LANES,
     START_SIZE,
     TIME_UP,
     Trees,
@@ -359,8 +360,8 @@ class Search:
             trees.counters[START_SIZE + side] = roots.size
             trees.states[side, places], trees.parents[side, places] = kept, trees.parents[side, roots]
             trees.values[RADIUS, side, places], trees.values[COST, side, places] = math.inf, 0.0
-            trees.lanes[side, : roots.size // LANES + 1] = math.inf
-            trees.lanes[side, places // LANES, :, places % LANES] = kept * self._space.weights
+            trees.lanes[side, : roots.size // ABREAST + 1] = FAR
+            trees.lanes[side, places // ABREAST, :, places % ABREAST] = kept * self._space.weights
 
     def _draw_from(self, region: FloatArray) -> None:
         """Draw samples from a part of the box, given by its lower and upper bounds, shape (2, n)."""

@@ -1,4 +1,7 @@
-"""The two trees of a search, and nearest neighbors by a linear scan, eight nodes at a time."""
+"""The two trees of a search, and nearest neighbors by a linear scan, sixteen nodes at a time.
+
+The scan is in single precision: of nodes that are nearly equally near, any may be found.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,35 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.kernels.compiled_function import compiled
-from pepper_kin.kernels.intrinsics import eight_square_distances
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, Ints1, Ints2
+from pepper_kin.kernels.lanes import (
+    LANES,
+    lane_minimum,
+    lanes_below,
+    least_lane,
+    load_lanes,
+    lowest_bit,
+    single_at,
+    spread,
+    store_lanes,
+)
+from pepper_kin.kernels.signatures import (
+    Floats1,
+    Floats2,
+    Floats3,
+    Ints1,
+    Ints2,
+    Singles1,
+    Singles3,
+    Singles4,
+)
 
 from .search_space import ITERATIONS, SearchSpace
 from .vectors import FloatArray
 
-LANES = 8
+ABREAST = 2 * LANES
 """Nodes whose scaled states lie side by side."""
+FAR, FURTHEST = 1e18, 1e36
+"""Coordinates of what is no node, and a square above which there is none."""
 
 _FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
 
@@ -28,7 +52,7 @@ START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, BY_EDGE, OWN_COUNTERS = range(ITER
 _COUNTERS = OWN_COUNTERS + 10
 
 # Rows of `rows`; a search has its own ones from OWN_ROWS on.
-SAMPLE, TARGET, SCALED, OWN_ROWS = range(4)
+SAMPLE, TARGET, OWN_ROWS = range(3)
 _ROWS = OWN_ROWS + 3
 
 
@@ -37,23 +61,25 @@ class Trees(NamedTuple):
 
     Attributes:
         states: Shape (2, m, n).
-        lanes: Scaled states, shape (2, m / 8, n, 8).
+        lanes: Scaled states, shape (2, m / 16, n, 16).
         parents: Parents; of a root -1 less the number of its goal, shape (2, m).
         values: Two numbers of each node, which ones depends on the search, shape (2, 2, m).
         numbers: Three numbers of the search.
-        rows: Workspace, shape (6, n); see the rows above.
-        squares: Workspace of the search of neighbors, shape (8,).
+        rows: Workspace, shape (5, n); see the rows above.
+        scaled: A scaled state whose neighbors are searched, shape (n,).
+        squares: Workspace of that search, shape (16,).
         counters: See the places above.  The path leads over START_NODE and GOAL_NODE, which are the same
             state unless they are joined BY_EDGE.
     """
 
     states: Floats3
-    lanes: Floats4
+    lanes: Singles4
     parents: Ints2
     values: Floats3
     numbers: Floats1
     rows: Floats2
-    squares: Floats1
+    scaled: Singles1
+    squares: Singles1
     counters: Ints1
 
 
@@ -79,12 +105,13 @@ def take_trees(n: int) -> Trees:
         return kept
     return Trees(
         states=np.empty((2, _FIRST_CAPACITY, n)),
-        lanes=np.empty((2, _FIRST_CAPACITY // LANES, n, LANES)),
+        lanes=np.empty((2, _FIRST_CAPACITY // ABREAST, n, ABREAST), np.float32),
         parents=np.empty((2, _FIRST_CAPACITY), dtype=np.int64),
         values=np.empty((2, 2, _FIRST_CAPACITY)),
         numbers=np.full(3, math.inf),
         rows=np.empty((_ROWS, n)),
-        squares=np.empty(LANES),
+        scaled=np.empty(n, np.float32),
+        squares=np.empty(ABREAST, np.float32),
         counters=np.zeros(_COUNTERS, dtype=np.int64),
     )
 
@@ -104,7 +131,7 @@ def with_room(trees: Trees, spare: int) -> Trees:
     capacity = whole_blocks(max(wanted, 2 * capacity))
     return trees._replace(
         states=grown(trees.states, capacity, axis=1),
-        lanes=grown(trees.lanes, capacity // LANES, axis=1),
+        lanes=grown(trees.lanes, capacity // ABREAST, axis=1),
         parents=grown(trees.parents, capacity, axis=1),
         values=grown(trees.values, capacity, axis=2),
     )
@@ -138,16 +165,16 @@ def add_node(space: SearchSpace, trees: Trees, side: int, parent: int, state: Fl
 
 @compiled(lean=True)
 def scale(space: SearchSpace, trees: Trees, state: FloatArray) -> None:
-    """Write a scaled state into rows[SCALED]."""
+    """Write a scaled state into `scaled`."""
     for i in range(state.size):
-        trees.rows[SCALED, i] = state[i] * space.weights[i]
+        trees.scaled[i] = state[i] * space.weights[i]
 
 
 @compiled(lean=True)
 def nearest_node(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> int:
     """Return the node of a tree nearest to a state; the first of equally near ones."""
     scale(space, trees, state)
-    return nearest(trees.lanes[side], trees.counters[START_SIZE + side], trees.rows[SCALED], trees.squares)
+    return nearest(trees.lanes[side], trees.counters[START_SIZE + side], trees.scaled, trees.squares)
 
 
 @compiled("int64(Trees)", lean=True)
@@ -195,101 +222,131 @@ def traced(trees: Trees) -> tuple[FloatArray, int]:
     return points, trace(trees, points)
 
 
-@compiled("void(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
-def set_lane(lanes: Floats3, node: int, state: Floats1, weights: Floats1) -> None:
-    """Write the scaled state of a new node; the rest of its lanes, if it is the first, is infinitely far."""
-    if node % LANES == 0:
+@compiled("void(float32[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
+def set_lane(lanes: Singles3, node: int, state: Floats1, weights: Floats1) -> None:
+    """Write the scaled state of a new node; the rest of its lanes, if it is the first, is very far."""
+    if node % ABREAST == 0:
         for i in range(state.size):
-            for lane in range(1, LANES):
-                lanes[node // LANES, i, lane] = math.inf
+            for lane in range(1, ABREAST):
+                lanes[node // ABREAST, i, lane] = FAR
     for i in range(state.size):
-        lanes[node // LANES, i, node % LANES] = state[i] * weights[i]
+        lanes[node // ABREAST, i, node % ABREAST] = state[i] * weights[i]
 
 
-@compiled("int64(float64[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
-def nearest(lanes: Floats3, size: int, query: Floats1, spare: Floats1) -> int:
+@compiled(inline=True, lean=True)
+def _nearer(block: int, query: int, n: int, limit: float, squares: int) -> int:
+    """Return the bits of the nodes of a block whose squared distance is below a limit.
+
+    Args:
+        block: Address of the scaled states of sixteen nodes, shape (n, 16).
+        query: Address of a scaled state, shape (n,).
+        n: Number of coordinates.
+        limit: The limit.
+        squares: Address that receives the squared distances, shape (16,), if any is below it.
+    """
+    first, second = spread(0.0), spread(0.0)
+    for i in range(n):
+        x = single_at(query, i)
+        u, v = load_lanes(block, 2 * i) - x, load_lanes(block, 2 * i + 1) - x
+        first, second = first + u * u, second + v * v
+    bound = spread(limit)
+    met = lanes_below(first, bound) | lanes_below(second, bound) << LANES
+    if met != 0:
+        store_lanes(squares, first)
+        store_lanes(squares, second, 1)
+    return met
+
+
+@compiled("int64(float32[:, :, ::1], int64, float32[::1], float32[::1])", lean=True)
+def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int:
     """Return the node nearest to a scaled state; the first of equally near ones.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
+        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        spare: Eight numbers.
+        spare: Sixteen numbers; the first receives the squared distance.
     """
-    best, found, n = math.inf, 0, query.size
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
-    for block in range((size + LANES - 1) // LANES):
-        if eight_square_distances(base + block * stride, asked, n, place) < best:
-            for lane in range(LANES):
-                if spare[lane] < best:
-                    best, found = spare[lane], block * LANES + lane
+    best, found, n = np.float32(FURTHEST), 0, query.size
+    base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
+    for block in range((size + ABREAST - 1) // ABREAST):
+        if _nearer(base + block * stride, asked, n, best, place) != 0:
+            first, second = load_lanes(place), load_lanes(place, 1)
+            best = least_lane(lane_minimum(first, second))
+            least = spread(best)
+            further = lanes_below(least, first) | lanes_below(least, second) << LANES
+            found = block * ABREAST + lowest_bit(~further)
+    spare[0] = best
     return found
 
 
-@compiled("int64(float64[:, :, ::1], float64[::1], int64, float64[::1], float64, float64[::1])", lean=True)
+@compiled("int64(float32[:, :, ::1], float64[::1], int64, float32[::1], float64, float32[::1])", lean=True)
 def nearest_within(
-    lanes: Floats3, costs: Floats1, size: int, query: Floats1, bound: float, spare: Floats1
+    lanes: Singles3, costs: Floats1, size: int, query: Singles1, bound: float, spare: Singles1
 ) -> int:
     """Return the node nearest to a scaled state of those through which it is reached at a bounded cost.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 8); those of the last block that are no nodes are infinite.
+        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
         costs: Cost of each node, shape (m,).
         size: Number of nodes.
         query: Scaled state, shape (n,).
         bound: Greatest sum of a node's cost and its distance.
-        spare: Eight numbers.
+        spare: Sixteen numbers; the first receives the squared distance.
 
     Returns:
         The node, the first of equally near ones; -1 if there is none.
     """
-    best, found, n = math.inf, -1, query.size
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
-    for block in range((size + LANES - 1) // LANES):
-        if eight_square_distances(base + block * stride, asked, n, place) < best:
-            for lane in range(LANES):
-                if spare[lane] < best and costs[block * LANES + lane] + math.sqrt(spare[lane]) <= bound:
-                    best, found = spare[lane], block * LANES + lane
+    best, found, n = np.float32(FURTHEST), -1, query.size
+    base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
+    for block in range((size + ABREAST - 1) // ABREAST):
+        met = _nearer(base + block * stride, asked, n, best, place)
+        while met != 0:
+            lane = lowest_bit(met)
+            if spare[lane] < best and costs[block * ABREAST + lane] + math.sqrt(spare[lane]) <= bound:
+                best, found = spare[lane], block * ABREAST + lane
+            met &= met - 1
+    spare[0] = best
     return found
 
 
 @compiled(
-    "int64(float64[:, :, ::1], int64, float64[::1], int64, int64[::1], float64[::1], float64[::1])", lean=True
+    "int64(float32[:, :, ::1], int64, float32[::1], int64, int64[::1], float64[::1], float32[::1])", lean=True
 )
 def k_nearest(
-    lanes: Floats3, size: int, query: Floats1, wanted: int, found: Ints1, squares: Floats1, spare: Floats1
+    lanes: Singles3, size: int, query: Singles1, wanted: int, found: Ints1, squares: Floats1, spare: Singles1
 ) -> int:
     """Write the nodes nearest to a scaled state and the squares of their distances, nearest first.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 8).
+        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
         size: Number of nodes.
         query: Scaled state, shape (n,).
         wanted: How many are wanted, 1 or more.
         found: Space for them.
-        squares: Space for the squares of their distances.
-        spare: Eight numbers.
+        squares: Space for the squares of their distances, in single precision.
+        spare: Sixteen numbers.
 
     Returns:
         How many were found: `wanted`, or all.
     """
-    n, count, limit = query.size, 0, math.inf
-    base, stride, asked, place = lanes.ctypes.data, 8 * LANES * n, query.ctypes.data, spare.ctypes.data
-    for block in range((size + LANES - 1) // LANES):
-        if eight_square_distances(base + block * stride, asked, n, place) >= limit:
-            continue
-        for lane in range(LANES):
-            square = spare[lane]
-            if square >= limit or block * LANES + lane >= size:
+    n, count, limit = query.size, 0, np.float32(FURTHEST)
+    base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
+    for block in range((size + ABREAST - 1) // ABREAST):
+        met = _nearer(base + block * stride, asked, n, limit, place)
+        while met != 0:
+            lane = lowest_bit(met)
+            square, met = spare[lane], met & (met - 1)
+            if square >= limit:
                 continue
             k = count if count < wanted else wanted - 1
             while k > 0 and squares[k - 1] > square:
                 squares[k], found[k] = squares[k - 1], found[k - 1]
                 k -= 1
-            squares[k], found[k] = square, block * LANES + lane
+            squares[k], found[k] = square, block * ABREAST + lane
             count = min(count + 1, wanted)
             if count == wanted:
-                limit = squares[wanted - 1]
+                limit = np.float32(squares[wanted - 1])
     return count
 
 
@@ -321,5 +378,5 @@ def grown(array: np.ndarray, size: int, axis: int = 0) -> np.ndarray:
 
 
 def whole_blocks(capacity: int) -> int:
-    """Return a number of nodes rounded up to a multiple of eight."""
-    return -(-capacity // LANES) * LANES
+    """Return a number of nodes rounded up to whole blocks of `ABREAST`."""
+    return -(-capacity // ABREAST) * ABREAST

@@ -33,7 +33,6 @@ from .tree import (
     OWN_COUNTERS,
     OWN_ROWS,
     SAMPLE,
-    SCALED,
     START_NODE,
     START_SIZE,
     TARGET,
@@ -111,7 +110,7 @@ def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bou
         return nearest_node(space, trees, side, state)
     scale(space, trees, state)
     costs, size = trees.values[COST, side], trees.counters[START_SIZE + side]
-    return nearest_within(trees.lanes[side], costs, size, trees.rows[SCALED], bound, trees.squares)
+    return nearest_within(trees.lanes[side], costs, size, trees.scaled, bound, trees.squares)
 
 
 @compiled(lean=True)
@@ -164,9 +163,9 @@ def _extend(
     if near < 0:
         return -1
     origin, radii, reach = trees.states[side, near], trees.values[RADIUS, side], space.reach
-    apart = distance(origin, sample, space.weights)
-    if radii[near] < apart:
+    if radii[near] < math.sqrt(trees.squares[0]):
         return -1
+    apart = distance(origin, sample, space.weights)
     share = 1.0 if apart < reach else reach / apart
     for i in range(n):
         state[i] = origin[i] + (sample[i] - origin[i]) * share

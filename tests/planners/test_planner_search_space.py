@@ -19,7 +19,7 @@ from pepper_kin.planners import (
 from pepper_kin.planners.motion_validator import Callback
 from pepper_kin.planners.sampling import stream_key, uniform
 from pepper_kin.planners.search_space import STOP, SearchSpace, edge_valid, last_valid_step
-from pepper_kin.planners.tree import LANES, k_nearest, nearest, set_lane
+from pepper_kin.planners.tree import ABREAST, k_nearest, nearest, set_lane
 
 
 def space_of(code: CompiledMotionValidator) -> SearchSpace:
@@ -170,22 +170,23 @@ def test_random_numbers_are_even_and_streams_differ() -> None:
 def test_nearest_nodes_against_brute_force(n: int) -> None:
     rng = np.random.default_rng(n)
     states, weights = rng.random((333, n)), rng.uniform(0.2, 3.0, n)
-    lanes, space = np.full((42, n, LANES), np.nan), np.empty(8)
+    lanes, space = np.full((21, n, ABREAST), np.nan, np.float32), np.empty(ABREAST, np.float32)
     found, squares = np.empty(50, dtype=np.int64), np.empty(50)
     filled = 0
-    for size in (1, 2, 8, 9, 333):
+    for size in (1, 2, 16, 17, 333):
         while filled < size:
             set_lane(lanes, filled, states[filled], weights)
             filled += 1
         for query in rng.random((20, n)):
             apart = Metric(weights).distance(states[:size], query)
             order = np.argsort(apart)
-            assert nearest(lanes, size, query * weights, space) == order[0]
+            scaled = (query * weights).astype(np.float32)
+            assert nearest(lanes, size, scaled, space) == order[0]
             wanted = min(size, 17)
-            count = k_nearest(lanes, size, query * weights, wanted, found, squares, space)
+            count = k_nearest(lanes, size, scaled, wanted, found, squares, space)
             assert count == wanted
             assert np.array_equal(found[:wanted], order[:wanted])
-            assert np.sqrt(squares[:wanted]) == pytest.approx(apart[order[:wanted]])
+            assert np.sqrt(squares[:wanted]) == pytest.approx(apart[order[:wanted]], rel=1e-5, abs=1e-6)
 
 
 def test_clock_is_the_one_of_deadlines() -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
+from pepper_kin.collision.fast.placing import NUMBERS, SHARE, placing_kernel
 from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.core.collision import layout as at
@@ -276,11 +277,23 @@ def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64])
         still = _comparing(block, prepared, carried, moving=False)
         at.shorten(still, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
         moves = carried.any(axis=1).astype(np.int64)
-        found = Limited(still, _comparing(block, prepared, carried, moving=True), moves)
+        compared, kernel = _comparing(block, prepared, carried, moving=True), None
+        if moves[:-1].mean() >= SHARE:
+            kernel = placing_kernel(pepper)
+            compared = _placed_by(kernel, compared, pepper.n, moves.size - 1)
+        found = Limited(still, compared, moves, kernel)
         if len(prepared.limited) >= MOST_LIMITED:
             prepared.limited.clear()
         prepared.limited[key] = found
     return found
+
+
+def _placed_by(kernel: Kernel, block: Array, n: int, bodies: int) -> Array:
+    """Return a copy of a block, shape (s,), of n joints, in which a kernel places the bodies."""
+    longer = at.extended(block, {at.PLACING: np.zeros(-(-kernel.work_size // 2))})
+    address = kernel.address_of("block", inputs=n, outputs=NUMBERS * bodies, work=kernel.work_size)
+    at.section(longer, at.NUMBERS)[at.PLACING_KERNEL] = address
+    return longer
 
 
 def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, moving: bool) -> Array:

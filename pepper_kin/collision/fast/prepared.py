@@ -48,6 +48,7 @@ from pepper_kin.core.collision.records import (
     PLACED_PART,
     POSE,
 )
+from pepper_kin.kernels import Kernel
 from pepper_kin.kernels.lanes import LANES
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.moving_tree import moving_tree
@@ -67,6 +68,7 @@ class Limited:
         still: Compares only what does not move, without tables of joint ranges.
         moving: Compares only what moves.
         moves: For each body 1 if it moves, the world last.
+        placing: What places all bodies at once in `moving`; None where few move.
         held: `moving` with sections for what is held, for each kind of `StaticLoads`.
         local: The blocks of each thread, which all motions share, and whose motion they are ready for.
     """
@@ -74,6 +76,7 @@ class Limited:
     still: Array
     moving: Array
     moves: NDArray[np.int64]
+    placing: Kernel | None
     held: dict[tuple[int, int, int], Array] = field(default_factory=dict)
     local: threading.local = field(default_factory=threading.local)
 

@@ -38,6 +38,7 @@ from pepper_kin.core.collision.records import (
     dot,
 )
 from pepper_kin.kernels.compiled_function import compiled
+from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.lanes import (
     LANES,
     ONE_LANE,
@@ -64,6 +65,8 @@ ALL = 255
 """Bits of all lanes."""
 POINT, SEGMENT, BLOCK = 0, 1, 2
 """Kinds of cores."""
+FEW = 4 * LANES
+"""Objects of a tree that are not worth tests of its nodes."""
 ROUNDED_UP, ROUNDED_DOWN = 1.0 + 2.0**-22, 1.0 - 2.0**-22
 """What margins are multiplied by before they are rounded to single precision, added and squared there."""
 
@@ -103,6 +106,8 @@ class Tables(NamedTuple):
     class_doubts: int
     doubtful: int
     order: int
+    placing: int
+    placing_work: int
     margin: float
     self_margin: float
 
@@ -144,6 +149,8 @@ def tables_of(memory: Array) -> Tables:
         here(memory, at.CLASS_DOUBTS),
         here(memory, at.DOUBTFUL),
         here(memory, at.ORDER),
+        int(numbers[at.PLACING_KERNEL]),
+        here(memory, at.PLACING),
         numbers[at.MARGIN],
         numbers[at.SELF_MARGIN],
     )
@@ -391,13 +398,17 @@ def _check_part(t: Tables, g: int, b: int, p: int, margin: float, decided: int, 
     contact, doubt = decided, 0
     for r in range(word_at(t.lists, g), word_at(t.lists, g + 1)):
         n, end = ROOT.first_node(t.roots, r), ROOT.node_end(t.roots, r)
-        alone = n + 1 == end  # the box of a tree of one node is not worth a test
+        k, last = ROOT.first_object(t.roots, r), ROOT.object_end(t.roots, r)
+        few = last - k <= FEW
+        if few:
+            n = end - 1
         while n < end:
-            node = NODE.at(t.nodes, n)
-            if not alone and (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
-                n = int(NODE.after(node))
-                continue
-            k, last = int(NODE.first_object(node)), int(NODE.object_end(node))
+            if not few:
+                node = NODE.at(t.nodes, n)
+                if (lanes_below(box_distance(node, x, y, z), reach * reach) & ~contact) == 0:
+                    n = int(NODE.after(node))
+                    continue
+                k, last = int(NODE.first_object(node)), int(NODE.object_end(node))
             while k < last:
                 start = k & -LANES
                 met = _near_boxes(BOXES.at(t.boxes, start // LANES), low, high) & (ALL << (k - start))
@@ -558,13 +569,27 @@ def place_all(t: Tables) -> None:
 
 
 @compiled(inline=True, lean=True)
-def _place_ball(t: Tables, b: int) -> None:
-    """Place a body that moves, and its coarse ball."""
-    body = BODY.at(t.bodies, b)
-    if BODY.moves(body) != 0:
-        place_body(t, b)
+def _place(t: Tables, b: int) -> None:
+    """Place a body that moves, unless the kernel has placed all; its balls and cores are to be placed."""
+    if BODY.moves(t.bodies, b) != 0:
+        if t.placing == 0:
+            place_body(t, b)
         PLACED_BODY.set_count(t.placed_at, PLACED_BODY.count(t.placed_at, b) + 1, b)
-        _center_ball(t, LANE_POSE.at(t.poses, b + 1), BODY.coarse(body))
+
+
+@compiled(inline=True, lean=True)
+def _check_links(t: Tables, decided: int, first_contact: bool) -> int:
+    """Compare the pairs of bodies; return the lanes in contact."""
+    contact = decided
+    for b in range(t.body_count):
+        body = BODY.at(t.bodies, b)
+        if BODY.moves(body) != 0:
+            _center_ball(t, LANE_POSE.at(t.poses, b + 1), BODY.coarse(body))
+    for k in range(t.link_count):
+        contact = _check_link(t, k, contact, first_contact)
+        if contact == ALL or (first_contact and contact != 0):
+            break
+    return contact
 
 
 @compiled(inline=True, lean=True)
@@ -594,10 +619,12 @@ def check_block(t: Tables, first_contact: bool) -> int:
             store_word(t.group_doubts, 0, g)
         for c in range(t.class_count):
             store_word(t.class_doubts, 0, c)
+    if t.placing != 0:
+        call_kernel(t.placing, t.coordinates, LANE_POSE.at(t.poses, 1), t.placing_work)
     for i in range(t.group_count):
         g = word_at(t.order, i) if first_contact else i
         while placed <= GROUP.body(t.groups, g):
-            _place_ball(t, placed)
+            _place(t, placed)
             placed += 1
         contact = _check_group(t, g, contact, first_contact)
         if first_contact and contact != 0:
@@ -606,10 +633,6 @@ def check_block(t: Tables, first_contact: bool) -> int:
         if contact == ALL:
             return contact
     while placed < t.body_count:
-        _place_ball(t, placed)
+        _place(t, placed)
         placed += 1
-    for k in range(t.link_count):
-        contact = _check_link(t, k, contact, first_contact)
-        if contact == ALL or (first_contact and contact != 0):
-            return contact
-    return contact
+    return _check_links(t, contact, first_contact)

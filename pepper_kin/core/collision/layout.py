@@ -86,7 +86,8 @@ ALIGNMENT = 8
     PAIR_WORKSPACE,
     LOADS,
     EDGES,
-) = range(64)
+    PLACING,
+) = range(65)
 """Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` describe them.
 
 PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
@@ -94,7 +95,7 @@ parts were; PARTS_AT has for each part the counts at which its balls, and its co
 
 LEVERS has a row for each class of pairs, then for each group, of how far joints move these; ALLOWANCES what
 each of them keeps besides the margins [m]."""
-SECTIONS = 64
+SECTIONS = 65
 SIZE = 2 * SECTIONS
 """Place of the size of the block, after the beginnings and ends of its sections."""
 
@@ -119,11 +120,13 @@ BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
     SCENE,
     SCENE_SIZE,
     GRAVITY_LANES,
-) = range(13)
+    PLACING_KERNEL,
+) = range(14)
 """Places in the section NUMBERS.  RANGE_MARGIN is to joint ranges what SELF_MARGIN is to pairs [rad];
 SCENE and SCENE_SIZE are the address and the size of the scene's block; GRAVITY_KERNEL takes GRAVITY_LANES
-states side by side."""
-NUMBERS_SIZE = 13
+states side by side;
+PLACING_KERNEL is the address of `placing_kernel`, 0 where bodies are placed one by one, and PLACING its work."""
+NUMBERS_SIZE = 14
 
 
 @compiled

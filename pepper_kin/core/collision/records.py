@@ -41,8 +41,8 @@ NODE = RecordView(
 )
 """A node of a tree of boxes, its branches behind it: least and greatest corner, the node behind all its
 branches, its objects."""
-ROOT = RecordView("ROOT", first_node=word, node_end=word)
-"""A tree of boxes: its nodes."""
+ROOT = RecordView("ROOT", first_node=word, node_end=word, first_object=word, object_end=word)
+"""A tree of boxes: its nodes, its objects."""
 BOXES = RecordView("BOXES", low=3 * lanes, high=3 * lanes)
 """The boxes around eight objects: least and greatest corners."""
 _BALLS = dict.fromkeys(("covered", "covered_coarse", "exact", "exact_coarse"), word)

@@ -244,6 +244,8 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
             if sets.met[sets.trees[r, 0], g] != 0:
                 ROOT.set_first_node(roots, begins[r], listed)
                 ROOT.set_node_end(roots, begins[r + 1], listed)
+                ROOT.set_first_object(roots, sets.trees[r, 1], listed)
+                ROOT.set_object_end(roots, sets.trees[r, 2], listed)
                 listed += 1
         lists[g + 1] = listed
     _write_boxes(sets, section_single(block, at.BOXES))
