@@ -34,7 +34,7 @@ from pepper_kin.plugins import plugins
 from pepper_kin.trajectory import retime
 from pepper_kin.twin import Twin
 
-LARGEST = 4_000_000
+LARGEST = 4_500_000
 """Size that no file must exceed [bytes]; the wheel is compressed."""
 
 PATIENCE = 900.0
