@@ -29,7 +29,6 @@ USUAL = [
     "inverse_dynamics_derivatives",
     "inverse_dynamics_batch",
     "forward_dynamics_batch",
-    "derivatives_batch",
     "ik_hand",
     "ik_hand_clear",
     "ik_batch",

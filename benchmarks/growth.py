@@ -1,6 +1,6 @@
 """How times grow: with obstacles, with joints, with the rows of a batch.  Prints Markdown, draws curves.
 
-    python benchmarks/growth.py [--picture docs/pictures/growth.svg] [--most 1000000]
+    python benchmarks/growth.py [--picture docs/pictures/growth.png] [--most 1000000]
 
 Each time is the least processor time of several runs, one thread.  The exponent is the slope of a straight
 line through the upper half of a curve in logarithms: 0 is a time that does not grow, 1 one that doubles with
@@ -187,7 +187,7 @@ def draw(path: Path, pictures: dict[str, Curves]) -> None:
         axis.set_ylabel("processor time [us]")
         axis.grid(alpha=0.3)
         axis.legend(fontsize="x-small")
-    figure.savefig(path)
+    figure.savefig(path, dpi=90)
 
 
 def main() -> None:

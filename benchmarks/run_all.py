@@ -34,7 +34,7 @@ from operations import OPERATIONS, Operation
 
 HISTORY = HERE / "benchmarks" / "history.csv"
 SHARE, ERRORS = 0.04, 3.0
-COMMAND = re.compile(r"`(python )?(benchmarks/\w+\.py[^`]*)`")
+COMMAND = re.compile(r"`(?:\w+=\w+ )?(python )?(benchmarks/\w+\.py[^`]*)`")
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def _few_states(
     Returns:
         The results, shape (count, *shape); None where `over_states` has to convert, refuse or take a kernel.
     """
-    size = states[0].shape if isinstance(states[0], np.ndarray) else ()
+    size: tuple[int, ...] = states[0].shape if isinstance(states[0], np.ndarray) else ()
     if len(size) != 2 or not 0 < size[0] < KERNEL_FROM:
         return None
     tables = _tables_for(function, pepper, solver)

@@ -124,8 +124,8 @@ BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 ) = range(14)
 """Places in the section NUMBERS.  RANGE_MARGIN is to joint ranges what SELF_MARGIN is to pairs [rad];
 SCENE and SCENE_SIZE are the address and the size of the scene's block; GRAVITY_KERNEL takes GRAVITY_LANES
-states side by side;
-PLACING_KERNEL is the address of `placing_kernel`, 0 where bodies are placed one by one, and PLACING its work."""
+states side by side.  PLACING_KERNEL is the address of `placing_kernel`, whose work is the section PLACING, or
+0 where bodies are placed one by one."""
 NUMBERS_SIZE = 14
 
 
