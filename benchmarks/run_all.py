@@ -7,7 +7,8 @@ than 4 %, twice in a row, the second time over three times as many turns; then t
 
 With `--keep` the ratios are appended to `history.csv`, which tells what has become faster or slower since the
 first of its commits.  With `--scripts` the commands that the pages in `docs/` name are run as they stand
-there, with either package, and print their tables; words in capitals are filled in by `--fill`.
+there, at either commit by its own scripts, and print their tables; words in capitals are filled in by
+`--fill`.
 
     python benchmarks/run_all.py --beside 6fe442b5 --keep
     python benchmarks/run_all.py --scripts timing --fill PROBLEMS=problems --fill RESOURCES=vamp/resources
@@ -17,11 +18,13 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import os
 import re
 import shlex
 import subprocess
 import sys
+import tarfile
 import tempfile
 import time
 from dataclasses import asdict, dataclass, fields
@@ -225,19 +228,30 @@ def filled(command: str, words: dict[str, str]) -> list[str] | None:
 
 def scripts(beside: str, only: str, words: dict[str, str], minutes: float, folder: Path) -> None:
     """Run the commands of the pages with the package of either commit, and print what they print."""
-    packages = {beside: copy_of(beside, folder / "before"), "now": copy_of(None, folder / "now")}
+    tree = folder / "tree"  # of the earlier commit: its own scripts, which know its own modules
+    tree.mkdir()
+    packed = subprocess.run(["git", "archive", beside], cwd=HERE, capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
+        archive.extractall(tree, filter="data")
+    sides = {
+        beside: (copy_of(beside, folder / "before"), tree),
+        "now": (copy_of(None, folder / "now"), HERE),
+    }
     for command, page in commands(only):
         line = filled(command, words)
         print(f"\n## {page}: `python {command}`\n")
         if line is None:
             print("Not run: a word in capitals has no `--fill`.")
             continue
-        for name, package in packages.items():
+        for name, (package, place) in sides.items():
+            if not (place / line[0]).exists():
+                print(f"{name}: there is no such script.\n")
+                continue
             variables = environment(package, folder / f"{package.name} cache")
             begin = time.monotonic()
             try:
                 done = subprocess.run(
-                    [sys.executable, *line], cwd=HERE, env=variables, capture_output=True, text=True,
+                    [sys.executable, *line], cwd=place, env=variables, capture_output=True, text=True,
                     timeout=60.0 * minutes,
                 )  # fmt: skip
                 how = "" if done.returncode == 0 else f", exit code {done.returncode}: {done.stderr[-300:]}"
