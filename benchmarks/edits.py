@@ -1,11 +1,10 @@
 """A developer's edits, timed: an edited comment, docstring or constant of the core, until there is an answer.
 
-Each edit is made in a copy of its own, with nothing compiled by earlier ones (an empty cache folder), and the
-program runs in a new process.  With `--before COMMIT` the same is done in a copy of that commit, interleaved.
-With `--growth` a constant of one function is edited in a clone, the shipped files are made anew, and the
-packed repository is weighed.  Prints Markdown.
+Each edit is made in a copy of its own, whose machine code was all made before the edit, and the program runs
+in a new process.  With `--before COMMIT` the same is done in a copy of that commit, interleaved.  Prints
+Markdown.
 
-    python benchmarks/edits.py --before 95bd4e3
+    python benchmarks/edits.py --before HEAD~1
 """
 
 from __future__ import annotations
@@ -80,66 +79,40 @@ def timed(package: Path, program: str, cache: Path) -> tuple[float, float]:
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def units_made(package: Path, cache: Path) -> int:
-    """Return how many files of machine code the run left in the cache folder."""
+def units_made(cache: Path) -> int:
+    """Return how many files of machine and portable code a cache folder has."""
     return len(list(cache.glob("*.code")))
 
 
-def growth() -> tuple[int, int]:
-    """Return the size of the packed repository before and after a function's change [bytes]."""
-    with tempfile.TemporaryDirectory() as folder:
-        clone = Path(folder) / "clone"
-
-        def git(*words: str) -> str:
-            name = ["-c", "user.name=Nobody", "-c", "user.email=nobody@example.org"]
-            return subprocess.run(
-                ["git", *name, *words], cwd=clone, check=True, capture_output=True, text=True
-            ).stdout
-
-        def packed() -> int:
-            git("gc", "--quiet", "--prune=now")
-            return sum(path.stat().st_size for path in (clone / ".git/objects/pack").iterdir())
-
-        subprocess.run(["git", "clone", "--quiet", "--no-hardlinks", str(HERE), str(clone)], check=True)
-        before = packed()
-        edited(clone, LOCAL, "RAISE = 4.0", "RAISE = 4.5")
-        layout = copy_of(None, Path(folder) / "copy")
-        edited(layout, LOCAL, "RAISE = 4.0", "RAISE = 4.5")
-        variables = os.environ | {"PYTHONPATH": str(layout), "PEPPER_KIN_CACHE": f"{folder}/cache"}
-        output = clone / "pepper_kin/kernels/data"
-        subprocess.run(
-            [sys.executable, "-m", "pepper_kin.jobs.shipping", "-o", str(output)],
-            cwd=layout, env=variables, check=True, stdout=subprocess.DEVNULL,
-        )  # fmt: skip
-        git("commit", "--quiet", "-am", "Edit one function")
-        return before, packed()
+def made(package: Path, cache: Path) -> Path:
+    """Make all machine code of a copy, and what the programs need besides; return the cache folder."""
+    for program in ("import pepper_kin as pk; pk.jobs.warm_up()", IK, HOME):
+        timed(package, program, cache)
+    return cache
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--before", help="a commit to compare with")
-    parser.add_argument("--growth", action="store_true", help="weigh the repository as well")
     options = parser.parse_args()
     print("| edited | in | program | which | wall [s] | processor [s] | made |")
     print("|---|---|---|---|---|---|---|", flush=True)
-    for words, file, old, new, what, program in EDITS:
-        for which, commit in (("before", options.before), ("now", None)):
-            if which == "before" and commit is None:
-                continue
-            with tempfile.TemporaryDirectory() as folder:
-                package, cache = copy_of(commit, Path(folder) / "copy"), Path(folder) / "cache"
-                edited(package, file, old, new)
-                wall, processor = timed(package, program, cache)
-                made = units_made(package, cache)
-            place = file or "-"
-            print(
-                f"| {words} | {place} | {what} | {which} | {wall:.1f} | {processor:.1f} | {made} |",
-                flush=True,
-            )
-    if options.growth:
-        before, after = growth()
-        print(f"\nOne edited function: the packed repository grows by {after - before} bytes.")
+    commits = {"before": options.before, "now": None} if options.before else {"now": None}
+    with tempfile.TemporaryDirectory() as place:
+        whole = {which: copy_of(commit, Path(place) / which) for which, commit in commits.items()}
+        caches = {which: made(package, Path(place) / f"{which} code") for which, package in whole.items()}
+        for words, file, old, new, what, program in EDITS:
+            for which in commits:
+                with tempfile.TemporaryDirectory() as folder:
+                    package = Path(shutil.copytree(whole[which], Path(folder) / "copy"))
+                    cache = Path(shutil.copytree(caches[which], Path(folder) / "code"))
+                    count = units_made(cache)
+                    edited(package, file, old, new)
+                    wall, processor = timed(package, program, cache)
+                    count = units_made(cache) - count
+                row = (words, file or "-", what, which, f"{wall:.1f}", f"{processor:.1f}", count)
+                print("| " + " | ".join(map(str, row)) + " |", flush=True)
 
 
 if __name__ == "__main__":

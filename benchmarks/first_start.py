@@ -2,10 +2,10 @@
 
 Everything is new: the clone, the environment, the folders for machine code.  The program is
 that of the documentation's home page.  Packages come from where pip finds them, its download cache included.
-Then new processes are timed to their first answers, each several times, and the program once more as on a
-processor that the package's machine code does not fit.  Prints Markdown.
+Then new processes are timed to their first answers, each several times.  With a wheel that brings machine
+code the program runs from it as well, with an empty folder each time.  Prints Markdown.
 
-python benchmarks/first_start.py [--repository ADDRESS] [--python PYTHON]
+python benchmarks/first_start.py [--repository ADDRESS] [--python PYTHON] [--wheel FILE]
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--repository", default=str(HERE), help="what to clone; this repository if left out")
     parser.add_argument("--python", default=sys.executable, help="the interpreter of the new environment")
+    parser.add_argument("--wheel", type=Path, help="a wheel that brings machine code")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
@@ -61,12 +62,22 @@ def main() -> None:
             runs = [timed([new, "-c", program], place, environment(place)) for _ in range(9)]
             wall, processor = (statistics.median(values) for values in zip(*runs, strict=True))
             print(f"| {words} | {wall:.2f} | {processor:.2f} |", flush=True)
-        variables = environment(place) | {
-            "PEPPER_KIN_CPU": "x86-64-v2",
-            "PEPPER_KIN_CACHE": str(place / "other"),
-        }
-        seconds, processor = timed([new, "home.py"], place / "work", variables)
-        print(f"| the home page's Python where nothing shipped fits | {seconds:.1f} | {processor:.1f} |")
+        if options.wheel:
+            wall, processor = from_wheel(options, place)
+            print(f"| the home page's Python from the wheel, nothing kept | {wall:.2f} | {processor:.2f} |")
+
+
+def from_wheel(options: argparse.Namespace, place: Path) -> tuple[float, float]:
+    """Install the wheel in an environment; return the median times of the program, in an empty home each."""
+    new = place / "installed" / "bin" / "python"
+    timed([options.python, "-m", "venv", str(place / "installed")], place, environment(place))
+    timed([str(new), "-m", "pip", "install", "--quiet", str(options.wheel)], place, environment(place))
+    runs = []
+    for k in range(5):
+        variables = environment(place) | {"PEPPER_KIN_CACHE": str(place / f"empty {k}")}
+        runs.append(timed([str(new), "home.py"], place / "work", variables))
+    wall, processor = (statistics.median(values) for values in zip(*runs, strict=True))
+    return wall, processor
 
 
 def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str], Path]]:
@@ -81,9 +92,10 @@ def steps(repository: str, python: str, place: Path) -> list[tuple[str, list[str
         ("`git clone`", ["git", "clone", "--quiet", repository, str(clone)], place),
         ("`python3 -m venv env`", [python, "-m", "venv", "env"], clone),
         ("`pip install -e .`", [new, "-m", "pip", "install", "--quiet", "-e", "."], clone),
-        ("`pepper-kin demo`", [program, "demo"], clone),
+        ("`pepper-kin demo`, interpreted", [program, "demo"], clone),
+        ("the home page's Python, which makes its machine code", [new, str(script)], script.parent),
+        ("`pepper-kin warm-up`, which makes the rest", [program, "warm-up"], clone),
         ("`pepper-kin demo` again", [program, "demo"], clone),
-        ("the home page's Python", [new, str(script)], script.parent),
         ("the home page's Python again", [new, str(script)], script.parent),
     ]
 

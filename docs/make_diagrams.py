@@ -85,7 +85,7 @@ FROM_CORE = (2, 3, 4, 5, 6, 7)
 INTERFACES = 10
 """First row of the interfaces."""
 NO_ROBOT = (
-    (0, "kernels/", "machine code: compiled,", "cached, shipped"),
+    (0, "kernels/", "machine code: compiled,", "cached"),
     (2, "core/", "each algorithm once, on arrays:", "IK, collision, timing, simulation"),
     (6, "planners/", "searches, roadmaps, short-cuts", "on vectors and a validity checker"),
     (10, "ros_messages/", "ROS 2's messages, without ROS;", "only the interfaces use it"),

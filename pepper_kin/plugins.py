@@ -6,7 +6,7 @@ pepper_kin.commands         commands of `pepper-kin`: Typer applications
 pepper_kin.formats          suffixes without their dots: modules with `write_trajectory(path, points)`,
                             `read_trajectory(path, pepper)`, `read_states(path)` and
                             `write_recording(path, run)`
-pepper_kin.everyday_calls   any names: functions whose calls need kernels that come with the package
+pepper_kin.everyday_calls   any names: functions whose calls need kernels that a wheel brings
 
 An editable installation learns of new entry points when it is installed again.
 """

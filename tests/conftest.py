@@ -3,17 +3,19 @@
 import contextlib
 import ctypes
 import gc
+import importlib
 import io
 import json
 import os
 import platform
 import resource
 import runpy
+import shutil
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -26,6 +28,10 @@ with contextlib.suppress(ImportError):  # before coal, with whose Boost it crash
 
 import pepper_kin as pk
 from pepper_kin.cli import main
+from pepper_kin.kernels.compiled_function import unit_of
+from pepper_kin.kernels.parallel_build import compiled_modules
+from pepper_kin.kernels.store import cache_folder, is_known, kept_name
+from pepper_kin.kernels.warm_up import Build
 from pepper_kin.viewer import find_chromium
 from pepper_kin.viewer.browser import CHROMIUM_FLAGS
 
@@ -134,6 +140,41 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Make the compiled functions that are missing, once for all processes, on all cores."""
+    config = session.config
+    folder = code_folder(config)
+    if folder is None or hasattr(config, "workerinput") or config.option.collectonly:
+        return
+    copy_code(cache_folder(), folder)
+    with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
+        missing = [name for name in compiled_modules() if not is_known(key_of(name))]
+        if missing:
+            print(f"making machine code: {len(missing)} parts", flush=True)
+            Build(missing, only=True).finish(lambda progress: None)
+
+
+def key_of(name: str) -> str:
+    """Return the key of the machine code of a module."""
+    importlib.import_module(name)
+    return unit_of(name).key()
+
+
+def code_folder(config: pytest.Config) -> Path | None:
+    """Return the folder of machine code that is kept from run to run; None where pytest keeps nothing."""
+    kept = getattr(config, "cache", None)
+    return None if kept is None else Path(kept.mkdir("kernels"))
+
+
+def copy_code(source: Path, folder: Path, names: Iterable[str] | None = None) -> Path:
+    """Copy machine code to another folder, all of it or files of some names; return the folder."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for path in source.glob("*.code") if names is None else (source / name for name in names):
+        if not (folder / path.name).exists():
+            shutil.copy(path, folder)
+    return folder
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put tests in a browser first: one process then has them all, and no two browsers draw at once.
 
@@ -151,10 +192,23 @@ def kernel_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
     Files are named by a hash of all that their code depends on, so a stale one is never read; `--cache-clear`
     empties the folder.  Tests of what a first use does have an empty folder of their own.
     """
-    kept = getattr(request.config, "cache", None)
-    folder = kept.mkdir("kernels") if kept is not None else tmp_path_factory.mktemp("kernels")
+    folder = code_folder(request.config) or tmp_path_factory.mktemp("kernels")
     with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
         yield folder
+
+
+@pytest.fixture(scope="session")
+def made_code(kernel_cache: Path, child: Callable[..., CompletedProcess[str]]) -> Callable[[Path], Path]:
+    """Let a folder have the machine code of the package, and that of kernels of everyday calls."""
+    child("import pepper_kin as pk; pk.jobs.warm_up()")
+    return lambda folder: copy_code(kernel_cache, folder)
+
+
+@pytest.fixture(scope="session")
+def made_units(kernel_cache: Path) -> Callable[[Path], Path]:
+    """Let a folder have the machine code of the package's compiled functions, and no kernels."""
+    names = [kept_name(key_of(name)) for name in compiled_modules()]
+    return lambda folder: copy_code(kernel_cache, folder, names)
 
 
 def memory_of_this_process() -> float:

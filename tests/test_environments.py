@@ -129,8 +129,8 @@ for name, call in calls.items():
 """
 
 
-def test_the_program_needs_no_extra_and_each_is_named_where_it_is_missing(tmp_path):
-    """Machine code that is shipped fits: neither CasADi nor Numba is loaded, nor what only compares."""
+def test_the_program_needs_no_extra_and_each_is_named_where_it_is_missing(tmp_path, made_code):
+    """Machine code is there: neither CasADi nor Numba is loaded, nor what only compares."""
     lines = run("-c", WITHOUT + PROGRAM + REFUSED, cwd=tmp_path).splitlines()
     assert lines[0].startswith("completed ")
     assert lines[1] == "The hand cannot reac True"
@@ -155,18 +155,20 @@ except pk.exceptions.FileFormatError as error:
 C_LOCALE = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
-def test_the_main_job_is_the_same_wherever_it_runs(tmp_path):
+def test_the_main_job_is_the_same_wherever_it_runs(tmp_path, made_code):
     """With -O, in a locale of ASCII, without a home, and in folders with a space (D5)."""
     odd = tmp_path / "a folder of my own"
     odd.mkdir()
+    made_code(odd / "cache of code")
+    made_code(tmp_path / "session" / "pepper_kin")  # where code is kept without a home of one's own
     expected = run("-c", PROGRAM, cwd=tmp_path)
     assert expected.startswith("completed ")
     drop = ("HOME", "XDG_CACHE_HOME", "PEPPER_KIN_CACHE")
     for options, dropped, environment in (
         (["-O"], (), C_LOCALE),
         (["-OO"], (), {"PEPPER_KIN_CACHE": str(odd / "cache of code")}),
-        ([], drop, {}),  # no home
-        ([], drop, {"HOME": "/dev/null"}),  # in which nothing can be written
+        ([], ("HOME",), {}),
+        ([], drop, {"HOME": "/dev/null", "XDG_RUNTIME_DIR": str(tmp_path / "session")}),  # nothing is written
     ):
         assert run(*options, "-c", PROGRAM, cwd=odd, drop=dropped, **environment) == expected
     assert (odd / "reach.yaml").stat().st_size > 1000

@@ -32,13 +32,13 @@ app = typer.Typer()
 @app.command("warm-up")
 def warm_up(
     native: Annotated[
-        bool, typer.Option("--native", help="Make and use code for this very processor, not the package's.")
+        bool, typer.Option("--native", help="Make and use code for this very processor, not the wheel's.")
     ] = False,
     as_json: Json = False,
 ) -> None:
     """Make all machine code that this processor needs, on all cores, once.
 
-    Needed only where the code that comes with the package does not fit; otherwise it is done in a moment.
+    Where it is there already, as in a wheel for this platform, it is done in a moment.
 
     Example: pepper-kin warm-up --native
     """

@@ -24,6 +24,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_folder
 from pepper_kin.lazy_names import lazy_module
 
+first_run = lazy_module("pepper_kin.jobs.first_run")
 result_files = lazy_module("pepper_kin.jobs.result_files")
 
 app = typer.Typer()
@@ -38,6 +39,12 @@ def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json
     Example: pepper-kin demo -o demo
     """
     check_folder(output)
+    options = ["-o", str(output), "--seed", str(seed), *["--json"] * as_json]
+    code = first_run.run_interpreted(
+        ["demo", *options], "pepper_kin.jobs.demo", lambda text: print(text, file=sys.stderr, flush=True)
+    )
+    if code is not None:
+        raise typer.Exit(code)
     pepper = pk.load_pepper()
     with stages(as_json) as on_stage:
         outcome = pk.jobs.run_demo(pepper, seed=seed, on_stage=on_stage)

@@ -15,9 +15,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 from pepper_kin.exceptions import MissingDependencyError
-from pepper_kin.kernels.shipping import usable_baseline
 from pepper_kin.kernels.store import cache_folder, prefers_native
 from pepper_kin.kernels.target import host_target
+from pepper_kin.kernels.wheel_code import wheel_processor
 from pepper_kin.proxsuite_library import proxqp
 
 PURPOSES: Mapping[str, str] = {
@@ -28,9 +28,9 @@ PURPOSES: Mapping[str, str] = {
     "cmeel-tinyxml2": "the same of cmeel-urdfdom",
     "coal": "exact distances and contacts, of which certificates are made",
     "proxsuite": "the solver ProxQP, of IK and of contacts that Newton's method does not solve",
-    "casadi": "expressions, and machine code of robots, tasks and formulas for which none is shipped",
+    "casadi": "expressions, of which machine code of robots, tasks and formulas is made",
     "llvmlite": "loading and making of machine code",
-    "numba": "machine code of functions that were changed, or are yours",
+    "numba": "machine code of compiled functions",
     "ruckig": "`OnlineMotion`",
     "xacro": "descriptions in xacro",
     "meshcat": "the page's drawing code; the rest of it, such as IPython, is not loaded",
@@ -95,7 +95,7 @@ class Installation:
         python: Version of Python, and how it was built.
         platform: Operating system and processor.
         processor: LLVM's name of the processor.
-        shipped: The baseline whose shipped machine code runs; None where none fits.
+        wheel_code: The processor that the wheel's machine code is for; None where none fits, or in a clone.
         native: Whether code for this very processor was asked for by `pepper-kin warm-up --native`.
         cache: The folder in which machine code that is made here is kept.
         cached: Its size [byte]; 0 without it.
@@ -108,7 +108,7 @@ class Installation:
     python: str
     platform: str
     processor: str
-    shipped: str | None
+    wheel_code: str | None
     native: bool
     cache: str
     cached: int
@@ -123,7 +123,7 @@ class Installation:
 
     def report(self) -> str:
         """Return all in words."""
-        code = f"{self.shipped}, as shipped" if self.shipped else "made here, once: none is shipped that fits"
+        code = f"the wheel's, for {self.wheel_code}" if self.wheel_code else "made here on first use"
         if self.native:
             code = f"made here for {self.processor}, as `warm-up --native` has asked"
         kept = f"{self.cached / 1e6:.1f} MB of machine code made here, in {self.cache}"
@@ -175,7 +175,7 @@ def check_installation(chromium: str | None = None) -> Installation:
         f"{platform.python_version()} ({platform.python_implementation()})",
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         host_target().cpu,
-        usable_baseline(),
+        wheel_processor(),
         prefers_native(),
         str(folder),
         cached,

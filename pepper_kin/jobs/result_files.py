@@ -12,6 +12,7 @@ from pepper_kin.file_access import atomic_file
 from pepper_kin.files import save
 from pepper_kin.jobs.motion_file import SCENE_FILE
 from pepper_kin.jobs.reaching import ReachOutcome
+from pepper_kin.kernels.compiled_function import INTERPRETED
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import GestureReport, Run
@@ -49,6 +50,7 @@ def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
         if certificate is None
         else {"success": certificate.success, "report": certificate.report()},
         **outcome.figures,
+        "interpreted": INTERPRETED,
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in ("pepper_kin", *_LIBRARIES)},

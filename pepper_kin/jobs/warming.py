@@ -1,4 +1,4 @@
-"""Compilation of all machine code that is not shipped for this processor."""
+"""Compilation of all machine code that this processor needs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from pepper_kin.kernels.compiled_function import unit_of
-from pepper_kin.kernels.store import cache_folder, can_write, find, prefer_native
+from pepper_kin.kernels.parallel_build import compiled_modules
+from pepper_kin.kernels.store import cache_folder, can_write, is_known, prefer_native
 from pepper_kin.kernels.target import host_target
-from pepper_kin.kernels.warm_up import compiled_modules, make_all
+from pepper_kin.kernels.warm_up import Build
 
 
 @dataclass(frozen=True)
@@ -50,21 +51,21 @@ def warm_up(native: bool = False, progress: Callable[[int, int], None] = lambda 
     """Make all machine code that is missing, on all cores: of compiled functions and of everyday kernels.
 
     Args:
-        native: Make it for this very processor even where the package's fits, and use it from now on.
-        progress: Called with the number of modules done and of all.
+        native: Make it for this very processor even where a wheel brings some that fits, and use it from now
+            on.
+        progress: Called with the work that is done and all of it, in thousandths.
     """
-    from pepper_kin.jobs.shipping import everyday_calls
+    from pepper_kin.jobs.everyday_calls import everyday_calls
 
     begin = time.perf_counter()
     if native and can_write():
         prefer_native()
     names = compiled_modules()
-    missing = [name for name in names if importlib.import_module(name) is not None and not _is_found(name)]
-    make_all(missing, lambda done: progress(done, len(missing)))
+    for name in names:
+        importlib.import_module(name)
+    missing = [name for name in names if not is_known(unit_of(name).key())]
+    if missing:
+        Build(missing, only=True).finish(lambda reached: progress(round(1000 * reached.ratio), 1000))
     everyday_calls()
     seconds = time.perf_counter() - begin
     return WarmUp(len(names), len(missing), host_target().cpu, str(cache_folder()), seconds)
-
-
-def _is_found(name: str) -> bool:
-    return find(name, unit_of(name).key()) is not None

@@ -13,11 +13,10 @@
 
 A function with a signature can be called from Python; one without is called by compiled functions only.
 Importing a module with such functions imports no compiler: on the first call, the machine code of all
-functions of the module with signatures is looked for in the file that comes with the package, then in the
-cache folder, and else made and kept: from the portable code that comes with the package, or by Numba
-(`numba_builder`) where sources have changed.  With NUMBA_DISABLE_JIT=1 the same source runs interpreted.
-With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one is a RuntimeError, or ends the process where
-machine code called the function by its address.
+functions of the module with signatures is looked for in the file that a wheel brings, then in the cache
+folder, and else made, by Numba (`numba_builder`) and LLVM, and kept.  With NUMBA_DISABLE_JIT=1 the same
+source runs interpreted.  With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one is a RuntimeError, or
+ends the process where machine code called the function by its address.
 """
 
 from __future__ import annotations
@@ -36,14 +35,17 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
-from pepper_kin.kernels.portable import needed, portable_unit
+from pepper_kin.kernels.portable import needed
 from pepper_kin.kernels.signatures import Signature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest, function_digest
-from pepper_kin.kernels.store import find, is_recording, obtain
+from pepper_kin.kernels.store import find, is_collecting, obtain
 from pepper_kin.kernels.target import Target
 
-INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
-"""Whether compiled functions run as the Python functions that they are, for debugging."""
+INTERPRETER = "NUMBA_DISABLE_JIT"
+"""Environment variable of Numba: 1 runs compiled functions as the Python functions that they are."""
+
+INTERPRETED = os.environ.get(INTERPRETER, "0") not in ("", "0")
+"""Whether it is 1: for debugging, and for a first result before machine code is made."""
 
 BOUNDS_CHECKED = os.environ.get("NUMBA_BOUNDSCHECK", "0") not in ("", "0")
 """Whether machine code checks every index: it is other, slower code under other keys, made by Numba."""
@@ -197,25 +199,29 @@ class Unit:
     def key(self) -> str:
         """Hash of all that the machine code is made from: sources, constants, signatures, the builder."""
         lines = {f"entry {f.symbol} {f.signature} {f.by_address}" for f in self.functions}
-        visited: set[int] = set()
-        waiting: list[CompiledFunction] = list(self.functions)
-        while waiting:
-            function = waiting.pop()
-            if id(function) not in visited:
-                visited.add(id(function))
-                own, called = ingredients(function)
-                lines.update(own)
-                waiting += called
+        for own in self.reached().values():
+            lines |= own
         return hashlib.sha256(
             "\n".join([builder_digest(), _back_end_digest(), *sorted(lines)]).encode()
         ).hexdigest()
+
+    def reached(self) -> dict[str, set[str]]:
+        """Return the ingredients of the functions with signatures, and of all that they call, by symbol."""
+        reached: dict[str, set[str]] = {}
+        waiting = list(self.functions)
+        while waiting:
+            function = waiting.pop()
+            if function.symbol not in reached:
+                reached[function.symbol], called = ingredients(function)
+                waiting += called
+        return reached
 
     def load(self) -> LoadedCode:
         """Return the machine code, loaded or made."""
         with LOADING:
             if self._code is None:
                 key = self.key()
-                part = None if is_recording() else find(self.module, key)
+                part = None if is_collecting() else find(self.module, key)
                 if part is None:
                     from pepper_kin.kernels.warm_up import wait_for
 
@@ -225,13 +231,11 @@ class Unit:
             return self._code
 
     def build(self, target: Target) -> bytes:
-        """Return new object code, from the package's portable code or, where that is stale, by Numba."""
-        parts = portable_unit(self.key(), self.symbols)
-        if parts is None:
-            from pepper_kin.kernels.numba_builder import portable_parts
+        """Return new object code."""
+        from pepper_kin.kernels.numba_builder import portable_parts
 
-            made = portable_parts(self.functions)
-            parts = [made[symbol].bitcode for symbol in needed(self.symbols, made.__getitem__)]
+        made = portable_parts(self.functions)
+        parts = [made[symbol].bitcode for symbol in needed(self.symbols, made.__getitem__)]
         return compile_portable(parts, target, self.symbols)
 
     @property

@@ -67,7 +67,7 @@ def compile_portable(parts: Sequence[bytes], target: Target, symbols: Sequence[s
         keep_entries(module, symbols)
         for vectorize in (False, True):  # the first run inlines what the unit alone calls; loops come after
             tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-            tuning.loop_vectorization = tuning.slp_vectorization = vectorize
+            tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_unrolling = vectorize
             builder = llvm.create_pass_builder(machine, tuning)
             remover = llvm.create_new_module_pass_manager()
             remover.add_global_dead_code_eliminate_pass()

@@ -14,6 +14,7 @@ compiled function looks like to one that calls it.
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import importlib
 import pickle
@@ -31,11 +32,10 @@ from numba.core.registry import cpu_target
 
 from pepper_kin.kernels.compiled_function import BOUNDS_CHECKED, builder_digest, ingredients, runtime_path
 from pepper_kin.kernels.compiler import target_machine
-from pepper_kin.kernels.package_file import made_by
-from pepper_kin.kernels.portable import PortablePart, needed, portable_part
+from pepper_kin.kernels.portable import PortablePart, needed
 from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
 from pepper_kin.kernels.store import read_part, write_part
-from pepper_kin.kernels.target import portable_target
+from pepper_kin.kernels.target import made_by, portable_target
 
 if TYPE_CHECKING:
     from pepper_kin.kernels.compiled_function import CompiledFunction
@@ -78,13 +78,21 @@ def make_dispatcher(function: CompiledFunction) -> Any:
         options["fastmath"] = {"nsz", "contract", "arcp", "nnan", "ninf"}
     dispatcher = njit(**options)(function.python)
     dispatcher._cache = _Cache(function)
+    template_for = dispatcher.get_call_template
+
+    def any_value(arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:
+        """Compile for the types of arguments: Numba would, a constant being an argument, for its value."""
+        plain = {name: types.unliteral(kind) for name, kind in named.items()}
+        return template_for(tuple(map(types.unliteral, arguments)), plain)
+
+    dispatcher.get_call_template = any_value
     return dispatcher
 
 
 @global_compiler_lock
 def portable_parts(functions: Sequence[CompiledFunction]) -> dict[str, PortablePart]:
     """Return the parts of functions with signatures, and of all functions that they call, by symbol."""
-    with _front_end() as context:
+    with _front_end() as context, _no_collection():
         for function in functions:
             signature = function.signature
             assert signature is not None
@@ -117,6 +125,18 @@ def _front_end() -> Iterator[Any]:
         del generator.set_env
 
 
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """Leave reference cycles alone for a while: looking for them takes a tenth of Numba's time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 _parts: dict[str, PortablePart] = {}
 """All parts made or found in this process, by symbol."""
 
@@ -128,7 +148,7 @@ _functions: dict[Any, tuple[CompiledFunction, tuple[Any, ...]]] = {}
 
 
 class _Cache:
-    """Numba's interface of a cache, for one function: parts that come with the package or were kept."""
+    """Numba's interface of a cache, for one function: parts that were kept."""
 
     def __init__(self, function: CompiledFunction) -> None:
         self._function = function
@@ -216,7 +236,7 @@ class _Cache:
 
     def _found(self, symbol: str) -> PortablePart | None:
         key = self._key(symbol)
-        return (portable_part(symbol, key) or _kept(symbol, key)) if self._can_be_kept else None
+        return _kept(symbol, key) if self._can_be_kept else None
 
     def _note(self, library: Any, symbol: str, arguments: tuple[Any, ...]) -> None:
         _symbols[library], _functions[library] = symbol, (self._function, arguments)
@@ -284,7 +304,7 @@ _new_names: dict[Any, dict[str, str]] = {}
 def _find_shared(symbol: str) -> bool:
     """Find the part of one of Numba's own functions, and what it needs; return whether all is there."""
     if symbol not in _parts:
-        found = portable_part(symbol, "") or _kept(symbol, "")
+        found = _kept(symbol, "")
         if found is None or not all(map(_find_shared, found.needs)):
             return False
         _parts[symbol] = found

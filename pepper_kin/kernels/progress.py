@@ -8,8 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-
-from pepper_kin.kernels.package_file import log_reasons
+from typing import NamedTuple
 
 _logger = logging.getLogger(__name__)
 
@@ -19,33 +18,41 @@ PATIENCE = 2.0
 _WIDTH = 30
 
 _lock = threading.Lock()
-_made: list[str] = []
 _spent = 0.0
 _reported = False
-_expected = 0
 
 
-def expect(count: int) -> None:
-    """Set how many parts are expected to be made in all, for the bar."""
-    global _expected
-    _expected = count
+class Progress(NamedTuple):
+    """How far processes have come that make machine code.
+
+    Attributes:
+        ratio: Part of the work that is done, 0 to 1.
+        remaining: Time that the rest takes [s]; None where nothing has been done yet.
+    """
+
+    ratio: float
+    remaining: float | None
+
+    def bar(self) -> str:
+        """Return a bar, the percentage and the time that remains."""
+        filled = "#" * round(_WIDTH * self.ratio)
+        left = "" if self.remaining is None else f", {self.remaining:.0f} s left"
+        return f"[{filled:<{_WIDTH}}] {100.0 * self.ratio:.0f} %{left}"
 
 
 @contextlib.contextmanager
 def making(name: str) -> Iterator[None]:
     """Report that a part is being made, once making has taken `PATIENCE` in all.
 
-    On a terminal a bar moves in one line; elsewhere one message of this module's logger says that it has
-    begun.
-
     Args:
-        name: The part.
+        name: The part, shown on a terminal; elsewhere one message of this module's logger says that it has
+            begun.
     """
     global _spent
     begin = time.perf_counter()
-    log_reasons()
+    _log_reasons()
     with _lock:
-        timer = threading.Timer(max(PATIENCE - _spent, 0.0), _tell, (name,))
+        timer = threading.Timer(max(PATIENCE - _spent, 0.0), announce, (name,))
         timer.daemon = True
         timer.start()
     try:
@@ -54,29 +61,41 @@ def making(name: str) -> Iterator[None]:
         timer.cancel()
         with _lock:
             _spent += time.perf_counter() - begin
-            _made.append(name)
-            if _reported:
-                _draw("")
+        if _reported:
+            show("")
 
 
-def _tell(name: str) -> None:
+def announce(name: str) -> None:
+    """Log once that machine code is being made, and show what on a terminal."""
     global _reported
     with _lock:
-        if not _reported:
-            _reported = True
-            _logger.warning(
-                "compiling machine code for this processor, once; the next run reads it from disk "
-                "(`pepper-kin warm-up` compiles all of it, on all cores)"
-            )
-        _draw(name)
+        first, _reported = not _reported, True
+    if first:
+        _logger.warning(
+            "compiling machine code for this processor, once; the next run reads it from disk "
+            "(`pepper-kin warm-up` compiles all of it, on all cores)"
+        )
+    show(name)
 
 
-def _draw(name: str) -> None:
-    if not sys.stderr.isatty():
-        return
-    expected = max(_expected, len(_made) + bool(name))
-    filled = "#" * (_WIDTH * len(_made) // expected)
-    sys.stderr.write(f"\r[{filled:<{_WIDTH}}] {len(_made)} of {expected} {name[:40]:<40}")
-    if len(_made) == expected:
-        sys.stderr.write("\r" + " " * (_WIDTH + 60) + "\r")
-    sys.stderr.flush()
+def show(text: str) -> None:
+    """Show a text in the last line of a terminal, in place of what was shown there; nothing elsewhere."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r{text[:79]:<79}\r")
+        sys.stderr.flush()
+
+
+def note_reason(reason: str) -> None:
+    """Note why machine code may have to be made on this machine; it is logged once something is made."""
+    _reasons.setdefault(reason, False)
+
+
+def _log_reasons() -> None:
+    for reason, logged in tuple(_reasons.items()):
+        if not logged:
+            _reasons[reason] = True
+            _logger.warning("%s; it is made here, once, and kept", reason)
+
+
+_reasons: dict[str, bool] = {}
+"""Reasons, and whether they have been logged."""

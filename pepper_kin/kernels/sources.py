@@ -2,34 +2,20 @@
 
 from __future__ import annotations
 
-import ast
+import atexit
 import hashlib
 import json
-from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.file_access.atomic_file import write_bytes
+from pepper_kin.kernels.store import read_part, write_part
+from pepper_kin.kernels.syntax_digests import DIGEST_SIZE, Digests, digests_of
+from pepper_kin.kernels.wheel_code import wheel_part
 
-_SIZE = 32
-"""Of a digest [hexadecimal digits]."""
-
-_Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-
-
-class Digests(NamedTuple):
-    """Digests of one file.
-
-    Attributes:
-        whole: Of its syntax tree.
-        functions: Of each of its functions, by qualified name.
-    """
-
-    whole: str
-    functions: Mapping[str, str]
+_KEPT = 2000
+"""Number of files whose digests are kept; the package has some 700."""
 
 
 @cache
@@ -70,82 +56,43 @@ def function_digest(path: str, name: str) -> str:
 
 @cache
 def digests(path: str) -> Digests:
-    """Return the digests of a file.
-
-    Where the file is as it was when the machine code of the package was made they are looked up, which is
-    faster than to parse it, and independent of how this version of Python writes a syntax tree.
-    """
+    """Return the digests of a file; those of an earlier process are looked up, which is faster."""
     data = Path(path).read_bytes().replace(b"\r\n", b"\n")
-    content = hashlib.sha256(data).hexdigest()[:_SIZE]
-    known = _known().get(content)
-    made = digests_of(data) if known is None else Digests(known[0], known[1])
-    _asked[content] = made
-    return made
-
-
-def digests_of(source: bytes) -> Digests:
-    """Return the digests of a source: hashes of its syntax tree, written as text without docstrings."""
-    tree = _without_strings(ast.parse(source))
-    functions: dict[str, str] = {}
-
-    def visit(node: ast.AST, prefix: str) -> None:
-        for child in ast.iter_child_nodes(node):
-            inner = prefix
-            if isinstance(child, _Definition):
-                inner = f"{prefix}{child.name}."
-                if not isinstance(child, ast.ClassDef):
-                    name = prefix + child.name
-                    functions[name] = functions.get(name, "") + _digest(child)  # more than one: by an if
-                    inner += "<locals>."
-            visit(child, inner)
-
-    visit(tree, "")
-    return Digests(_digest(tree), functions)
-
-
-def sources_path() -> Path:
-    """The package's file of digests."""
-    return Path(__file__).with_name("data") / "sources.json"
-
-
-def write_sources(path: Path) -> None:
-    """Write the digests of all files that were asked for in this process, a line each."""
-    lines = [f"{json.dumps(content)}: {json.dumps(_asked[content])}" for content in sorted(_asked)]
-    write_bytes(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
-
-
-_asked: dict[str, Digests] = {}
-"""Digests by the hash of a file's bytes."""
+    content = hashlib.sha256(data).hexdigest()[:DIGEST_SIZE]
+    known = _known()
+    if content not in known:
+        if not _added:
+            atexit.register(_keep)
+        known[content] = digests_of(data)
+        _added.append(content)
+    return Digests(*known[content])
 
 
 @cache
-def _known() -> dict[str, tuple[str, dict[str, str]]]:
-    try:
-        return dict(json.loads(sources_path().read_bytes()))
-    except (OSError, ValueError):
-        return {}
+def _known() -> dict[str, Digests]:
+    """Digests by the hash of a file's bytes, as the package brings them and earlier processes kept them."""
+    brought, kept = wheel_part("digests", digests_key()), read_part(digests_key())
+    known: dict[str, Digests] = json.loads(brought[0]) if brought else {}
+    return known | (json.loads(kept) if kept else {})
 
 
-def _without_strings(tree: ast.Module) -> ast.Module:
-    """Remove docstrings, those of attributes too, from a tree."""
-    for node in ast.walk(tree):
-        for name in ("body", "orelse", "finalbody"):
-            body = getattr(node, name, None)
-            if isinstance(body, list):
-                setattr(node, name, [s for s in body if not _is_string(s)] or [ast.Pass()][: len(body)])
-    return tree
+_added: list[str] = []
+"""Hashes of the files whose digests this process computed."""
 
 
-def _is_string(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+def known_digests() -> bytes:
+    """Return the newest digests as they are kept, those of files that this process read among them."""
+    return json.dumps(dict(list(_known().items())[-_KEPT:])).encode()
 
 
-def _digest(node: ast.AST) -> str:
-    return hashlib.sha256(ast.unparse(node).encode()).hexdigest()[:_SIZE]
+def digests_key() -> str:
+    """Return the key under which digests are kept: the source of `digests_of` decides what they are."""
+    source = Path(__file__).with_name("syntax_digests.py").read_bytes()
+    return hashlib.sha256(b"digests " + source).hexdigest()
+
+
+def _keep() -> None:
+    write_part(digests_key(), known_digests())
 
 
 def _files(module: str) -> list[Path]:

@@ -1,14 +1,13 @@
-"""Store of machine code: the file that comes with the package, and a cache folder.
+"""Store of machine code: the file that a wheel brings, and a cache folder.
 
 A part is found by a key: the hash of all that its code is made from.  What was made from something else has
 another key, so stale code is never read; it is just not found.  Three places are searched in turn:
 
-1. The package's files, `data/x86-64-v3.code` and `data/aarch64.code`, for baseline processors (`shipping`).
+1. The file that a wheel brings for its platform, `data/wheel.code` (`wheel_code`); a clone has none.
 2. The cache folder, for code made for this very processor.
-3. Its maker, which for compiled functions begins with the package's portable code (`portable`); the result
-   is then kept in the cache folder.
+3. Its maker; the result is then kept in the cache folder.
 
-After `pepper-kin warm-up --native` the package's file is left out.
+After `pepper-kin warm-up --native` the wheel's file is left out.
 
 A file of the cache is written under a temporary name and renamed, which is atomic: readers and other
 writers see a whole file or none.  A checksum finds damage; what is damaged counts as missing and is written
@@ -27,16 +26,15 @@ import logging
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from pepper_kin.kernels.package_file import made_by
 from pepper_kin.kernels.private_folder import folder_without_home, made, private, read_own
 from pepper_kin.kernels.progress import making
-from pepper_kin.kernels.shipping import has_shipped, shipped_before, shipped_part
-from pepper_kin.kernels.target import BASELINES, Target, host_target
+from pepper_kin.kernels.target import Target, host_target, made_by
+from pepper_kin.kernels.wheel_code import has_wheel_part, wheel_part
 
 try:
     import fcntl
@@ -51,18 +49,6 @@ _SUFFIX = ".code"
 _LOCK = ".lock"
 _DIGEST_SIZE = hashlib.sha256().digest_size
 _logger = logging.getLogger(__name__)
-
-
-class MissingPartError(LookupError):
-    """A part that was requested while `watched` does not allow it.
-
-    Attributes:
-        name: Of the part.
-    """
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.name = name
 
 
 class Part(NamedTuple):
@@ -82,59 +68,46 @@ class Part(NamedTuple):
 def obtain(
     name: str, key: str, make: Callable[[Target], bytes], *, target: Target | None = None, keep: bool = True
 ) -> Part:
-    """Return a part from the package's file, from the cache or from its maker.
+    """Return a part from the wheel's file, from the cache or from its maker.
 
     Args:
         name: Of the part, for messages ("planners.rrt_connect").
         key: Hash of all that it is made from, except the processor.
         make: Makes it for a processor.
-        target: The processor; None for this one, or the baseline that the package's file is for.
+        target: The processor; None for this one, or the one that the wheel's file is for.
         keep: Whether to read and write files at all.
     """
-    if target is None and keep and _recording is not None:
-        return _recording.obtain(name, key, make)
     wanted = target or host_target()
     if not keep:
         return Part(make(wanted), wanted, True)
-    if target is None:
-        found = find(name, key)
-        if found is not None:
-            return found
-    return _kept_or_made(name, _for_target(key, wanted), wanted, make)
+    if target is None and _collection is not None:
+        _collection.add(name, key, make)
+    found = find(name, key) if target is None else None
+    return found or _kept_or_made(name, _for_target(key, wanted), wanted, make)
 
 
 def find(name: str, key: str) -> Part | None:
-    """Return a part from the package's file or from the cache folder, or None.
-
-    Raises:
-        MissingPartError: `watched` is under way and does not allow the key.
-    """
-    if _watch is not None:
-        _watch.ask(name, key)
+    """Return a part from the wheel's file or from the cache folder, or None."""
     if not prefers_native():
-        shipped = shipped_part(name, key)
-        if shipped is not None:
-            return Part(*shipped, False)
+        brought = wheel_part(name, key)
+        if brought is not None:
+            return Part(*brought, False)
     content = read_part(_for_target(key, host_target()))
     return None if content is None else Part(content, host_target(), False)
 
 
-def make_ahead(name: str, key: str, make: Callable[[Target], bytes]) -> bool:
-    """Make a part for this processor and keep it, unless it is kept or another process is making it.
+def make_ahead(key: str, make: Callable[[Target], bytes], target: Target | None = None) -> None:
+    """Make a part for a processor and keep it, unless it is kept or another process is making it.
 
-    Returns:
-        Whether it is kept now.
+    Args:
+        key: Hash of all that it is made from, except the processor.
+        make: Makes it for a processor.
+        target: The processor; this one if left out.
     """
-    own_key = _for_target(key, host_target())
+    own_key = _for_target(key, target or host_target())
     with only_maker(own_key, wait=False) as mine:
-        if mine and not is_kept(key):
-            write_part(own_key, make(host_target()))
-    return is_kept(key)
-
-
-def is_recording() -> bool:
-    """Whether `recorded` is under way."""
-    return _recording is not None
+        if mine and not is_kept(key, target):
+            write_part(own_key, make(target or host_target()))
 
 
 def can_write() -> bool:
@@ -160,82 +133,41 @@ def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Targe
     return Part(content, wanted, True)
 
 
-class Recording:
-    """What is requested meanwhile, made for each baseline processor; this one runs what is for the first.
+class Collection:
+    """The parts that are requested meanwhile, made for a processor that need not be this one.
 
     Attributes:
-        parts: Baseline -> key -> name and content.
+        parts: Key -> name and content, in the order of the requests.
     """
 
-    def __init__(self, rebuild: bool) -> None:
-        baselines = list(BASELINES)[: 1 if rebuild else None]
-        self.parts: dict[str, dict[str, tuple[str, bytes]]] = {baseline: {} for baseline in baselines}
-        self._rebuild = rebuild
+    def __init__(self, target: Target) -> None:
+        self.parts: dict[str, tuple[str, bytes]] = {}
+        self._target = target
 
-    def obtain(self, name: str, key: str, make: Callable[[Target], bytes]) -> Part:
-        """Return a part for the first baseline; what the package's files have is not made again."""
-        for baseline, parts in self.parts.items():
-            if key not in parts:
-                content = None if self._rebuild else shipped_before(key, baseline)
-                if content is None:
-                    target = BASELINES[baseline]()
-                    content = _kept_or_made(name, _for_target(key, target), target, make).content
-                parts[key] = name, content
-        baseline = next(iter(BASELINES))
-        return Part(self.parts[baseline][key][1], BASELINES[baseline](), False)
+    def add(self, name: str, key: str, make: Callable[[Target], bytes]) -> None:
+        """Make a part, unless it is kept or collected already."""
+        if key not in self.parts:
+            part = _kept_or_made(name, _for_target(key, self._target), self._target, make)
+            self.parts[key] = name, part.content
 
 
 @contextlib.contextmanager
-def recorded(rebuild: bool = False) -> Iterator[Recording]:
-    """Make everything for the baseline processors, and collect what is requested.
-
-    Args:
-        rebuild: Whether to make what the package's files have already, for the first of the processors.
-    """
-    global _recording
-    _recording = Recording(rebuild)
+def collected(target: Target) -> Iterator[Collection]:
+    """Collect the parts that are requested meanwhile, for a processor."""
+    global _collection
+    _collection = Collection(target)
     try:
-        yield _recording
+        yield _collection
     finally:
-        _recording = None
+        _collection = None
 
 
-_recording: Recording | None = None
+_collection: Collection | None = None
 
 
-class _Watch(NamedTuple):
-    """Keys of the parts that may be requested, and of those that were."""
-
-    allowed: Container[str]
-    asked: set[str]
-
-    def ask(self, name: str, key: str) -> None:
-        """Note a requested key.
-
-        Raises:
-            MissingPartError: It is not allowed.
-        """
-        if key not in self.allowed:
-            raise MissingPartError(name)
-        self.asked.add(key)
-
-
-@contextlib.contextmanager
-def watched(allowed: Container[str]) -> Iterator[set[str]]:
-    """Collect the keys of the parts that are requested; one that is not allowed is a `MissingPartError`.
-
-    Args:
-        allowed: Keys of the parts that may be requested.
-    """
-    global _watch
-    _watch = _Watch(allowed, set())
-    try:
-        yield _watch.asked
-    finally:
-        _watch = None
-
-
-_watch: _Watch | None = None
+def is_collecting() -> bool:
+    """Return whether `collected` is under way."""
+    return _collection is not None
 
 
 @cache
@@ -245,19 +177,24 @@ def prefers_native() -> bool:
 
 
 def prefer_native() -> None:
-    """Let later processes use code for this very processor in place of the package's."""
+    """Let later processes use code for this very processor in place of the wheel's."""
     (made(cache_folder()) / NATIVE).touch()
     prefers_native.cache_clear()
 
 
-def is_known(key: str) -> bool:
-    """Whether a part need not be made here."""
-    return is_kept(key) or (not prefers_native() and has_shipped(key))
+def is_known(key: str, target: Target | None = None) -> bool:
+    """Return whether a part need not be made here, for a processor; for this one if left out."""
+    return is_kept(key, target) or (target is None and not prefers_native() and has_wheel_part(key))
 
 
-def is_kept(key: str) -> bool:
-    """Whether the cache folder has a part for this processor."""
-    return (cache_folder() / f"{_for_target(key, host_target())}{_SUFFIX}").exists()
+def is_kept(key: str, target: Target | None = None) -> bool:
+    """Return whether the cache folder has a part for a processor, for this one if left out."""
+    return (cache_folder() / kept_name(key, target)).exists()
+
+
+def kept_name(key: str, target: Target | None = None) -> str:
+    """Return the name of a part's file in the cache folder, for a processor, for this one if left out."""
+    return f"{_for_target(key, target or host_target())}{_SUFFIX}"
 
 
 def cache_folder() -> Path:
@@ -272,9 +209,17 @@ def cache_folder() -> Path:
     else:
         base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
     try:
-        return private(base.expanduser() / "pepper_kin")
+        folder = base.expanduser() / "pepper_kin"
     except RuntimeError:  # no home folder
         return folder_without_home()
+    return private(folder) if _can_be_made(folder) else folder_without_home()
+
+
+@cache
+def _can_be_made(folder: Path) -> bool:
+    """Return whether a folder can be written, or made: a home may be on a file system that is read only."""
+    present = next(path for path in (folder, *folder.parents) if path.exists())
+    return present.is_dir() and os.access(present, os.W_OK)
 
 
 def read_part(key: str) -> bytes | None:

@@ -84,8 +84,20 @@ def make_target(triple: str, cpu: str, features: str) -> Target:
     return Target(triple, cpu, features, vector_bytes, has_fma)
 
 
-BASELINES: dict[str, Callable[[], Target]] = {
-    "x86-64-v3": lambda: make_target("x86_64-unknown-linux-gnu", "x86-64-v3", _LEVEL_3),
-    "aarch64": lambda: make_target("aarch64-unknown-linux-gnu", "generic", "+fp-armv8,+neon"),
+WHEELS: dict[str, Callable[[], Target]] = {
+    "manylinux_2_28_x86_64": lambda: make_target("x86_64-unknown-linux-gnu", "x86-64-v3", _LEVEL_3),
+    "manylinux_2_28_aarch64": lambda: make_target("aarch64-unknown-linux-gnu", "generic", "+fp-armv8,+neon"),
+    "macosx_11_0_arm64": lambda: make_target("arm64-apple-darwin20.0.0", "apple-m1", "+fp-armv8,+neon"),
 }
-"""Processors that machine code is shipped for: x86-64-v3 (AVX2 and FMA, since 2013), and ARMv8."""
+"""Platform tag of a wheel -> the processor that its machine code is for.
+
+x86-64-v3 has AVX2 and FMA, as processors have since 2013.
+"""
+
+
+@cache
+def made_by() -> str:
+    """Return the versions of what makes code here; they are looked up without importing Numba."""
+    from importlib.metadata import version
+
+    return f"llvmlite {version('llvmlite')} numba {version('numba')}"

@@ -1,4 +1,4 @@
-"""Calls of a simulated robot whose kernels come with the package."""
+"""Calls of a simulated robot whose kernels come with a wheel."""
 
 from __future__ import annotations
 

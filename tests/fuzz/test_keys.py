@@ -1,7 +1,7 @@
 """Machine code of one robot is never run for another: all kinds of compiled things, all kinds of changes.
 
 Answers of robots that differ in one thing, asked for one after the other in one process and with one cache,
-are those of processes with an empty cache that know one robot only.
+are those of processes with a cache that holds no robot's code, and that know one robot only.
 """
 
 import json
@@ -42,16 +42,16 @@ def _same(found, wanted):
     return len(found) == len(wanted) and np.allclose(found, wanted, rtol=1e-9, atol=1e-9, equal_nan=True)
 
 
-def test_code_of_one_robot_is_never_run_for_another(tmp_path, rng, amount, tried):
+def test_code_of_one_robot_is_never_run_for_another(tmp_path, rng, amount, tried, made_units):
     """In both orders, with the cache kept; a robot changed in place answers as one changed before its use."""
     kinds = list(KINDS)[: amount(3, 7, len(KINDS))]
     others = [name for name in NAMES if name != "as it is"]
     chosen = rng.permutation(others)[: amount(1, 4, len(others))].tolist()
-    plain = ask(tmp_path / "plain", kinds, ["as it is"])[0]
+    plain = ask(made_units(tmp_path / "plain"), kinds, ["as it is"])[0]
     assert not {kind: text for kind, text in plain.items() if isinstance(text, str)}
-    wrong, count, kept, effects = [], 0, tmp_path / "kept", set()
+    wrong, count, kept, effects = [], 0, made_units(tmp_path / "kept"), set()
     for k, name in enumerate(chosen):
-        wanted = ask(tmp_path / f"alone {k}", kinds, [name])[0]
+        wanted = ask(made_units(tmp_path / f"alone {k}"), kinds, [name])[0]
         effects.update(differing(wanted, plain))
         later = f"later {name}" if name in IN_PLACE else name
         for order in (["as it is", later, "as it is", name], [name, "as it is"]):

@@ -1,4 +1,11 @@
-"""The first command on a new machine compiles nothing."""
+"""First commands: by the interpreter where nothing is compiled yet; nothing is compiled twice."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
 
 CODE = """
 import sys
@@ -10,12 +17,31 @@ print(outcome.success, "numba" in sys.modules, outcome.message)
 """
 
 
-def test_the_demo_compiles_nothing(child, tmp_path):
-    """What is compiled is kept: nothing is, and nothing is said."""
-    done = child(CODE, PEPPER_KIN_CACHE=tmp_path / "kernels")
+def test_the_demo_compiles_nothing_twice(child):
+    """What has been made is found: nothing is made, and nothing is said."""
+    done = child(CODE)
     assert done.stdout.startswith("True False"), done.stdout
-    assert not list(tmp_path.glob("kernels/*"))
     assert done.stderr == ""
+
+
+def test_a_demo_without_machine_code_is_interpreted_with_the_same_numbers(run, tmp_path):
+    """The independent reference is the same command by machine code."""
+    empty = tmp_path / "cache"
+    command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", "demo", "-o", "first"]
+    first = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, "PEPPER_KIN_CACHE": str(empty)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert first.returncode == 0, first.stderr
+    assert "Python's interpreter computes this" in first.stderr
+    assert "of the machine code was made meanwhile" in first.stderr
+    assert run("demo", "-o", "second", cwd=tmp_path).returncode == 0
+    interpreted, compiled = (
+        json.loads((tmp_path / name / "summary.json").read_text()) for name in ("first", "second")
+    )
+    assert (interpreted["interpreted"], compiled["interpreted"]) == (True, False)
+    for name in ("duration_s", "path_length_joint", "tracking_error_max", "smallest_clearance_executed_m"):
+        assert interpreted[name] == pytest.approx(compiled[name], rel=1e-6), name
 
 
 ANSWERS = """

@@ -135,10 +135,9 @@ def test_a_package_of_another_platform_is_not_asked_for(monkeypatch):
 
 
 def test_the_code_that_runs_is_named(monkeypatch):
-    found = jobs.check_installation()
-    assert found.shipped is None or f"machine code: {found.shipped}, as shipped" in found.report()
-    monkeypatch.setattr(installation, "usable_baseline", lambda: None)
-    assert "machine code: made here, once: none is shipped that fits" in jobs.check_installation().report()
+    for wheel, words in ((None, "made here on first use"), ("x86-64-v3", "the wheel's, for x86-64-v3")):
+        monkeypatch.setattr(installation, "wheel_processor", lambda wheel=wheel: wheel)
+        assert f"machine code: {words} (processor: " in jobs.check_installation().report()
 
 
 def test_summaries_name_versions_of_what_belongs_to_the_library():

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from pepper_kin.kernels import cache_folder, clear_cache, compile_function, package_file, private_folder
+from pepper_kin.kernels import cache_folder, clear_cache, compile_function, private_folder, progress
 
 POINTS = np.linspace(-2, 2, 30).reshape(10, 3)
 
@@ -202,14 +202,22 @@ def test_clearing_removes_kernels_and_interrupted_writes_only(folder):
     assert not compile_function(make_function()).from_cache
 
 
-def test_default_folder_follows_the_platform(monkeypatch):
+def test_default_folder_follows_the_platform(monkeypatch, tmp_path):
     monkeypatch.delenv("PEPPER_KIN_CACHE")
     if sys.platform.startswith("linux"):
-        monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere/cache")
-        assert str(cache_folder()) == "/somewhere/cache/pepper_kin"
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+        assert cache_folder() == tmp_path / "cache" / "pepper_kin"
         monkeypatch.delenv("XDG_CACHE_HOME")
-        monkeypatch.setenv("HOME", "/home/someone")
-        assert str(cache_folder()) == "/home/someone/.cache/pepper_kin"
+        monkeypatch.setenv("HOME", str(tmp_path))
+        assert cache_folder() == tmp_path / ".cache" / "pepper_kin"
+
+
+def test_code_is_kept_elsewhere_where_the_home_cannot_be_written(monkeypatch, tmp_path):
+    monkeypatch.delenv("PEPPER_KIN_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "/dev/null")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert cache_folder() == tmp_path / "pepper_kin"
 
 
 as_root = pytest.mark.skipif(
@@ -300,12 +308,12 @@ def test_a_folder_that_another_user_made_first_is_not_used(folder, monkeypatch, 
 
 
 def test_a_reason_is_logged_where_something_is_made_and_not_again(folder, caplog):
-    package_file.tell("a reason of this test")
+    progress.note_reason("a reason of this test")
     with caplog.at_level(logging.WARNING, "pepper_kin.kernels"):
         compile_function(make_function())
         assert caplog.text.count("a reason of this test; it is made here, once, and kept") == 1
-        package_file._reasons.clear()  # as in another process
-        package_file.tell("a reason of this test")
+        progress._reasons.clear()  # as in another process
+        progress.note_reason("a reason of this test")
         assert compile_function(make_function()).from_cache
     assert caplog.text.count("a reason of this test") == 1
-    package_file._reasons.clear()
+    progress._reasons.clear()

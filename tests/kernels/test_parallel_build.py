@@ -1,0 +1,96 @@
+"""Processes that make machine code: what is made, in which order, and how they end."""
+
+import time
+
+import pytest
+
+from pepper_kin.kernels import parallel_build
+from pepper_kin.kernels.compiled_function import unit_of
+from pepper_kin.kernels.store import is_kept
+from pepper_kin.kernels.warm_up import Build
+
+SMALL = ("pepper_kin.kernels.calling", "pepper_kin.core.timing.kinks", "pepper_kin.core.kernel_batch")
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    monkeypatch.setenv("PEPPER_KIN_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def kept():
+    for name in SMALL:
+        parallel_build.importlib.import_module(name)
+    return {name for name in SMALL if is_kept(unit_of(name).key())}
+
+
+def test_all_that_is_named_is_made_and_no_more(empty):
+    reports = []
+    Build(SMALL[:2], only=True).finish(reports.append)
+    assert kept() == set(SMALL[:2])
+    assert reports[-1].ratio == 1.0
+    assert not list(empty.glob("*.lock"))
+
+
+def test_what_is_asked_for_later_is_made_too(empty):
+    build = Build(SMALL[:1], only=True)
+    build.ask(SMALL[2])
+    build.finish(lambda progress: None)
+    assert SMALL[2] in kept()
+
+
+def test_one_that_is_ended_leaves_whole_parts(empty):
+    build = Build(SMALL, only=True)
+    while build.is_running and not kept():
+        time.sleep(0.01)
+    build.end()
+    assert not build.is_running
+    before = kept()
+    assert before
+    Build(SMALL, only=True).finish(lambda progress: None)
+    assert kept() == set(SMALL)
+
+
+def test_a_module_that_is_not_there_is_an_error_that_names_it(empty):
+    with pytest.raises(RuntimeError, match="no_such_module"):
+        Build(["pepper_kin.no_such_module"], only=True).finish(lambda progress: None)
+
+
+@pytest.fixture
+def schedule(monkeypatch):
+    """Units of functions that are named by letters, with nothing made."""
+    reached = {"one": "abcdef", "two": "abcdefg", "three": "xyz", "asked": "a"}
+
+    class Unit:
+        def __init__(self, name):
+            self.name = name
+
+        def key(self):
+            return self.name
+
+        def reached(self):
+            return dict.fromkeys(reached[self.name])
+
+    monkeypatch.setattr(parallel_build, "unit_of", Unit)
+    monkeypatch.setattr(parallel_build.importlib, "import_module", lambda name: None)
+    monkeypatch.setattr(parallel_build, "is_known", lambda key, target: False)
+    made = parallel_build._Schedule(None)
+    for name in ("one", "two", "three"):
+        made.add(name, 1)
+    return made
+
+
+def test_units_that_share_functions_are_not_made_side_by_side(schedule):
+    assert [schedule.next(), schedule.next()] == ["two", "three"]
+
+
+def test_what_is_asked_for_comes_first_and_what_is_shared_counts_once(schedule):
+    schedule.add("asked", 0)
+    assert schedule.next() == "asked"
+    schedule.finish("asked")
+    order = []
+    while (name := schedule.next()) is not None:
+        order.append(name)
+        schedule.finish(name)
+    assert order == ["two", "three", "one"]
+    assert schedule.done == pytest.approx(schedule.total)
