@@ -175,6 +175,13 @@ def copy_code(source: Path, folder: Path, names: Iterable[str] | None = None) ->
     return folder
 
 
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark what is solved by placo."""
+    parameters = getattr(item, "callspec", None)
+    if parameters is not None and parameters.params.get("solver") == "placo":
+        item.add_marker("placo")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Put tests in a browser first: one process then has them all, and no two browsers draw at once.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import platform
 import re
@@ -24,8 +25,6 @@ PURPOSES: Mapping[str, str] = {
     "numpy": "arrays",
     "scipy": "splines, hulls of points, rotations",
     "pin": "Pinocchio: the robot's tree, kinematics and dynamics of single states",
-    "cmeel-urdfdom": "a library of Pinocchio's, in the version that it is linked against",
-    "cmeel-tinyxml2": "the same of cmeel-urdfdom",
     "coal": "exact distances and contacts, of which certificates are made",
     "proxsuite": "the solver ProxQP, of IK and of contacts that Newton's method does not solve",
     "casadi": "expressions, of which machine code of robots, tasks and formulas is made",
@@ -149,7 +148,7 @@ class Installation:
 
 
 def check_installation(chromium: str | None = None) -> Installation:
-    """Return what is installed and what is missing; nothing is changed, and nothing loaded but ProxQP.
+    """Return what is installed and what is missing; nothing is changed, only Pinocchio and ProxQP are loaded.
 
     Args:
         chromium: Path of the browser that draws pictures, if there is one.
@@ -161,6 +160,14 @@ def check_installation(chromium: str | None = None) -> Installation:
         for one in rows
         if not (one.fits if one.installed else one.extra)
     ]
+    try:
+        importlib.import_module("pinocchio")
+    except ImportError as error:
+        faults.append(
+            f"Pinocchio does not load ({error}); the metadata of pin 3.8.0 admit libraries that it is not "
+            "linked against: pip install --upgrade 'pin>=4.1', or, for 3.8.0, "
+            "pip install cmeel-urdfdom==4.0.1 cmeel-tinyxml2==10.0.0"
+        )
     try:
         proxqp()
     except MissingDependencyError as error:

@@ -29,14 +29,12 @@ def test_a_joint_goes_to_its_value_beside_another_task(solver):
     assert np.linalg.norm(palm - (0.4, 0.2, 0.9)) <= 1e-3
 
 
-def test_many_values():
+@pytest.mark.parametrize("solver", ALL_SOLVERS)
+def test_many_values(solver):
     values = np.array([-0.5, 0.0, 0.7])
-    for solver in ALL_SOLVERS:
-        found = pk.ik.solve_batch(
-            PEPPER, pk.ik.JointValue("HeadYaw", values), solver=solver, collisions=False
-        )
-        assert found.success.all()
-        np.testing.assert_allclose(found.q[:, PEPPER.joint_index("HeadYaw")], values, atol=math.radians(0.5))
+    found = pk.ik.solve_batch(PEPPER, pk.ik.JointValue("HeadYaw", values), solver=solver, collisions=False)
+    assert found.success.all()
+    np.testing.assert_allclose(found.q[:, PEPPER.joint_index("HeadYaw")], values, atol=math.radians(0.5))
 
 
 def test_a_value_beyond_the_limit():
@@ -72,24 +70,22 @@ def test_the_base_stands_at_its_target(solver):
     assert [error.unit for error in result.errors] == ["m", "rad", "m"]
 
 
-def test_the_base_turns_the_short_way_round():
+@pytest.mark.parametrize("solver", ALL_SOLVERS)
+def test_the_base_turns_the_short_way_round(solver):
     q0 = PLANAR.joint_vector({"BaseYaw": -3.0})
-    for solver in ALL_SOLVERS:
-        result = pk.ik.solve(PLANAR, pk.ik.BasePlacement(yaw=3.0), q0, solver=solver, collisions=False)
-        assert result.success
-        assert result.q[PLANAR.joint_index("BaseYaw")] == pytest.approx(3.0 - 2 * math.pi, abs=0.01)
+    result = pk.ik.solve(PLANAR, pk.ik.BasePlacement(yaw=3.0), q0, solver=solver, collisions=False)
+    assert result.success
+    assert result.q[PLANAR.joint_index("BaseYaw")] == pytest.approx(3.0 - 2 * math.pi, abs=0.01)
 
 
-def test_near_is_a_wide_tolerance():
+@pytest.mark.parametrize("solver", ALL_SOLVERS)
+def test_near_is_a_wide_tolerance(solver):
     """The base gives way within its tolerance, whatever its weight, until the hand is there."""
     near = pk.ik.BasePlacement((0.5, 0.0), tolerance=0.4)
     point = (1.4, 0.3, 0.9)
-    for solver in ALL_SOLVERS:
-        result = pk.ik.solve(
-            PLANAR, [near, pk.ik.HandPosition("left", point)], solver=solver, collisions=False
-        )
-        assert result.success, result.report()
-        assert 0.01 < math.dist(result.q[:2], (0.5, 0.0)) <= 0.4
+    result = pk.ik.solve(PLANAR, [near, pk.ik.HandPosition("left", point)], solver=solver, collisions=False)
+    assert result.success, result.report()
+    assert 0.01 < math.dist(result.q[:2], (0.5, 0.0)) <= 0.4
     assert len(near.parts) == 1
     assert near.yaw is None
 

@@ -101,6 +101,7 @@ def test_preference_yields_to_the_task():
     assert np.linalg.norm(led.q - wanted) < np.linalg.norm(plain.q - wanted)
 
 
+@pytest.mark.placo
 def test_both_solvers_agree_on_the_closest_point():
     for target in ((1.2, 0.4, 0.9), (0.0, 0.0, 1.8), (0.3, 0.9, 0.2)):
         points = []

@@ -139,6 +139,7 @@ def test_pose_from_a_configuration_is_met(solver):
         np.testing.assert_allclose(found, pose, atol=0.01)
 
 
+@pytest.mark.placo
 def test_placo_refuses_mimic_offsets_by_name():
     urdf = """<robot name="two"><link name="a"/><link name="b"/><link name="c"/>
     <joint name="lead" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>

@@ -135,17 +135,17 @@ def test_the_closest_point_beside_obstacles_hardly_depends_on_the_seed():
         assert np.ptp(distances) < 0.01, (point, distances)
 
 
-def test_groups_and_names_in_a_posture():
+@pytest.mark.parametrize("solver", ALL_SOLVERS)
+def test_groups_and_names_in_a_posture(solver):
     arm = PEPPER.joint_group("right_arm")
     target = [0.5, -0.4, 0.3, 0.8, 0.2, 0.1]
     task = pk.ik.JointPosture(target, joints=["right_arm", "HeadYaw"])
     same = pk.ik.JointPosture(target, joints=[*arm, "HeadYaw"])
-    for solver in ALL_SOLVERS:
-        results = [pk.ik.solve(PEPPER, t, solver=solver, collisions=False) for t in (task, same)]
-        assert results[0].success
-        np.testing.assert_array_equal(results[0].q, results[1].q)
-        got = results[0].q[[PEPPER.joint_index(name) for name in (*arm, "HeadYaw")]]
-        np.testing.assert_allclose(got, target, atol=0.01)
+    results = [pk.ik.solve(PEPPER, t, solver=solver, collisions=False) for t in (task, same)]
+    assert results[0].success
+    np.testing.assert_array_equal(results[0].q, results[1].q)
+    got = results[0].q[[PEPPER.joint_index(name) for name in (*arm, "HeadYaw")]]
+    np.testing.assert_allclose(got, target, atol=0.01)
     q = np.tile(target, (3, 1)) * [[1.0], [0.9], [0.8]]
     found = pk.ik.solve_batch(
         PEPPER, pk.ik.JointPosture(q, joints=["right_arm", "HeadYaw"]), collisions=False

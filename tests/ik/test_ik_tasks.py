@@ -1,6 +1,9 @@
 """Tasks: residuals by their definition, Jacobians by finite differences, refusals by name."""
 
+import inspect
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +13,12 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.ik.tasks.direction import direction_residual, sideways_basis
 from pepper_kin.model.shapes import rotation_rpy, transform
 
+ROOT = Path(__file__).parents[2]
 MODELS = [("fixed", "locked"), ("planar", "mimic")]
 
 TASKS = {
     "position": pk.ik.FramePosition("l_wrist", (0.3, 0.2, 0.9)),
+    "in a plane": pk.ik.FrameInPlane("RArm_effector", (0.3, -0.2, 0.8), (1, 2, -0.5)),
     "hand position": pk.ik.HandPosition("right", (0.3, -0.2, 0.9), weight=2.0),
     "orientation": pk.ik.FrameOrientation("torso", rotation_rpy(0.4, -0.3, 0.2)),
     "alignment": pk.ik.AxisAlignment("l_wrist", (0.3, 0.2, 1.0), axis=(0.1, 0.9, 0.3)),
@@ -53,6 +58,28 @@ BASE_TASKS = {
 def random_states(pepper, count, seed):
     low, high = np.maximum(pepper.lower_limits, -3), np.minimum(pepper.upper_limits, 3)
     return np.random.default_rng(seed).uniform(low, high, (count, pepper.n))
+
+
+def public_tasks(*bases):
+    """Yield the names of the public classes of tasks."""
+    for name in pk.ik.__all__:
+        value = getattr(pk.ik, name)
+        if inspect.isclass(value) and issubclass(value, bases) and not inspect.isabstract(value):
+            yield name
+
+
+def test_every_task_is_compared_with_finite_differences():
+    tasks = [*(TASKS | BASE_TASKS).values(), *(make(pk.load_pepper()) for make in EXPRESSIONS.values())]
+    forgotten = {*public_tasks(pk.ik.Task)} - {type(task).__name__ for task in tasks}
+    assert not forgotten, f"add a line to TASKS in tests/ik/test_ik_tasks.py for each of {sorted(forgotten)}"
+
+
+def test_every_task_stands_in_the_table_of_its_page():
+    """The two parts of `BasePlacement` are for programs that build tasks."""
+    rows = re.findall(r"^\| (`[^|]+) \|", (ROOT / "docs" / "ik.md").read_text("utf-8"), re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`(\w+)\(", row)}
+    forgotten = {*public_tasks(pk.ik.Task, pk.ik.TaskGroup)} - named - {"BasePosition", "BaseYaw"}
+    assert not forgotten, f"add a row to the table of tasks in docs/ik.md for each of {sorted(forgotten)}"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -22,6 +23,7 @@ EXTRAS = {
     for name, rows in PROJECT["optional-dependencies"].items()
     if name not in ("test", "docs", "dev")
 }
+(PIN,) = (Requirement(row).specifier for row in PROJECT["dependencies"] if Requirement(row).name == "pin")
 PAGE = (ROOT / "docs" / "platforms.md").read_text("utf-8")
 
 
@@ -109,11 +111,18 @@ def test_what_belongs_to_the_library_and_is_missing_or_wrong_is_named(installed,
     installed("pin", version)
     done = CliRunner().invoke(app, ["doctor"])
     assert done.exit_code == 1
-    assert f"Wrong: pin==3.8.0 is not there, but {there}: pip install 'pin==3.8.0'" in done.stdout
+    fault = f"pin{PIN} is not there, but {there}: pip install 'pin{PIN}'"
+    assert f"Wrong: {fault}" in done.stdout
     done = CliRunner().invoke(app, ["doctor", "--json"])
-    assert json.loads(done.stdout)["faults"] == [
-        f"pin==3.8.0 is not there, but {there}: pip install 'pin==3.8.0'"
-    ]
+    assert json.loads(done.stdout)["faults"] == [fault]
+
+
+def test_libraries_with_which_pinocchio_does_not_load_are_a_fault(monkeypatch):
+    """An installer that takes pin 3.8.0 without placo puts urdfdom 6 beside it."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    (fault,) = jobs.check_installation().faults
+    assert "Pinocchio does not load (import of pinocchio halted" in fault
+    assert "pip install --upgrade 'pin>=4.1'" in fault
 
 
 def test_what_an_extra_brings_is_named_and_is_no_fault(installed):

@@ -15,8 +15,10 @@ def test_the_page_names_every_sensor_with_its_rate():
             (line for line in text.splitlines() if line.startswith("| `") and f"`{name}`" in line), None
         )
         row = row or next(
-            line for line in text.splitlines() if "`head_touch_front`" in line and f"`{short}`" in line
+            (line for line in text.splitlines() if "`head_touch_front`" in line and f"`{short}`" in line),
+            None,
         )
+        assert row is not None, f"add a row for {name!r} to the table in docs/sensors.md"
         assert f"| {specification.rate:g} Hz |" in row
 
 

@@ -1,5 +1,9 @@
 """Actuators: closed forms of one joint for every part of the law, and what is refused."""
 
+import dataclasses
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -32,6 +36,15 @@ def spin(machine, steps, v=0.0, target=0.0, **more):
     """Follow one constant reference from rest or from a speed."""
     machine.reset([0.0], [v])
     return machine.follow(np.full((steps, 1), target), **{k: np.full((steps, 1), x) for k, x in more.items()})
+
+
+def test_every_parameter_stands_in_the_table_of_its_page():
+    page = (Path(__file__).parents[2] / "docs" / "twin.md").read_text("utf-8")
+    rows = re.findall(r"^\| (`[^|]+) \|", page, re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    fields = {field.name for field in dataclasses.fields(pk.twin.ActuatorParameters)}
+    missing = sorted(fields - named - {"joint_names", "sources"})
+    assert not missing, f"add a row to the table of actuators in docs/twin.md for {missing}"
 
 
 def test_coulomb_friction_slows_down_evenly_and_then_holds(rotor):
