@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import fcntl
 import gc
 import importlib
 import io
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -33,12 +35,16 @@ from pepper_kin.kernels.parallel_build import compiled_modules
 from pepper_kin.kernels.store import cache_folder, is_known, kept_name
 from pepper_kin.kernels.warm_up import Build
 from pepper_kin.viewer import find_chromium
-from pepper_kin.viewer.browser import CHROMIUM_FLAGS
+from pepper_kin.viewer.browser import CHROMIUM_FLAGS, CHROMIUM_VARIABLE
 
 LARGE_PROCESS = 600e6
 """Memory from which on robots forget what is kept for them [bytes]."""
 forget_from = [LARGE_PROCESS]
 """The same, and higher where not so much was forgotten the last time."""
+NO_BROWSER = (
+    "no Chromium, and none could be installed: pages, pictures and films were not tried; install one "
+    "(Debian: apt-get install chromium) or name its program in PEPPER_KIN_CHROMIUM"
+)
 
 
 if sys.platform == "linux":
@@ -73,7 +79,8 @@ if sys.version_info < (3, 12) and "coverage.collector" in sys.modules:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options of the fuzz tests (`tests/fuzz`)."""
+    """Add the options of the fuzz tests (`tests/fuzz`), and of continuous integration."""
+    parser.addoption("--allowed-skips", metavar="FILE", help="fail on a skip whose reason is no line of FILE")
     group = parser.getgroup("fuzz", "fuzz tests: one property, three sizes")
     group.addoption(
         "--fuzz-size", choices=("small", "middle", "long"), default="small", help="seconds, minutes, hours"
@@ -88,8 +95,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def other_skips(config: pytest.Config) -> list[str]:
+    """Return the tests that were skipped for a reason that `--allowed-skips` does not list."""
+    path = config.getoption("--allowed-skips")
+    if not path:
+        return []
+    allowed = {line.strip() for line in Path(path).read_text(encoding="utf-8").splitlines()}
+    skipped = config.pluginmanager.get_plugin("terminalreporter").stats.get("skipped", ())
+    reasons = [(report.nodeid, report.longrepr[2].removeprefix("Skipped: ")) for report in skipped]
+    return [f"{test}: {reason}" for test, reason in reasons if reason not in allowed]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Let the run fail where a skip is not allowed; workers leave that to the process that started them."""
+    if not hasattr(session.config, "workerinput") and other_skips(session.config):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Print what the fuzz tests examined; write it as JSON where `--fuzz-report` asks for it."""
+    """Print skips that are not allowed, and what the fuzz tests examined; write it with `--fuzz-report`."""
+    if skips := other_skips(config):
+        terminalreporter.section(f"skips that are not in {config.getoption('--allowed-skips')}", red=True)
+        terminalreporter.write_line("\n".join(skips))
     tests = [found for outcome in ("passed", "failed") for found in fuzz_results(terminalreporter, outcome)]
     path = config.getoption("--fuzz-report")
     if path:
@@ -248,16 +275,71 @@ def pepper() -> pk.PepperModel:
     return pk.load_pepper()
 
 
+PLAYWRIGHT = [
+    [sys.executable, "-m", "playwright", "install", "chromium"],
+    [
+        sys.executable, "-c",
+        "from playwright.sync_api import sync_playwright as start\n"
+        "with start() as playwright: print(playwright.chromium.executable_path)",
+    ],
+]  # fmt: skip
+APT = [
+    ["apt-get", "-q", "update"],
+    ["apt-get", "-qy", "-o", "DPkg::Lock::Timeout=120", "--no-install-recommends", "install", "chromium"],
+    ["which", "chromium"],
+]
+
+
+def install_chromium() -> str:
+    """Install Chromium, by apt-get as root and else by Playwright; return the path of its program.
+
+    Raises:
+        LookupError: Neither could; the text has the last line of each.
+    """
+    failures = []
+    for commands in [APT, PLAYWRIGHT] if os.geteuid() == 0 and shutil.which("apt-get") else [PLAYWRIGHT]:
+        try:
+            for words in commands:
+                path = command_output(words)
+            command_output([path, "--version"])  # Playwright's needs libraries of the system
+            return path
+        except OSError as error:
+            failures.append(str(error))
+    raise LookupError("; ".join(failures))
+
+
+def command_output(words: list[str]) -> str:
+    """Return the last line that a command writes; raise `OSError` with it where the command fails."""
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    done = subprocess.run(
+        words, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+    lines = (done.stdout if done.returncode == 0 else done.stderr + done.stdout).strip().splitlines() or [""]
+    if done.returncode:
+        raise OSError(f"{' '.join(words[:4])}: {lines[-1]}")
+    return lines[-1]
+
+
 @pytest.fixture(scope="session")
-def chromium_path() -> str:
-    """Path of a Chromium; without one the test is skipped on a bare machine and fails where CI=true."""
-    path = find_chromium()
-    if path is not None:
-        return path
-    message = "no Chromium found: browser tests need one (apt-get install chromium)"
-    if os.environ.get("CI") == "true":
-        pytest.fail(message)
-    pytest.skip(message)
+def chromium_path(kernel_cache: Path) -> str:
+    """Path of a Chromium, which is installed where there is none; tests are skipped where it cannot be."""
+    with (kernel_cache.parent / "chromium.lock").open("w") as lock:  # one process installs, the others wait
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if (path := find_chromium()) is None:
+            try:
+                path = install_chromium()
+            except LookupError as error:
+                pytest.skip(f"{NO_BROWSER} ({error})")
+            warnings.warn(f"no Chromium was found: installed {path} for tests in a browser", stacklevel=1)
+            os.environ[CHROMIUM_VARIABLE] = path
+    return path
+
+
+@pytest.fixture(autouse=True)
+def chromium_where_marked(request: pytest.FixtureRequest) -> None:
+    """Let tests with the marker `browser` have a Chromium even where they only call what needs it."""
+    if request.node.get_closest_marker("browser"):
+        request.getfixturevalue("chromium_path")
 
 
 @pytest.fixture(scope="session")

@@ -20,10 +20,19 @@ def blocks(page: Path) -> list[tuple[int, str]]:
     return [(text.count("\n", 0, found.start(1)), found.group(1)) for found in BLOCK.finditer(text)]
 
 
-RUNNING = [page for page in PAGES if blocks(page)]
+def draws(page: Path) -> bool:
+    """Return whether a page draws pictures or films, for which it needs Chromium."""
+    return any(re.search(r"\.save_(image|video)\(", text) for _, text in blocks(page))
 
 
-@pytest.mark.parametrize("page", RUNNING, ids=lambda page: str(page.relative_to(ROOT)))
+RUNNING = [
+    pytest.param(page, marks=[pytest.mark.browser] * draws(page), id=str(page.relative_to(ROOT)))
+    for page in PAGES
+    if blocks(page)
+]
+
+
+@pytest.mark.parametrize("page", RUNNING)
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, object] = {"__name__": "page"}

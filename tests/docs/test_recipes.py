@@ -75,7 +75,17 @@ def test_there_are_forty_and_the_index_lists_them_in_order():
     assert len(listed) == len(ALL)
 
 
-@pytest.mark.parametrize("recipe", ALL, ids=lambda recipe: f"{recipe.page}: {recipe.title}")
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        pytest.param(
+            recipe,
+            marks=[pytest.mark.browser] * bool(re.search(r"\.save_(image|video)\(", recipe.text)),
+            id=f"{recipe.page}: {recipe.title}",
+        )
+        for recipe in ALL
+    ],
+)
 def test_a_recipe_runs_by_itself_and_prints_what_it_says(
     recipe: Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -255,7 +255,7 @@ def test_the_same_source_runs_interpreted(tmp_path, run_module):
 @pytest.mark.parametrize("damage", [b"", b"\x00" * 100, None], ids=["empty", "zeros", "flipped bit"])
 def test_damaged_code_is_made_again_and_said_so(after_first_run, run_module, damage):
     tmp_path = after_first_run
-    (path,) = [p for p in (tmp_path / "cache").glob("*.code") if b"\x7fELF" in p.read_bytes()]
+    (path,) = [p for p in (tmp_path / "cache").glob("*.code") if b"own_total\0" in p.read_bytes()]
     whole = path.read_bytes()
     path.write_bytes(damage if damage is not None else whole[:200] + bytes([whole[200] ^ 4]) + whole[201:])
     out, error = run_module(tmp_path)
@@ -274,9 +274,8 @@ def test_folders_that_cannot_be_written_leave_code_in_memory(tmp_path, run_modul
 def test_code_for_a_processor_of_another_name_is_another_part(after_first_run, run_module):
     tmp_path = after_first_run
     count = len(list((tmp_path / "cache").glob("*.code")))
-    out, error = run_module(tmp_path, PEPPER_KIN_CPU="x86-64")
+    out, _ = run_module(tmp_path, PEPPER_KIN_CPU="x86-64")
     if host_target().triple.startswith("x86_64"):
-        assert "no machine code comes with the package for this processor, which has no" in error
         assert out == "True"
         assert len(list((tmp_path / "cache").glob("*.code"))) > count
 
