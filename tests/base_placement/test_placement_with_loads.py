@@ -52,6 +52,7 @@ def test_the_torque_that_is_certified_is_that_with_the_object():
         assert use != pytest.approx(ratio(PEPPER.inner_model, placement.q[0]), rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_places_where_the_robot_would_tip_with_the_object_do_not_serve():
     """With 4 kg in the hand, the robot balances by its trunk: a posture that balances without them tips."""
     tasks, model = [TARGET, ik.CenterOfMassOverWheels(0.06)], loaded_model(4.0)

@@ -47,6 +47,7 @@ def test_ctrl_c_writes_the_best_so_far_and_exits_with_130(tmp_path):
     assert load_policy(tmp_path / "a.npz").task == "Reach"
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_an_episode_is_drawn(run, chromium_path, tmp_path):
     imitate(PepperVectorEnv(16, "ReachBoth"), rounds=1).save(tmp_path / "both.npz")

@@ -45,6 +45,7 @@ def test_what_the_glossary_names_is_there():
     assert [name for name in names if not _there(name)] == []
 
 
+@pytest.mark.thorough
 def test_the_same_thing_is_called_the_same_everywhere():
     refused = {word: term for term, _, words in glossary() for word in words.split(", ") if word}
     assert len(refused) > 30

@@ -20,15 +20,14 @@ def blocks(page: Path) -> list[tuple[int, str]]:
     return [(text.count("\n", 0, found.start(1)), found.group(1)) for found in BLOCK.finditer(text)]
 
 
-def draws(page: Path) -> bool:
-    """Return whether a page draws pictures or films, for which it needs Chromium."""
-    return any(re.search(r"\.save_(image|video)\(", text) for _, text in blocks(page))
+def marks(page: Path) -> list[pytest.MarkDecorator]:
+    """Return `browser` for a page that draws pictures or films, `thorough` for one that trains policies."""
+    draws = any(re.search(r"\.save_(image|video)\(", text) for _, text in blocks(page))
+    return [pytest.mark.browser] * draws + [pytest.mark.thorough] * (page.name == "learning.md")
 
 
 RUNNING = [
-    pytest.param(page, marks=[pytest.mark.browser] * draws(page), id=str(page.relative_to(ROOT)))
-    for page in PAGES
-    if blocks(page)
+    pytest.param(page, marks=marks(page), id=str(page.relative_to(ROOT))) for page in PAGES if blocks(page)
 ]
 
 

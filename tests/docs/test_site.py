@@ -15,6 +15,8 @@ import pytest
 
 import pepper_kin as pk
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).parents[2]
 PAGES = {path.stem: f"pepper_kin.{path.stem}" for path in sorted((ROOT / "docs" / "api").glob("*.md"))}
 PAGES |= {f"twin_{part}": f"pepper_kin.twin.{part}" for part in ("base", "sensors", "world")}

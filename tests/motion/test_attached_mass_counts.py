@@ -193,6 +193,7 @@ def test_plans_hold_the_object_and_their_timing_counts_it():
     assert "with 3 kg of 'cup' at l_gripper" in refused.message
 
 
+@pytest.mark.thorough
 def test_optimized_motions_keep_the_torques_and_the_balance_of_the_loaded_robot():
     found = pk.motion.optimize(PEPPER, swing(0.7), HELD, balance=0.0, timeout=20.0)
     assert found.success, found.message

@@ -62,6 +62,7 @@ def coarse_and_fine(ends):
     return [minimum_torque_trajectory(*ends, 1.5, intervals=n) for n in (10, 40)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 def test_finer_splines_approach_the_reference(ends, coarse_and_fine, solver):
     """With free accelerations at both ends the reference does better, by less and less for finer splines."""

@@ -6,6 +6,8 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.motion import OptimizedStatus, optimize
 
+pytestmark = pytest.mark.thorough
+
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
 PEPPER = pk.load_pepper()
 
