@@ -199,9 +199,9 @@ class Bag:
         Warns:
             FileFormatWarning: naming each topic that is left out for such a reason where none was chosen.
         """
-        for topic in topics or ():
-            if topic not in self.topics:
-                raise UnknownNameError("topic", topic, self.topics)
+        for name in topics or ():
+            if name not in self.topics:
+                raise UnknownNameError("topic", name, self.topics)
         chosen = set()
         for topic in self._storage.topics():
             if topics is not None and topic.name not in topics:
