@@ -7,7 +7,7 @@ never raised: it is a status in a result.
     PepperKinError                            the base of all errors
     InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
     ModelError, FileFormatError, InfeasibleError, MissingDependencyError
-    ModelWarning, OvershootWarning
+    ModelWarning, OvershootWarning, FileFormatWarning
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import Any
 
 __all__ = [
     "FileFormatError",
+    "FileFormatWarning",
     "InfeasibleError",
     "InvalidValueError",
     "LimitError",
@@ -170,6 +171,10 @@ class FileFormatError(PepperKinError):
         self.path, self.reason, self.line = str(path), reason, line
         where = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{where}: {_within_reason(reason)}")
+
+
+class FileFormatWarning(UserWarning):
+    """A part of a file was not read, or not written; the message says which part, and why."""
 
 
 class InfeasibleError(PepperKinError):

@@ -177,7 +177,7 @@ def ball_distances(shapes: CheckedShapes, poses: list[Any]) -> Array:
         poses: Of all bodies in the world.
     """
     placed = zip(poses, shapes.bounding_centers, strict=True)
-    centers = np.array([pose.act(center) for pose, center in placed])
+    centers = np.array([pose.act(center) for pose, center in placed]).reshape(-1, 3)  # of none, too
     first, second = shapes.pairs
     apart = centers[first] - centers[second]
     gaps = np.linalg.norm(apart, axis=1)

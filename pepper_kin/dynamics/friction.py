@@ -26,7 +26,24 @@ def joint_friction(pepper: PepperModel, v: ArrayLike) -> NDArray[np.float64]:
         InvalidValueError: for a wrong length, NaN or infinity.
     """
     speed = as_joint_vectors(pepper, v, "v")
-    joints = {joint.name: joint for joint in pepper.document.joints}
-    damping = np.array([joints[name].damping for name in pepper.joint_names])
-    coulomb = np.array([joints[name].friction for name in pepper.joint_names])
+    damping, coulomb = friction_coefficients(pepper)
     return damping * speed + coulomb * np.sign(speed)
+
+
+def friction_coefficients(pepper: PepperModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the description's viscous and Coulomb friction of the coordinates.
+
+    Joints that mimic a coordinate rub as well: with v_full = E v, d is the diagonal of E' diag(d_full) E, and
+    c the sum of |E| c_full.
+
+    Args:
+        pepper: The robot.
+
+    Returns:
+        d [N m s/rad or N s/m] and c [N m or N], shape (n,) each.
+    """
+    joints = {joint.name: joint for joint in pepper.document.joints}
+    every = [joints[name] for name in list(pepper.inner_model.names)[1:]]
+    gains = np.abs(pepper.full_map)
+    damping = np.array([joint.damping for joint in every]) @ gains**2
+    return damping, np.array([joint.friction for joint in every]) @ gains

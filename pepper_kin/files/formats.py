@@ -10,6 +10,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.certified import Conditions, certified_points, examination
 from pepper_kin.files.csv_file import read_csv, write_csv
+from pepper_kin.files.joint_states import recording_suffix
 from pepper_kin.files.json_file import read_json, write_json
 from pepper_kin.files.naoqi_file import STEP as NAOQI_STEP
 from pepper_kin.files.naoqi_file import check_turning, read_naoqi, write_naoqi
@@ -101,7 +102,7 @@ def load(path: PathName, pepper: PepperModel | None = None, *, format: str | Non
     """Read a trajectory that `save` wrote.
 
     Args:
-        path: The file.
+        path: The file; of a recording also a .db3 file, or the folder of a bag.
         pepper: The robot whose joints the file must have, in its order; any joints if omitted.
         format: As for `save`; by the suffix if omitted.
 
@@ -114,6 +115,8 @@ def load(path: PathName, pepper: PepperModel | None = None, *, format: str | Non
         FileFormatError: naming path, line and what is wrong: truncated, another order of joints, NaN, times
             that do not rise, or no such file at all.
     """
+    if format is None and recording_suffix(path) == ".mcap":
+        format = "mcap"
     return _chosen(path, format).read(path, pepper)
 
 

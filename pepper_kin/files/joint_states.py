@@ -35,7 +35,7 @@ class StateMessage(NamedTuple):
 
     Attributes:
         topic: Where it was published.
-        stamp: Time of its header [ns]; the recording's where that is zero.
+        stamp: Time of its header [ns]; where all headers of the topic are zero, the recording's.
         names: Joints.
         position: [rad or m], one for each of them.
     """
@@ -62,13 +62,13 @@ def read_joint_states(
 
     A .csv file has a first line that names its columns: `time` [s] first, then `<joint>` or
     `<joint>.position` [rad or m]; columns of other quantities, as `run.csv` has them, are left out.  An .mcap
-    file has messages `sensor_msgs/msg/JointState`, whose headers' times are used where they are set.  Joints
-    may be in any order, and some may be missing: these stay at `rest`.
+    file, a .db3 file or the folder of a bag has messages `sensor_msgs/msg/JointState`; their headers' times
+    are used unless all are zero.  Joints may be in any order, and some may be missing: these stay at `rest`.
 
     Args:
         path: The file.
         pepper: The robot.
-        topic: Which topic of an .mcap file to read; the only one with joint states if omitted.
+        topic: Which topic of a recording to read; the only one with joint states if omitted.
         ignore: Joints that may be in the file though the robot lacks them.
         rest: Where joints stay that the file lacks [rad or m], shape (n,); Stand, or neutral, if omitted.
         interpolation: "cubic" or "monotone", see `Trajectory.from_positions`.
@@ -88,7 +88,7 @@ def read_joint_states(
     Warns:
         OvershootWarning: as `Trajectory.from_positions`.
     """
-    suffix = Path(path).suffix.lower()
+    suffix = recording_suffix(path)
     if suffix == ".csv":
         time, columns = _from_csv(path)
     elif suffix[1:] in plugins("formats"):
@@ -120,6 +120,12 @@ def read_joint_states(
         )
     except InvalidValueError as error:
         raise FileFormatError(path, str(error)) from error
+
+
+def recording_suffix(path: PathName) -> str:
+    """Return the suffix of a file; ".mcap" for the other forms of recordings, which the same module reads."""
+    suffix = Path(path).suffix.lower()
+    return ".mcap" if suffix == ".db3" or Path(path).is_dir() else suffix
 
 
 def _from_csv(path: PathName) -> tuple[Array, dict[str, Array]]:

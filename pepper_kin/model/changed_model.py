@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, ModelError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.semantics import changed_states
 from pepper_kin.model.urdf_document import parse_urdf
 from pepper_kin.model.xml_source import MOST
 from pepper_kin.model.xml_text import own_child
@@ -96,6 +98,10 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
+    before = set(changed_states(pepper.semantics.states, old))
+    for sentence in changed_states(pepper.semantics.states, document):
+        if sentence not in before:
+            warnings.warn(f"SRDF: {sentence}", ModelWarning, stacklevel=4)
     return type(pepper)(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 from pepper_kin.exceptions import InvalidValueError, ModelError
 from pepper_kin.model.dynamics_model import described
@@ -18,13 +18,27 @@ if TYPE_CHECKING:
 FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 
 
+class ExportOptions(TypedDict, total=False):
+    """Options of `export`."""
+
+    mesh_paths: str | None
+    zero_inertials: bool
+    balance_inertias: bool
+
+
 def export(
-    pepper: PepperModel, format: str, *, mesh_paths: str | None = None, zero_inertials: bool = False
+    pepper: PepperModel,
+    format: str,
+    *,
+    mesh_paths: str | None = None,
+    zero_inertials: bool = False,
+    balance_inertias: bool = False,
 ) -> str:
     """Return the robot as the text of a file.
 
-    All formats describe the same kinematics and masses; see the page on the description for what each cannot
-    say.  With `mesh_paths="relative"` the files that `mesh_files` lists must be copied beside the text.
+    All formats describe the same kinematics, masses, limits and friction of joints; see the page on the
+    description for what each cannot say.  With `mesh_paths="relative"` the files that `mesh_files` lists must
+    be copied beside the text.
 
     Args:
         pepper: The robot.
@@ -32,33 +46,45 @@ def export(
         mesh_paths: How meshes are named: "package" (default of URDF; not in MJCF, which has no packages),
             "absolute" (default of SDF and MJCF) or "relative" (`meshes/NAME` beside the text).
         zero_inertials: URDF only: write masses of zero into links without mass, for PyBullet.
+        balance_inertias: SDF and MJCF only, which refuse inertias that no body has: add what is missing to
+            their principal moments, with a warning that names link and amount.
 
     Returns:
         The text.
 
     Raises:
-        InvalidValueError: for another format or mesh_paths, or zero_inertials where it has no meaning.
-        ModelError: for a chain of joints that is too long for a format whose bodies hold one another, and for
-            a robot whose `pinocchio_model` was changed by hand, which only an SRDF does not speak of.
+        InvalidValueError: for another format or mesh_paths, or zero_inertials or balance_inertias where it
+            has no meaning.
+        ModelError: naming what the format cannot hold: inertias that no body has, reserved names; for a chain
+            of joints that is too long for a format whose bodies hold one another, and for a robot whose
+            `pinocchio_model` was changed by hand, which only an SRDF does not speak of.
+
+    Warns:
+        ModelWarning: naming each mesh that MuJoCo cannot read, whose shape is left out of an MJCF, and what
+            `balance_inertias` has added.
     """
     check_choice("format", format, FORMATS)
     try:
-        return _text(pepper, format, mesh_paths, zero_inertials)
+        return _text(pepper, format, mesh_paths, zero_inertials, balance_inertias)
     except RecursionError as error:
         reason = f"its chain of joints is too long for {format}, whose bodies hold one another"
         raise ModelError(f"robot {pepper.name!r}: {reason}") from error
 
 
-def _text(pepper: PepperModel, format: str, mesh_paths: str | None, zero_inertials: bool) -> str:
+def _text(
+    pepper: PepperModel, format: str, mesh_paths: str | None, zero_inertials: bool, balance: bool
+) -> str:
     if zero_inertials and format != "urdf":
         raise InvalidValueError("zero_inertials", "True", "False: only URDF leaves the mass of a link out")
+    if balance and format not in ("sdf", "mjcf"):
+        raise InvalidValueError("balance_inertias", "True", "False: only SDF and MJCF refuse inertias")
     if format == "srdf":
         return srdf_text(pepper)
     described(pepper)
     if format == "urdf":
         return urdf_text(pepper, mesh_paths or "package", zero_inertials)
     if format == "sdf":
-        return sdf_text(pepper, mesh_paths or "absolute")
+        return sdf_text(pepper, mesh_paths or "absolute", balance)
     if mesh_paths == "package":
         raise InvalidValueError("mesh_paths", "'package'", "'absolute' or 'relative': MJCF has no packages")
-    return mjcf_text(pepper, mesh_paths or "absolute")
+    return mjcf_text(pepper, mesh_paths or "absolute", balance_inertias=balance)

@@ -3,53 +3,68 @@
 from __future__ import annotations
 
 import math
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import ModelError, ModelWarning
+from pepper_kin.model.export_inertia import TINY_INERTIA, TINY_MASS, loadable_bodies
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, is_light
+from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, interval, is_light
+from pepper_kin.model.mjcf_meshes import why_unreadable
 from pepper_kin.model.poses import quaternion_from_rotation
-from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
+from pepper_kin.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from pepper_kin.model.tree_order import leader_of
 from pepper_kin.model.xml_text import child, document, number, numbers
 
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
-TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
-"""Of a body that moves without mass, which MuJoCo does not allow [kg], [kg m^2]."""
 LEADER_INERTIA = 3e-7
 """Of a body that moves without mass and leads others [kg m^2].
 
 MuJoCo softens a constraint in proportion to the larger of the two sides' mobility, so the fingers of a
 lighter leader would sag; a heavier one would show in the mass matrix (tolerance 1e-6).
 """
-READABLE_MESHES = (".stl", ".obj", ".msh")
 VISUAL_GROUP, COLLISION_GROUP = "2", "3"
 
 
-def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = True) -> str:
+def mjcf_text(
+    pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = True, balance_inertias: bool = False
+) -> str:
     """Return the robot as an MJCF text.
 
     Links with shapes, mass or a moving joint become bodies, the other frames sites; both keep their names.
-    The root link is the world.  Joints have MuJoCo's limits, mimic joints equality constraints, and every
-    coordinate an actuator (see `mjcf_drive`).  Visual meshes are in geom group 2 and touch nothing; collision
-    shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF disables.  Wheels touch
-    nothing: they have no coordinate, and the base moves by its own joints.  Meshes that MuJoCo cannot read
-    are left out and named in a comment.
+    The root link is the world.  Joints have MuJoCo's limits, damping and friction, mimic joints equality
+    constraints, and every coordinate an actuator (see `mjcf_drive`).  Visual meshes are in geom group 2 and
+    touch nothing; collision shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF
+    disables.  Wheels touch nothing: they have no coordinate, and the base moves by its own joints.  Meshes
+    that MuJoCo cannot read are left out, with a warning and a comment.
 
     Args:
         pepper: The robot.
         mesh_paths: "absolute" or "relative".
         floor: Whether to add a plane at z = 0, a light and the ground's texture.
+        balance_inertias: See `export_inertia.loadable_bodies`.
+
+    Raises:
+        ModelError: for inertias that no body has, or a link "world" that hangs on another.
+
+    Warns:
+        ModelWarning: naming link, file and reason of each shape that is left out.
     """
-    writer = _MjcfWriter(pepper, kinematic_tree(pepper.document), mesh_namer(pepper.document, mesh_paths))
+    if "world" in pepper.link_names and pepper.document.root != "world":
+        raise ModelError("MJCF: the link 'world' hangs on another, and MuJoCo's world has that name")
+    tree = kinematic_tree(pepper.document)
+    tree = replace(tree, bodies=loadable_bodies(tree, "MJCF", balance_inertias))
+    writer = _MjcfWriter(pepper, tree, mesh_namer(pepper.document, mesh_paths))
     root = ET.Element("mujoco", model=pepper.name)
     child(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     child(root, "option", timestep="0.002", integrator="implicitfast", gravity="0 0 -9.81")
@@ -65,7 +80,9 @@ def mjcf_text(pepper: PepperModel, mesh_paths: str = "absolute", floor: bool = T
     add_drive(root, pepper, writer.tree, writer.joint_order, writer.sites)
     notes = [f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg]."]
     if writer.left_out:
-        notes.append(f"Left out, because MuJoCo cannot read them: {', '.join(writer.left_out)}")
+        notes.append(f"Left out, because MuJoCo cannot read them: {'; '.join(writer.left_out)}")
+        for what in writer.left_out:
+            warnings.warn(f"MJCF: {what}; the shape is left out", ModelWarning, stacklevel=2)
     return document(root, *notes)
 
 
@@ -144,10 +161,15 @@ class _MjcfWriter:
 
     def _joint(self, body: ET.Element, placed: PlacedJoint) -> None:
         joint = placed.joint
-        attributes = {"range": numbers((joint.lower, joint.upper))} if math.isfinite(joint.upper) else {}
+        attributes = {"range": interval(joint.lower, joint.upper)} if math.isfinite(joint.upper) else {}
+        damping = joint.damping
         kind = "slide" if joint.type == "prismatic" else "hinge"
         if joint.mimic is not None and is_light(self.pepper, self.tree, leader_of(self.pepper, joint.name)):
-            attributes["damping"] = number(FOLLOWER_DAMPING)
+            damping += FOLLOWER_DAMPING
+        if damping:
+            attributes["damping"] = number(damping)
+        if joint.friction:
+            attributes["frictionloss"] = number(joint.friction)
         child(body, "joint", name=joint.name, type=kind, axis=numbers(placed.axis), **attributes)
         self.joint_order.append(joint.name)
 
@@ -181,7 +203,7 @@ class _MjcfWriter:
             index: Number of the shape among the link's shapes of the group, for its name.
         """
         kind = "visual" if group == VISUAL_GROUP else "collision"
-        attributes = self._size(shape.geometry)
+        attributes = self._size(shape, kind)
         if not attributes:
             return
         touches = group == COLLISION_GROUP and not shape.link.startswith("Wheel")
@@ -192,11 +214,12 @@ class _MjcfWriter:
             **attributes, **_pose(pose @ shape.transform_shape_to_link),
         )  # fmt: skip
 
-    def _size(self, geometry: Geometry) -> dict[str, str]:
+    def _size(self, shape: Shape, kind: str) -> dict[str, str]:
+        geometry = shape.geometry
         if isinstance(geometry, Mesh):
-            if geometry.path.suffix.lower() not in READABLE_MESHES or not geometry.path.is_file():
-                if geometry.path.name not in self.left_out:
-                    self.left_out.append(geometry.path.name)
+            reason = why_unreadable(geometry, kind == "collision")
+            if reason:
+                self.left_out.append(f"{kind} mesh {geometry.path.name} of link {shape.link}: {reason}")
                 return {}
             key = (geometry.path, geometry.scale)
             name, count = geometry.path.stem, 2

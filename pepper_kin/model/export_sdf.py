@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pepper_kin.exceptions import ModelError, shortened
+from pepper_kin.model.export_inertia import TINY_INERTIA, TINY_MASS, loadable_bodies
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
 from pepper_kin.model.poses import rpy_of
@@ -21,28 +25,48 @@ from pepper_kin.model.xml_text import child, document, number, numbers
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
-TINY_MASS, TINY_INERTIA = 1e-8, 1e-9
-"""Of links that move without mass, which SDF does not allow [kg], [kg m^2]."""
+RESERVED = re.compile(r"world|__.*__|.*::.*")
+"""Names of models, links, joints and frames that SDF keeps for itself."""
 
 
-def sdf_text(pepper: PepperModel, mesh_paths: str = "absolute") -> str:
+def sdf_text(pepper: PepperModel, mesh_paths: str = "absolute", balance_inertias: bool = False) -> str:
     """Return the robot as an SDF text.
 
     Links with mass and links that move become links; a fixed link without mass becomes a frame of the link
     that carries it, which also takes its shapes.  The model's frame is the root link's.  A link that moves
-    without mass gets 1e-8 kg and 1e-9 kg m^2.  The version is 1.9, or 1.11 where joints mimic others, because
-    earlier ones have no word for it.
+    without mass gets 1e-12 kg and 1e-9 kg m^2.  The version is 1.9, or 1.11 where joints mimic others,
+    because earlier ones have no word for it.
 
     Args:
         pepper: The robot.
         mesh_paths: "package" (as `model://`), "absolute" or "relative".
+        balance_inertias: See `export_inertia.loadable_bodies`.
+
+    Raises:
+        ModelError: for inertias that no body has, or a name that SDF reserves.
+
+    Warns:
+        ModelWarning: with `balance_inertias`, naming link and amount.
     """
+    _refuse_reserved_names(pepper)
     tree = kinematic_tree(pepper.document)
+    tree = replace(tree, bodies=loadable_bodies(tree, "SDF", balance_inertias))
     coupled = any(joint.mimic is not None for joint in pepper.document.joints if joint.type != "fixed")
     root = ET.Element("sdf", version="1.11" if coupled else "1.9")
     writer = _SdfWriter(pepper, tree, mesh_namer(pepper.document, mesh_paths, scheme="model"))
     root.append(writer.model())
     return document(root, f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg].")
+
+
+def _refuse_reserved_names(pepper: PepperModel) -> None:
+    joints = [joint.name for joint in pepper.document.joints if joint.type != "fixed"]
+    root = pepper.document.root
+    links = [link for link in pepper.link_names if (link, root) != ("world", "world")]
+    for what, names in (("robot", [pepper.name]), ("link", links), ("joint", joints)):
+        for name in names:
+            if RESERVED.fullmatch(name):
+                reason = "SDF reserves the names 'world', '__...__' and those with '::'"
+                raise ModelError(f"SDF: the {what} has the name {shortened(repr(name))}: {reason}")
 
 
 class _SdfWriter:
@@ -57,6 +81,14 @@ class _SdfWriter:
         if not any(self.is_link.values()):
             self.is_link[pepper.document.root] = True
         self.taken = set(pepper.link_names)
+        self.names = {joint.name: self._free(joint.name, "_joint") for joint in pepper.document.joints}
+
+    def _free(self, name: str, ending: str) -> str:
+        """Return a name that nothing in the model has, and take it: links, joints and frames share them."""
+        while name in self.taken:
+            name += ending
+        self.taken.add(name)
+        return name
 
     def carrier(self, link: str) -> tuple[str | None, NDArray[np.float64]]:
         """Return the SDF link that carries a URDF link (None: the model) and the pose in it."""
@@ -87,7 +119,8 @@ class _SdfWriter:
             element = child(model, "link", name=link)
             if parent is None and (placed is None or placed.joint.type == "fixed"):
                 _pose(element, pose)
-                self._joint_element(model, f"{link}_to_world", "fixed", "world", link, None)
+                name = self._free(f"{link}_to_world", "_joint")
+                self._joint_element(model, name, "fixed", "world", link, None)
             elif placed is not None:
                 name = self._joint(model, placed, parent or "world", link, pose)
                 _pose(element, np.eye(4), relative_to=name)
@@ -114,7 +147,7 @@ class _SdfWriter:
             pose: Pose of the child link, which is the joint's frame, in the parent's frame [m], shape (4, 4).
         """
         joint = placed.joint
-        name = joint.name if joint.name not in self.taken else f"{joint.name}_joint"
+        name = self.names[joint.name]
         element = self._joint_element(model, name, joint.type, parent, link, pose)
         if joint.type == "fixed":
             return name
@@ -129,9 +162,13 @@ class _SdfWriter:
         ):
             if math.isfinite(value):
                 child(limit, tag, number(value))
+        if joint.damping or joint.friction:
+            dynamics = child(axis, "dynamics")
+            child(dynamics, "damping", number(joint.damping))
+            child(dynamics, "friction", number(joint.friction))
         leader, gain, shift = coupling_of(self.pepper, joint.name)
         if leader != joint.name:
-            mimic = child(axis, "mimic", joint=leader)
+            mimic = child(axis, "mimic", joint=self.names[leader])
             child(mimic, "multiplier", number(gain))
             child(mimic, "offset", number(shift))
             child(mimic, "reference", "0")
@@ -177,6 +214,9 @@ class _SdfWriter:
     def _shape(self, element: ET.Element, kind: str, shape: Shape) -> None:
         _, pose = self.carrier(shape.link)
         name = shape.name if shape.link == element.get("name") else f"{shape.link}_{shape.name}"
+        name = name.replace("::", "_")
+        while any(other.get("name") == name for other in element.findall(kind)):
+            name += f"_{kind}"
         item = child(element, kind, name=name)
         _pose(item, pose @ shape.transform_shape_to_link)
         self._geometry(child(item, "geometry"), shape.geometry)

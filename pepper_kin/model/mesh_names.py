@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from pepper_kin.model.joint_vectors import check_choice
@@ -47,13 +47,12 @@ def mesh_namer(document: UrdfDocument, mesh_paths: str, scheme: str = "package")
     if mesh_paths == "relative":
         beside = {path: name for name, path in mesh_files(document).items()}
         return lambda path: beside[path]
-    names = _names_in_urdf(document)
+    names = {path: name for name, path in _named_files(document)}
     return lambda path: names[path].replace("package://", f"{scheme}://", 1)
 
 
-def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
-    """Pair resolved files with the names in the text; both come in document order."""
-    result = {}
+def _named_files(document: UrdfDocument) -> Iterator[tuple[str, Path]]:
+    """Yield the names of meshes in the text with their files; one file may have several names."""
     for kind, shapes in (("visual", document.visuals), ("collision", document.collisions)):
         # As they are read: the first geometry of each shape counts, and what it holds first.
         items = [item for link in document.tree.findall("link") for item in link.findall(kind)]
@@ -61,10 +60,9 @@ def _names_in_urdf(document: UrdfDocument) -> dict[Path, str]:
         elements = [geometry[0] for geometry in geometries if geometry[0].tag == "mesh"]
         paths = [shape.geometry.path for shape in shapes if isinstance(shape.geometry, Mesh)]
         for element, path in zip(elements, paths, strict=True):
-            result[path] = element.get("filename", "")
-    return result
+            yield element.get("filename", ""), path
 
 
 def files_by_name(document: UrdfDocument) -> dict[str, Path]:
     """Return the file behind each mesh name of the URDF's text."""
-    return {name: path for path, name in _names_in_urdf(document).items()}
+    return dict(_named_files(document))

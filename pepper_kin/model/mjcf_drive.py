@@ -28,6 +28,8 @@ FOLLOWER_DAMPING = 3e-4
 
 It stands in for their leader's: a damper on a body without mass would hold it against the constraints.
 """
+NARROWEST = 1e-9
+"""Least distance of a lower and an upper limit [rad, m or their units of speed and force]."""
 BASE_DAMPING = 400.0
 """Assumed gain of the base's velocity actuators [N s/m or N m s/rad]."""
 
@@ -84,23 +86,29 @@ def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
 
 def _add_actuator(actuators: ET.Element, pepper: PepperModel, tree: KinematicTree, index: int) -> None:
     joint, effort = pepper.joint_names[index], float(pepper.effort_limits[index])
-    force = {"forcerange": numbers((-effort, effort))} if math.isfinite(effort) else {}
+    force = {"forcerange": interval(-effort, effort)} if math.isfinite(effort) else {}
     effort = effort if math.isfinite(effort) else 1.0
     if joint in BASE_JOINTS:
         speed = float(pepper.velocity_limits[index])
-        bounds = {"ctrlrange": numbers((-speed, speed))} if math.isfinite(speed) else {}
+        bounds = {"ctrlrange": interval(-speed, speed)} if math.isfinite(speed) else {}
         child(
             actuators, "velocity", name=joint, joint=joint, kv=number(BASE_DAMPING), **bounds, **force,
         )  # fmt: skip
         return
     lower, upper = float(pepper.lower_limits[index]), float(pepper.upper_limits[index])
-    bounds = {"ctrlrange": numbers((lower, upper))} if math.isfinite(upper - lower) else {}
+    bounds = {"ctrlrange": interval(lower, upper)} if math.isfinite(upper - lower) else {}
     stiffness = STIFFNESS_PER_EFFORT * effort
     damping = 0.0 if is_light(pepper, tree, joint) else DAMPING_TIME * stiffness
     child(
         actuators, "position", name=joint, joint=joint, kp=number(stiffness),
         kv=number(damping), **bounds, **force,
     )  # fmt: skip
+
+
+def interval(lower: float, upper: float) -> str:
+    """Return limits as MuJoCo reads them; equal ones 1e-9 apart, since it takes `0 0` for no limits."""
+    apart = max(0.0, NARROWEST - (upper - lower)) / 2
+    return numbers((lower - apart, upper + apart))
 
 
 def is_light(pepper: PepperModel, tree: KinematicTree, joint: str) -> bool:

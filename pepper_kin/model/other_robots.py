@@ -62,7 +62,8 @@ def load_robot(
         InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
 
     Warns:
-        ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
+        ModelWarning: naming what the SRDF speaks of and the robot lacks, which is left out, and values of its
+            states that the robot's postures do not have: beyond limits, several for one joint, of followers.
     """
     with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
@@ -74,18 +75,19 @@ def load_robot(
     if srdf is not None:
         with warned(srdf):
             semantics = parse_srdf(read_source(srdf), document)
-        _warn_of_unknown_names(srdf, semantics)
+        _warn_of_what_does_not_fit(srdf, semantics)
     if not semantics.disabled_pairs:
         semantics = replace(semantics, disabled_pairs=neighboring_pairs(document))
     with warned(urdf):
         return build_model(document, semantics)
 
 
-def _warn_of_unknown_names(srdf: str | Path, semantics: Semantics) -> None:
-    """Warn of names in an SRDF that the robot lacks: one text may serve variants, or a name may be wrong."""
-    if semantics.unknown:
-        file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
-        warnings.warn(f"{file}SRDF: {semantics.unknown_names()}", ModelWarning, stacklevel=3)
+def _warn_of_what_does_not_fit(srdf: str | Path, semantics: Semantics) -> None:
+    """Warn of what an SRDF says and the robot lacks: one text may serve variants, or a name may be wrong."""
+    file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
+    unknown = [semantics.unknown_names()] if semantics.unknown else []
+    for sentence in (*unknown, *semantics.changed):
+        warnings.warn(f"{file}SRDF: {sentence}", ModelWarning, stacklevel=3)
 
 
 def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from pepper_kin.model.changed_model import JointValues
+    from pepper_kin.model.export_formats import ExportOptions
     from pepper_kin.model.shapes import Shape
     from pepper_kin.model.wheels import Wheels
 
@@ -342,12 +343,12 @@ class PepperModel:
             return self.posture("Stand")
         return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
 
-    def export(self, format: str, *, mesh_paths: str | None = None, zero_inertials: bool = False) -> str:
+    def export(self, format: str, **options: Unpack[ExportOptions]) -> str:
         """Return the robot as the text of a "urdf", "srdf", "sdf" or "mjcf" file.
 
         See `pepper_kin.model.export` for the arguments and errors.
         """
-        return export_formats.export(self, format, mesh_paths=mesh_paths, zero_inertials=zero_inertials)
+        return export_formats.export(self, format, **options)
 
     def with_limits(
         self,

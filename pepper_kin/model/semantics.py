@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pepper_kin.exceptions import ModelError, shortened
 from pepper_kin.model.plain_number import plain_number
-from pepper_kin.model.urdf_document import UrdfDocument
+from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import MOST, XmlText, parse_xml
 
 MOST_NAMED = 8
 """Unknown names of a kind that a sentence lists."""
+ROUNDED = 1e-5
+"""How far rounding may move a value of a state [rad or m]."""
 MOST_NAMES = 2_000_000
 """Members of all groups, and pairs of links, that an SRDF may list by its groups, chains and defaults."""
 
@@ -25,6 +28,7 @@ class Semantics(XmlText):
         states: (group name, state name) -> joint name -> value [rad, m, or opening of a hand].
         disabled_pairs: Pairs of links whose collisions are not checked, each sorted, with the reason.
         unknown: ("joint", "link" or "group", name) that the SRDF names and that there are not.
+        changed: A sentence for each value of a state that no posture of the robot has.
         text: The SRDF it was read from; empty where there was none, which has no `tree`.
     """
 
@@ -32,6 +36,7 @@ class Semantics(XmlText):
     states: dict[tuple[str, str], dict[str, float]] = field(default_factory=dict)
     disabled_pairs: dict[tuple[str, str], str] = field(default_factory=dict)
     unknown: tuple[tuple[str, str], ...] = field(default=(), repr=False)
+    changed: tuple[str, ...] = field(default=(), repr=False)
     text: str = field(default="", repr=False)
 
     def unknown_names(self) -> str:
@@ -90,6 +95,7 @@ class _Reader:
         for group in root.findall("group"):
             self.groups.setdefault(_name(group), group)  # MoveIt keeps the first of one name as well
         self.unknown: dict[tuple[str, str], None] = {}
+        self.changed: list[str] = []
         self.members: dict[str, set[str]] = {}
         self.counted = 0
 
@@ -101,17 +107,20 @@ class _Reader:
         groups = {
             group: tuple(sorted(members[group] & place.keys(), key=place.__getitem__)) for group in members
         }
-        states = {
-            (_name(state, "group"), _name(state)): self._state_values(state)
-            for state in self.root.findall("group_state")
-        }
+        states: dict[tuple[str, str], dict[str, float]] = {}
+        for state in self.root.findall("group_state"):
+            key = _name(state, "group"), _name(state)
+            if key in states:
+                self.changed.append(f"{_place(state)} stands twice; the last counts")
+            states[key] = self._state_values(state)
         pairs = self._disabled_pairs()
         for joint in self.root.findall("passive_joint"):
             self._known("joint", joint)
         for effector in self.root.findall("end_effector"):
             self._known("link", effector, "parent_link")
             self._known("group", effector, "group")
-        return Semantics(groups, states, pairs, tuple(self.unknown), text)
+        self.changed += changed_states(states, self.urdf)
+        return Semantics(groups, states, pairs, tuple(self.unknown), tuple(self.changed), text)
 
     def _count(self, names: int) -> None:
         """Refuse a small text that stands for endless lists of names."""
@@ -131,6 +140,7 @@ class _Reader:
     def _state_values(self, state: ET.Element) -> dict[str, float]:
         """Return the values of a state; but those of a free-flyer: a URDF has none."""
         values: dict[str, float] = {}
+        single = {joint.name for joint in self.urdf.joints}
         for joint in state.findall("joint"):
             words, name = joint.get("value", "").split(), _name(joint)
             numbers = [plain_number(word) for word in words]
@@ -139,7 +149,12 @@ class _Reader:
                 raise ModelError(f"SRDF: {where} has no number as value, but {shortened(words)}")
             if len(numbers) == 1:
                 self._known("joint", joint)
+                if name in values:
+                    self.changed.append(f"{_place(state)}: joint {name} stands twice; the last counts")
                 values[name] = numbers[0]
+            elif name in single:
+                reason = f"has {len(numbers)} values, expected 1, and is left out"
+                self.changed.append(f"{_place(state)}: joint {name} {reason}")
         return values
 
     def _disabled_pairs(self) -> dict[tuple[str, str], str]:
@@ -210,6 +225,50 @@ class _Reader:
             link = joint.parent
         self._count(len(joints))
         return joints
+
+
+def changed_states(states: Mapping[tuple[str, str], Mapping[str, float]], urdf: UrdfDocument) -> list[str]:
+    """Say which values of states no posture of a robot has, a sentence each.
+
+    Args:
+        states: As in `Semantics`.
+        urdf: The robot.
+    """
+    sentences = []
+    joints = {joint.name: joint for joint in urdf.joints}
+    for (group, state), values in states.items():
+        for name, value in values.items():
+            joint, where = joints.get(name), f"state {shortened(state)!r} of group {shortened(group)!r}"
+            if joint is None:
+                continue
+            nearest = min(max(value, joint.lower), joint.upper)
+            if joint.type == "fixed" and value:
+                sentences.append(f"{where}: joint {name} is fixed, its value {value:g} is left out")
+            elif joint.mimic is not None:
+                leader, follows = joint.mimic[0], _followed(name, values, joints)
+                if abs(follows - value) > ROUNDED:
+                    reason = f"follows {leader} and goes to {follows:.6g}"
+                    sentences.append(f"{where}: joint {name} has the value {value:.6g}, but {reason}")
+            elif joint.type != "fixed" and abs(nearest - value) > ROUNDED:
+                limits = f"its limits {joint.lower:.6g} and {joint.upper:.6g}"
+                reason = f"has the value {value:.6g}, beyond {limits}; it becomes {nearest:.6g}"
+                sentences.append(f"{where}: joint {name} {reason}")
+    return sentences
+
+
+def _followed(name: str, values: Mapping[str, float], joints: Mapping[str, Joint]) -> float:
+    """Return where a joint is that follows another, which may follow a third [rad or m]."""
+    gain, shift = 1.0, 0.0
+    for _ in joints:  # at most so many follow one another
+        mimic = joints[name].mimic if name in joints else None
+        if mimic is None:
+            break
+        name, gain, shift = mimic[0], gain * mimic[1], shift + gain * mimic[2]
+    return gain * values.get(name, 0.0) + shift
+
+
+def _place(state: ET.Element) -> str:
+    return f"state {shortened(_name(state))!r} of group {shortened(_name(state, 'group'))!r}"
 
 
 def _name(element: ET.Element, attribute: str = "name") -> str:

@@ -18,6 +18,7 @@ from pepper_kin.model.plain_number import plain_number
 from pepper_kin.model.shapes import transform
 from pepper_kin.model.urdf_document import MOVING_TYPES
 from pepper_kin.model.urdf_shapes import resolve_mesh
+from pepper_kin.model.urdf_version import to_version_1_0
 from pepper_kin.model.xml_source import MOST, parse_xml, unbound_prefixes, with_bound_prefixes
 
 SIZES = {
@@ -100,6 +101,7 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
     facts = UrdfFacts()
     try:
         root = parse_xml(with_bound_prefixes(text), "URDF")
+        to_version_1_0(root)
     except ModelError as error:
         facts.faults.append(Fault("xml", "the file", str(error).removeprefix("URDF: ")))
         return facts

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.exceptions import ModelError, ModelWarning, shortened
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.mended_urdf import mend
+from pepper_kin.model.urdf_version import to_version_1_0
 from pepper_kin.model.xml_source import (
     XmlText,
     attribute_of,
@@ -119,7 +120,7 @@ class UrdfDocument(XmlText):
 
 
 def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
-    """Read a URDF text; its shapes are read when they are first asked for.
+    """Read a URDF text of version 1.0 to 1.2; its shapes are read when they are first asked for.
 
     Args:
         text: The XML. Document type declarations are refused: entities can hide or multiply content.
@@ -129,17 +130,18 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
         The document.
 
     Raises:
-        ModelError: naming the element that is malformed, missing, doubled or disconnected.
+        ModelError: naming the element that is malformed, missing, doubled or disconnected, or the version.
 
     Warns:
         ModelWarning: naming what was mended, see `mended_urdf`.
     """
     text = with_bound_prefixes(text.lstrip())
     root = parse_xml(text, "URDF")
+    rewritten = to_version_1_0(root)
     mended = mend(root, text)
     for what in mended:
         warnings.warn(f"URDF: {what}", ModelWarning, stacklevel=3)
-    if mended:
+    if mended or rewritten:
         text = ET.tostring(root, encoding="unicode")
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))
     joints = tuple(_joint(element) for element in root.findall("joint"))

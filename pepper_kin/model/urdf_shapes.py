@@ -7,6 +7,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -122,12 +123,25 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
 
 
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
-    """Turn a `package://`, `file://` or plain file name into a path (which may not exist).
+    """Turn a `package://` or `file:` URI or a plain file name into a path (which may not exist).
 
-    Packages and relative file names are sought in the folders, the first first.
+    Packages and relative file names are sought in the folders, the first first.  In URIs `%20` is a space
+    (RFC 3986), as ROS's resource_retriever reads them; a file that is named so as it stands is found, too.
     """
-    if filename.startswith("package://"):
-        rest = filename.removeprefix("package://")
+    if not filename.startswith(("package://", "file:")):
+        return _sought(filename, package_dirs)
+    decoded = unquote(filename)
+    found = _of_uri(decoded, package_dirs)
+    if decoded == filename or os.path.exists(found):
+        return found
+    literal = _of_uri(filename, package_dirs)
+    return literal if os.path.exists(literal) else found
+
+
+def _of_uri(uri: str, package_dirs: Sequence[Path]) -> Path:
+    """Return the path of a URI without percent signs."""
+    if uri.startswith("package://"):
+        rest = uri.removeprefix("package://")
         for folder in package_dirs:
             if os.path.exists(folder / rest):  # Path.exists raises for names that are too long
                 return folder / rest
@@ -135,7 +149,13 @@ def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
         if rest.startswith(own):
             return urdf_folder() / rest.removeprefix(own)
         return Path(rest)
-    path = Path(filename.removeprefix("file://"))
+    rest = uri.removeprefix("file:")
+    rest = rest.removeprefix("//")
+    return _sought(rest.removeprefix("localhost") if rest.startswith("localhost/") else rest, package_dirs)
+
+
+def _sought(filename: str, package_dirs: Sequence[Path]) -> Path:
+    path = Path(filename)
     found = (folder / path for folder in package_dirs if os.path.exists(folder / path))
     return path if path.is_absolute() else next(found, path)
 

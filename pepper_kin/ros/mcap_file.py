@@ -100,20 +100,25 @@ def read_trajectory(path: PathName, pepper: PepperModel | None = None) -> Trajec
 
 
 def read_states(path: PathName) -> list[StateMessage]:
-    """Return all `sensor_msgs/msg/JointState` of an MCAP recording that hold positions, in its order.
+    """Return all `sensor_msgs/msg/JointState` of a recording that hold positions, in its order.
+
+    Their times are those of their headers, of which one may be 0; where all headers of a topic are 0, when
+    they were recorded.
 
     Raises:
         MissingDependencyError: where the package `mcap` is not installed.
         FileFormatError: for a file that cannot be read, is damaged or has no such message.
     """
-    bag, found = Bag(path), []
+    bag, found, stamped = Bag(path), [], set()
     for topic, time, message in _messages(bag, STATE_TYPE):
         if len(message.position):
-            stamp = _nanoseconds(message.header.stamp) or time
-            found.append(StateMessage(topic, stamp, tuple(message.name), message.position.tolist()))
+            stamp = _nanoseconds(message.header.stamp)
+            stamped |= {topic} if stamp else set()
+            state = StateMessage(topic, stamp, tuple(message.name), message.position.tolist())
+            found.append((time, state))
     if not found:
         raise FileFormatError(path, f"holds no positions in messages of {STATE_TYPE}, only: {_held(bag)}")
-    return found
+    return [state if state.topic in stamped else state._replace(stamp=time) for time, state in found]
 
 
 def write_recording(path: PathName, run: Run) -> Path:

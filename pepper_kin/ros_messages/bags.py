@@ -1,4 +1,4 @@
-"""Recordings of messages of any type as MCAP files, which ROS 2 (`ros2 bag`) and Foxglove read and write.
+"""Recordings of messages of any type, as ROS 2 (`ros2 bag`) and Foxglove read and write them.
 
 with BagWriter("run.mcap") as bag:
     bag.write("/joint_states", message, time=1_500_000_000)
@@ -8,27 +8,33 @@ for topic, time, message in Bag("run.mcap").messages():
 
 from __future__ import annotations
 
-import io
+import warnings
 from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, suppress
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import BinaryIO, NamedTuple, Self
 
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, shortened
+from pepper_kin.exceptions import (
+    FileFormatError,
+    FileFormatWarning,
+    InvalidValueError,
+    UnknownNameError,
+    shortened,
+)
 from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
-from pepper_kin.file_access.reading import read_bytes
 from pepper_kin.ros_messages.cdr import decode, encode
+from pepper_kin.ros_messages.definitions import full_name, message_names
 from pepper_kin.ros_messages.errors import MessageError
-from pepper_kin.ros_messages.messages import Message
+from pepper_kin.ros_messages.mcap_storage import missing
+from pepper_kin.ros_messages.messages import Message, message_type
+from pepper_kin.ros_messages.recorded import RecordedTopic
+from pepper_kin.ros_messages.rosbag2_storage import open_storage
 from pepper_kin.ros_messages.schemas import schema_text, schema_type
 
 _ENCODING, _SCHEMA = "cdr", "ros2msg"
-
-MOST_BYTES = 250_000_000
-"""Most that is decompressed [bytes] of a file that is small; of others MOST_TIMES their size."""
-MOST_TIMES = 50
+_NO_SYNTAX = ("", "unknown")  # what rosbag2 states of a type whose definition it did not find
 
 
 class BagMessage(NamedTuple):
@@ -154,22 +160,18 @@ class Bag:
     """A recording that is read.
 
     Args:
-        path: The file.
+        path: An MCAP file, with or without a summary; the folder of a bag (`metadata.yaml` and its files,
+            compressed by zstd or not); or a `.db3` file.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where it cannot be read or is not a complete MCAP file.
+        MissingDependencyError: where the package `mcap` is needed and not installed.
+        FileFormatError: where it cannot be read or is not a complete recording.
     """
 
     def __init__(self, path: PathName) -> None:
-        try:
-            from mcap.reader import make_reader
-        except ImportError as error:
-            raise missing() from error
         self.path = path
-        self._content = read_bytes(path)
-        self._make_reader: Any = make_reader
-        self._classes: dict[int, type[Message]] = {}
+        self._storage = open_storage(path)
+        self._classes: dict[RecordedTopic, type[Message]] = {}
 
     @cached_property
     def topics(self) -> dict[str, str]:
@@ -178,20 +180,7 @@ class Bag:
         Raises:
             FileFormatError: as the class.
         """
-        try:
-            self._check_size()
-            summary = self._reader().get_summary()
-        except FileFormatError:
-            raise
-        except Exception as error:  # a damaged file makes the library fail in ways without a common base
-            raise self._damaged(error) from error
-        if summary is None:
-            raise FileFormatError(self.path, "is not a complete MCAP file: it has no summary")
-        found = {}
-        for channel in summary.channels.values():
-            schema = summary.schemas.get(channel.schema_id)
-            found[channel.topic] = "" if schema is None else schema.name
-        return dict(sorted(found.items()))
+        return dict(sorted((topic.name, topic.type_name) for topic in self._storage.topics()))
 
     def messages(
         self, topics: Collection[str] | None = None, types: Collection[str] | None = None
@@ -200,80 +189,57 @@ class Bag:
 
         Args:
             topics: Only of these topics.
-            types: Only of these types, by full name; otherwise of all that ROS 2 has written.
+            types: Only of these types, by full name.
 
         Raises:
-            FileFormatError: for a damaged file, naming topic and time of a message that cannot be read.
+            UnknownNameError: for one of `topics` that the recording does not have.
+            FileFormatError: for a damaged file, naming topic and time of a message that cannot be read, or
+                the topic that was chosen and is not of ROS 2, or whose definition cannot be used.
+
+        Warns:
+            FileFormatWarning: naming each topic that is left out for such a reason where none was chosen.
         """
-        source = self._records(topics, types)
-        while True:
+        for name in topics or ():
+            if name not in self.topics:
+                raise UnknownNameError("topic", name, self.topics)
+        chosen = set()
+        for topic in self._storage.topics():
+            if topics is not None and topic.name not in topics:
+                continue
+            if types is not None and full_name(topic.type_name) not in types:
+                continue
             try:
-                schema, channel, record = next(source)
-            except StopIteration:
-                return
-            except FileFormatError:
-                raise
-            except Exception as error:  # as above
-                raise self._damaged(error) from error
+                self._classes[topic] = _class_of(topic)
+            except MessageError as error:
+                reason = f"{shortened(topic.name)}: {shortened(error)}"
+                if topics is not None or types is not None:
+                    raise FileFormatError(self.path, reason) from error
+                what = f"{self.path}: left out {reason}"
+                warnings.warn(what, FileFormatWarning, stacklevel=2)
+            else:
+                chosen.add(topic)
+        for topic, time, data in self._storage.records(chosen.__contains__):
             try:
-                if schema.id not in self._classes:
-                    self._classes[schema.id] = schema_type(schema.name, schema.data.decode())
-                message = decode(self._classes[schema.id], record.data)
+                message = decode(self._classes[topic], data)
             except (MessageError, UnicodeDecodeError, RecursionError) as error:
-                reason = f"{shortened(channel.topic)} at {record.log_time} ns: {shortened(error)}"
+                reason = f"{shortened(topic.name)} at {time} ns: {shortened(error)}"
                 raise FileFormatError(self.path, reason) from error
-            yield BagMessage(channel.topic, int(record.log_time), message)
-
-    def _records(
-        self, topics: Collection[str] | None, types: Collection[str] | None
-    ) -> Iterator[tuple[Any, Any, Any]]:
-        self.topics  # noqa: B018  # a file without a summary is refused
-        for schema, channel, record in self._reader().iter_messages():
-            if topics is not None and channel.topic not in topics:
-                continue
-            if schema is None or schema.encoding != _SCHEMA or channel.message_encoding != _ENCODING:
-                continue
-            if types is None or schema.name in types:
-                yield schema, channel, record
-
-    def _check_size(self) -> None:
-        """Refuse a file that is small and takes all memory when it is decompressed."""
-        from mcap.records import Chunk
-        from mcap.stream_reader import StreamReader
-
-        most, size = max(MOST_BYTES, MOST_TIMES * len(self._content)), 0
-        for record in StreamReader(io.BytesIO(self._content), emit_chunks=True).records:
-            if isinstance(record, Chunk):
-                size += _decompressed_size(record, most)
-            if size > most:
-                raise FileFormatError(self.path, f"is more than {most} bytes when decompressed")
-
-    def _reader(self) -> Any:
-        return self._make_reader(io.BytesIO(self._content), validate_crcs=True)
-
-    def _damaged(self, error: Exception) -> FileFormatError:
-        what = f"{type(error).__name__}: {shortened(error)}"
-        return FileFormatError(self.path, f"is not a complete MCAP file: {what}")
+            yield BagMessage(topic.name, time, message)
 
 
-def _decompressed_size(chunk: Any, most: int) -> int:
-    """Return how many bytes the package `mcap` will make of a chunk, or any number above `most`."""
-    if chunk.compression == "zstd":
-        import zstandard
-
-        # What the frame announces is made, whatever the chunk announces; else that is the limit.
-        announced = int(zstandard.frame_content_size(chunk.data))
-        return announced if announced >= 0 else int(chunk.uncompressed_size)
-    if chunk.compression == "lz4":
-        import lz4.frame
-
-        announced = int(lz4.frame.get_frame_info(chunk.data)["content_size"])
-        if announced > most:  # so much is set aside before anything is decompressed
-            return announced
-        return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most + 1))
-    return max(int(chunk.uncompressed_size), len(chunk.data))
-
-
-def missing() -> MissingDependencyError:
-    """Return the error for the package `mcap`."""
-    return MissingDependencyError("mcap", 'pip install "pepper_kin[mcap]"', "an MCAP file")
+def _class_of(topic: RecordedTopic) -> type[Message]:
+    """Return the class of a topic's messages; MessageError where they are not of ROS 2, saying why."""
+    name = full_name(topic.type_name)
+    if topic.serialization != _ENCODING:
+        reason = f"messages are stored as {topic.serialization!r}, expected {_ENCODING!r}"
+        raise MessageError(topic.type_name or "no type", reason)
+    if topic.syntax in _NO_SYNTAX and not topic.definition.strip():
+        if name in message_names():
+            return message_type(name)
+        raise MessageError(topic.type_name or "no type", "the recording has no definition of it")
+    if topic.syntax != _SCHEMA:
+        raise MessageError(topic.type_name, f"is defined in {topic.syntax!r}, expected {_SCHEMA!r}")
+    try:
+        return schema_type(topic.type_name, topic.definition.decode())
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise MessageError(topic.type_name, f"definition cannot be read: {error}") from error

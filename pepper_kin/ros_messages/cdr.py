@@ -1,4 +1,6 @@
-"""Messages as bytes and back: CDR of version 1, little-endian, as DDS and MCAP files carry ROS 2's messages.
+"""Messages as bytes and back: CDR of version 1, as DDS, MCAP files and bags carry ROS 2's messages.
+
+Both byte orders are read; little-endian is written.
 
 Source: OMG, Common Object Request Broker Architecture 3.3, part 2, section 9.3, and DDS Interoperability 2.5:
 four bytes of encapsulation, then the fields; numbers are aligned to their size; a string is its length with
@@ -24,6 +26,8 @@ _Message = TypeVar("_Message", bound=Message)
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """First bytes of a message in little-endian CDR of version 1."""
 
+_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
+
 
 def encode(message: Message) -> bytes:
     """Return a message as bytes.
@@ -41,7 +45,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(kind: type[_Message], data: bytes | bytearray | memoryview) -> _Message:
-    """Return a message from bytes; its arrays are read-only views of them.
+    """Return a message from bytes; its arrays are read-only views of them, or copies of big-endian ones.
 
     Bytes after the last field are ignored: middleware pads messages to the size that it has estimated.
 
@@ -53,12 +57,13 @@ def decode(kind: type[_Message], data: bytes | bytearray | memoryview) -> _Messa
         MessageError: saying what is wrong and where, for bytes that do not hold such a message.
     """
     view = memoryview(data).toreadonly()
-    if view.nbytes < 4 or view[:2] != ENCAPSULATION[:2]:
+    order = _ORDERS.get(bytes(view[:2]))
+    if view.nbytes < 4 or order is None:
         got = bytes(view[:2]).hex() or "no bytes"
-        raise MessageError(kind.type_name, f"begins with {got}, expected 0001 (little-endian CDR)")
+        raise MessageError(kind.type_name, f"begins with {got}, expected 0000 or 0001 (CDR of version 1)")
     body = view[4:]
     try:
-        message, _ = decoder(kind)(body, 0, body.nbytes)
+        message, _ = decoder(kind, order)(body, 0, body.nbytes)
     except (struct.error, ValueError, IndexError) as error:  # UnicodeDecodeError is a ValueError
         raise MessageError(kind.type_name, f"is cut off or damaged, {body.nbytes} bytes: {error}") from None
     return message

@@ -18,9 +18,14 @@ _ZEROS = tuple(bytes(n) for n in range(8))
 
 
 class _Source:
-    """Lines of a function, its constants, and what is known of the offset."""
+    """Lines of a function, its constants, and what is known of the offset.
 
-    def __init__(self) -> None:
+    Args:
+        order: "<" for little-endian numbers, ">" for big-endian ones, as in `struct`.
+    """
+
+    def __init__(self, order: str = "<") -> None:
+        self.order = order
         self.lines: list[str] = []
         self.space: dict[str, Any] = {
             "_zeros": _ZEROS,
@@ -28,6 +33,7 @@ class _Source:
             "_nul": _refuse_nul,
             "_new": object.__new__,
             "_frombuffer": np.frombuffer,
+            "_native": _native,
         }
         self.modulus, self.offset = 1, 0
         self.pending: list[tuple[str, str, int]] = []  # expression, code, size
@@ -66,7 +72,7 @@ class _Source:
             found[-1] = (align, [*members, (expression, code)], layout + "x" * padding + code)
             self.known(self.modulus, self.offset + padding + size)
         self.pending = []
-        return [(align, members, struct.Struct("<" + layout)) for align, members, layout in found]
+        return [(align, members, struct.Struct(self.order + layout)) for align, members, layout in found]
 
     def function(self, head: str, filename: str) -> Any:
         """Return the compiled function."""
@@ -77,22 +83,28 @@ class _Source:
 
 def encoder(kind: type[Message]) -> Any:
     """Return `function(message, out)`, which appends to a bytearray that begins with the encapsulation."""
-    return _cached(kind, 8, _encoders, _make_encoder)
+    return _cached(kind, 8, "<", _encoders, _make_encoder)
 
 
-def decoder(kind: type[Message]) -> Any:
-    """Return `function(view, position, size)`, which returns a message and the position of its end."""
-    return _cached(kind, 8, _decoders, _make_decoder)
+def decoder(kind: type[Message], order: str = "<") -> Any:
+    """Return `function(view, position, size)`, which returns a message and the position of its end.
+
+    Args:
+        kind: Class of the message.
+        order: "<" for little-endian numbers, ">" for big-endian ones.
+    """
+    return _cached(kind, 8, order, _decoders, _make_decoder)
 
 
-_encoders: dict[tuple[type[Message], int], Any] = {}
-_decoders: dict[tuple[type[Message], int], Any] = {}
+_Cache = dict[tuple[type[Message], int, str], Any]
+_encoders: _Cache = {}
+_decoders: _Cache = {}
 
 
-def _cached(kind: type[Message], modulus: int, cache: dict[tuple[type[Message], int], Any], make: Any) -> Any:
-    function = cache.get((kind, modulus))
+def _cached(kind: type[Message], modulus: int, order: str, cache: _Cache, make: Any) -> Any:
+    function = cache.get((kind, modulus, order))
     if function is None:
-        function = cache[kind, modulus] = make(kind, modulus)
+        function = cache[kind, modulus, order] = make(kind, modulus, order)
     return function
 
 
@@ -109,8 +121,8 @@ def least_size(found: type[Message]) -> int:
     return max(1, size)
 
 
-def _make_encoder(kind: type[Message], modulus: int) -> Any:
-    source = _Source()
+def _make_encoder(kind: type[Message], modulus: int, order: str) -> Any:
+    source = _Source(order)
     source.known(modulus)
     _encode_fields(source, kind, "m")
     _flush_out(source)
@@ -121,7 +133,7 @@ def _encode_fields(source: _Source, kind: type[Message], owner: str) -> None:
     if not kind.definition.fields:
         source.pending.append(("0", "B", 1))
     for field in kind.definition.fields:
-        expression = f"{owner}.{field.name}"
+        expression = f"{owner}.{field.attribute}"
         if field.array is not None:
             _encode_array(source, kind, field, expression)
         elif field.nested:
@@ -178,7 +190,7 @@ def _encode_array(source: _Source, kind: type[Message], field: Field, expression
     element = source.name("e")
     source.add(f"for {element} in {value}:")
     if field.nested:
-        encode = source.constant("encode", _cached(kind.nested[field.name], 1, _encoders, _make_encoder))
+        encode = source.constant("encode", _cached(kind.nested[field.name], 1, "<", _encoders, _make_encoder))
         source.add(f"    {encode}({element}, out)")
     else:
         pack = source.constant("pack", struct.Struct("<I").pack)
@@ -199,8 +211,8 @@ def _array_converter(found: Definition, field: Field) -> Any:
     return lambda value: as_array(value, field, found.type_name)
 
 
-def _make_decoder(kind: type[Message], modulus: int) -> Any:
-    source = _Source()
+def _make_decoder(kind: type[Message], modulus: int, order: str) -> Any:
+    source = _Source(order)
     source.known(modulus)
     result = _decode_fields(source, kind)
     _flush_in(source)
@@ -228,7 +240,7 @@ def _decode_fields(source: _Source, kind: type[Message]) -> tuple[str, list[str]
                 _decode_string(source, value, field, "")
             else:
                 source.pending.append((value, *PRIMITIVES[field.base]))
-        lines.append(f"{message}.{field.name} = {value}")
+        lines.append(f"{message}.{field.attribute} = {value}")
     return message, lines
 
 
@@ -274,10 +286,11 @@ def _decode_array(source: _Source, kind: type[Message], field: Field, name: str)
     element = source.name("e")
     source.add(f"{name} = []", f"for _ in range({count}):")
     if field.nested:
-        decode = source.constant("decode", _cached(kind.nested[field.name], 1, _decoders, _make_decoder))
+        inner = _cached(kind.nested[field.name], 1, source.order, _decoders, _make_decoder)
+        decode = source.constant("decode", inner)
         source.add(f"    {element}, pos = {decode}(b, pos, size)")
     else:
-        unpack = source.constant("unpack", struct.Struct("<I").unpack_from)
+        unpack = source.constant("unpack", struct.Struct(source.order + "I").unpack_from)
         source.add("    pos = pos + 3 & -4", f"    {element}, = {unpack}(b, pos)", "    pos += 4")
         _decode_string(source, element, field, "    ")
     source.add(f"    {name}.append({element})")
@@ -286,7 +299,9 @@ def _decode_array(source: _Source, kind: type[Message], field: Field, name: str)
 
 def _decode_numbers(source: _Source, field: Field, name: str, count: str) -> None:
     size = PRIMITIVES[field.base][1]
-    dtype = source.constant("dtype", DTYPES["uint8" if field.base == "bool" else field.base])
+    stored = DTYPES["uint8" if field.base == "bool" else field.base]
+    swapped = size > 1 and source.order == ">"
+    dtype = source.constant("dtype", stored.newbyteorder(">") if swapped else stored)
     empty = source.constant("empty", EMPTY[field.base])
     source.add(f"if {count}:")
     if size > source.modulus or source.offset % size:
@@ -294,10 +309,18 @@ def _decode_numbers(source: _Source, field: Field, name: str, count: str) -> Non
     source.add(
         f"    if {count} > (size - pos) // {size}: _raise('array of', {count})",
         f"    {name} = _frombuffer(b, {dtype}, {count}, pos)" + (" != 0" if field.base == "bool" else ""),
+        *((f"    {name} = _native({name})",) if swapped else ()),
         f"    pos += {count} * {size}" if size > 1 else f"    pos += {count}",
         f"else: {name} = {empty}",
     )
     source.known(size if field.array == FIXED else min(size, 4))
+
+
+def _native(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return a read-only copy of an array in this machine's byte order."""
+    array = array.astype(array.dtype.newbyteorder("="))
+    array.flags.writeable = False
+    return array
 
 
 def _raise(what: str, length: int) -> None:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from importlib import resources
+from keyword import kwlist
 from typing import Any, NamedTuple
 
 from pepper_kin.exceptions import UnknownNameError
@@ -31,6 +32,8 @@ PRIMITIVES = {
 STRING = "string"
 FIXED, BOUNDED, UNBOUNDED = "fixed", "bounded", "unbounded"
 _LARGEST_ARRAY = 1 << 16  # a fixed array's default fills memory: the largest of ROS's messages has 36
+TAKEN_NAMES = {*kwlist, "definition", "from_dict", "nested", "self", "to_dict", "type_name"}
+"""Names that no attribute of a message's class can have."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TYPE = re.compile(
     r"(?P<base>[A-Za-z][\w/]*)(?:<=(?P<string>\d{1,9}))?(?:\[(?P<bound><=)?(?P<length>\d{0,9})\])?"
@@ -56,6 +59,14 @@ class Field(NamedTuple):
     length: int = 0
     string_length: int = 0
     default: Any = None
+
+    @property
+    def attribute(self) -> str:
+        """Name in the message's class: the field's, with "_" behind words that Python or the class has.
+
+        rosidl's generator and rosbags name fields that are Python's words so, too.
+        """
+        return f"{self.name}_" if self.name in TAKEN_NAMES else self.name
 
     @property
     def nested(self) -> bool:
@@ -109,6 +120,8 @@ def parse_message(type_name: str, text: str) -> Definition:
             raise MessageError(type_name, f"definition has the line {line!r}, expected TYPE NAME [DEFAULT]")
         base, rest = _full_base(kind["base"], package), match["rest"].strip()
         if rest.startswith("="):
+            if match["name"] in constants:
+                raise MessageError(type_name, f"definition has two constants {match['name']}")
             constants[match["name"]] = _value(type_name, base, rest[1:].strip())
             continue
         length = int(kind["length"] or 0)
@@ -117,10 +130,10 @@ def parse_message(type_name: str, text: str) -> Definition:
             array = BOUNDED if kind["bound"] else FIXED
         if array == FIXED and not 0 < length <= _LARGEST_ARRAY:
             raise MessageError(type_name, f"definition has an array of {length} elements: {line!r}")
-        default = _value(type_name, base, rest) if rest else None
+        default = _value(type_name, base, rest, array is not None) if rest else None
         fields.append(Field(match["name"], base, array, length, int(kind["string"] or 0), default))
-    if len({field.name for field in fields}) < len(fields):
-        raise MessageError(type_name, "definition has two fields of the same name")
+    if len({*constants, *(field.attribute for field in fields)}) < len(fields) + len(constants):
+        raise MessageError(type_name, "definition has two fields or constants of the same name")
     return Definition(type_name, tuple(fields), constants)
 
 
@@ -228,12 +241,50 @@ def _without_comment(line: str) -> str:
     return line.strip()
 
 
-def _value(type_name: str, base: str, text: str) -> Any:
-    if base == STRING and text[:1] not in ("[", '"', "'"):
+def _value(type_name: str, base: str, text: str, array: bool = False) -> Any:
+    """Return a constant or a default as a value that the type can hold.
+
+    Args:
+        type_name: For errors.
+        base: Type of the number or text.
+        text: As in the definition: `[1, 2]`, `true`, `'text'`, or a text without quotes.
+        array: Whether a list is expected.
+
+    Raises:
+        MessageError: for another value.
+    """
+    if base == STRING and not array and text[:1] not in ('"', "'"):
         return text
-    words = {"true": "True", "false": "False"}
+    literal = (
+        re.sub(r"\b(true|false)\b", lambda m: m[0].title(), text, flags=re.I) if base == "bool" else text
+    )
     try:
-        value = ast.literal_eval(words.get(text.lower(), text))
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        raise MessageError(type_name, f"definition has the value {text!r} for a {base}") from None
-    return bool(value) if base == "bool" and isinstance(value, int) else value
+        value = ast.literal_eval(literal)
+        if array != isinstance(value, list | tuple):
+            raise ValueError
+        values = [_element(base, v) for v in value] if array else _element(base, value)
+    except (ValueError, TypeError, SyntaxError, OverflowError, MemoryError, RecursionError):
+        kind = f"an array of {base}" if array else f"a {base}"
+        raise MessageError(type_name, f"definition has the value {text!r} for {kind}") from None
+    return values
+
+
+def _element(base: str, value: Any) -> Any:
+    """Return a value as the type has it; ValueError for one that it cannot hold."""
+    if base == STRING:
+        if not isinstance(value, str):
+            raise ValueError
+        return value
+    if not isinstance(value, bool | int | float):
+        raise TypeError
+    if base == "bool":
+        if value not in (0, 1):
+            raise ValueError
+        return bool(value)
+    code, size = PRIMITIVES[base]
+    if base.startswith("float"):
+        return float(value)
+    least = -(1 << 8 * size - 1) if code.islower() else 0
+    if isinstance(value, float) or not least <= value < least + (1 << 8 * size):
+        raise ValueError
+    return int(value)

@@ -33,7 +33,7 @@ def to_dict(message: Message) -> dict[str, Any]:
 def _dictionary(message: Message) -> dict[str, Any]:
     values = {}
     for field in message.definition.fields:
-        value = getattr(message, field.name)
+        value = getattr(message, field.attribute)
         if field.array is not None and field.base in PRIMITIVES:
             values[field.name] = _array_out(as_array(value, field, message.type_name), field)
         elif field.array is not None:
@@ -86,13 +86,13 @@ def _message(kind: type[_Message], values: Any, path: str) -> _Message:
             raise UnknownNameError(f"field of {path}", name, fields)
         where = f"{path}.{name}"
         if field.array is None:
-            read[name] = _value(kind, field, value, where)
+            read[field.attribute] = _value(kind, field, value, where)
         elif field.base in PRIMITIVES:
-            read[name] = as_array(_array_in(field, value, where), field, path)
+            read[field.attribute] = as_array(_array_in(field, value, where), field, path)
         elif not isinstance(value, list):
             raise InvalidValueError(where, value, "a list")
         else:
-            read[name] = [_value(kind, field, v, f"{where}[{i}]") for i, v in enumerate(value)]
+            read[field.attribute] = [_value(kind, field, v, f"{where}[{i}]") for i, v in enumerate(value)]
     return kind(**read)
 
 

@@ -55,7 +55,7 @@ def _parts(kind: type[Message], at: str, space: dict[str, Any]) -> list[str]:
     parts: list[str] = []
     for number, field in enumerate(kind.definition.fields):
         parts.append(repr(f"{',' if number else '{'}{json.dumps(field.name)}:"))
-        parts += _field_parts(kind, field, f"{at}.{field.name}", space)
+        parts += _field_parts(kind, field, f"{at}.{field.attribute}", space)
     return [*parts, repr("}")]
 
 

@@ -24,6 +24,7 @@ from pepper_kin.ros_messages.definitions import (
     PRIMITIVES,
     SERVICE_PARTS,
     STRING,
+    TAKEN_NAMES,
     UNBOUNDED,
     Definition,
     Field,
@@ -80,17 +81,21 @@ class Message:
         """Compare by type and fields."""
         if not isinstance(other, Message) or other.type_name != self.type_name:
             return NotImplemented
-        return all(_equal(getattr(self, f.name), getattr(other, f.name)) for f in self.definition.fields)
+        return all(
+            _equal(getattr(self, f.attribute), getattr(other, f.attribute)) for f in self.definition.fields
+        )
 
     def __repr__(self) -> str:
         """Return the constructor's call, long arrays shortened."""
         with np.printoptions(threshold=20, edgeitems=3):
-            values = ", ".join(f"{f.name}={getattr(self, f.name)!r}" for f in self.definition.fields)
+            values = ", ".join(
+                f"{f.attribute}={getattr(self, f.attribute)!r}" for f in self.definition.fields
+            )
         return f"{type(self).__name__}({values})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy, and travel between processes, by name of the type and fields."""
-        values = {f.name: getattr(self, f.name) for f in self.definition.fields}
+        values = {f.attribute: getattr(self, f.attribute) for f in self.definition.fields}
         return _restored, (self.type_name, _definitions_of(type(self)), values)
 
     def to_dict(self) -> dict[str, Any]:
@@ -167,7 +172,7 @@ def make_class(found: Definition, nested: dict[str, type[Message]]) -> type[Mess
         found: The definition.
         nested: Name of a field with messages -> their class.
     """
-    names = tuple(field.name for field in found.fields)
+    names = tuple(field.attribute for field in found.fields)
     body: dict[str, Any] = {
         "__slots__": names,
         "__module__": __name__,
@@ -177,7 +182,7 @@ def make_class(found: Definition, nested: dict[str, type[Message]]) -> type[Mess
         "nested": nested,
         "__init__": _constructor(found, nested),
     }
-    constants = {name: value for name, value in found.constants.items() if name not in body}
+    constants = {n + "_" * (n in TAKEN_NAMES): value for n, value in found.constants.items()}
     name = found.type_name.rsplit("/", 1)[-1]
     return type(name, (Message,), constants | body)
 
@@ -187,7 +192,7 @@ def _constructor(found: Definition, nested: dict[str, type[Message]]) -> Any:
     parameters, lines = [], []
     space: dict[str, Any] = {"_as_array": as_array, "_type": found.type_name}
     for i, field in enumerate(found.fields):
-        name = field.name
+        name = field.attribute
         space[f"_field{i}"] = field
         scalar = field.array is None and not field.nested
         if scalar:
@@ -196,7 +201,7 @@ def _constructor(found: Definition, nested: dict[str, type[Message]]) -> Any:
             lines.append(f"self.{name} = {name}")
             continue
         parameters.append(f"{name}=None")
-        space[f"_default{i}"] = _default_factory(field, nested.get(name))
+        space[f"_default{i}"] = _default_factory(field, nested.get(field.name))
         value = name
         if field.array is not None:
             numbers = field.base in PRIMITIVES
@@ -312,7 +317,7 @@ def check_message(message: Message, kind: type[Message], where: str = "") -> Non
         got = message.type_name if isinstance(message, Message) else message
         raise InvalidValueError(where, got, f"a message {kind.type_name}")
     for field in kind.definition.fields:
-        value: Any = getattr(message, field.name, None)
+        value: Any = getattr(message, field.attribute, None)
         path = f"{where}.{field.name}"
         if field.array is None:
             _check_value(value, field, kind, path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from keyword import iskeyword
 
 from pepper_kin.ros_messages.definitions import (
     BOUNDED,
@@ -20,7 +19,6 @@ from pepper_kin.ros_messages.messages import Message, library_type, message_type
 
 _RULE = "=" * 80
 _PART = re.compile(r"^={8,}\s*\nMSG:\s*(\S+)[^\S\n]*\n?", re.MULTILINE)
-_TAKEN = {*dir(Message), *Message.__annotations__}  # names that every message's class has already
 
 
 def schema_text(kind: type[Message]) -> str:
@@ -60,9 +58,9 @@ def schema_type(type_name: str, text: str) -> type[Message]:
     waiting = list(library.values())
     while waiting:
         for field in waiting.pop().fields:
-            if iskeyword(field.name) or field.name in _TAKEN:
-                raise MessageError(type_name, f"has a field {field.name!r}, which a class cannot have here")
             if field.nested and field.base not in library:
+                if field.base.endswith("/wstring"):
+                    raise MessageError(type_name, f"has the wstring {field.name}, which is not supported")
                 if field.base not in message_names():
                     raise MessageError(type_name, f"definition lacks the type {field.base}")
                 library[field.base] = own_definition(field.base)
@@ -92,7 +90,7 @@ def _line(field: Field) -> str:
     if field.string_length:
         base += f"<={field.string_length}"
     array = {None: "", FIXED: f"[{field.length}]", BOUNDED: f"[<={field.length}]"}.get(field.array, "[]")
-    default = field.default
-    if default is not None:
-        default = str(default).lower() if isinstance(default, bool) else repr(default)
+    default = None if field.default is None else repr(field.default)
+    if default is not None and base == "bool":
+        default = default.lower()
     return f"{base}{array} {field.name}{'' if default is None else f' {default}'}\n"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin import dynamics
+from pepper_kin.dynamics.friction import friction_coefficients
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.twin.actuators import ActuatorParameters
@@ -43,8 +44,9 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
 
     Args:
         pepper: The robot.
-        detail: "servo": gains, torque limits and stops alone; "motor": with the rotor inertia, friction,
-            torque-speed line, encoder and latency of the data file besides, where it has them; "measured":
+        detail: "servo": gains, torque limits and stops alone; "motor": with the friction of the description
+            and, where the data file has them, rotor inertia, friction, torque-speed line, encoder and
+            latency; "measured":
             as "motor", with the stiffness that a robot's sag under gravity shows, a quarter to a half of what
             is assumed, where it was measured.
 
@@ -70,9 +72,13 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
     servo = ActuatorParameters(
         pepper.joint_names, stiffness, damping, torque_limit, stop, stop * _STOP_TIME, tuple(sources)
     )
-    if detail == "servo" or not known:
+    if detail == "servo":
         return servo
-    motors = _with_motors(servo, known)
+    damping, coulomb = friction_coefficients(pepper)
+    motors = servo.changed(viscous_friction=damping, coulomb_friction=coulomb)
+    if not known:
+        return motors
+    motors = _with_motors(motors, known)
     return motors if detail == "motor" else _with_measured_stiffness(motors)
 
 

@@ -6,7 +6,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
 from pepper_kin.files import load, read_joint_states, save
-from pepper_kin.ros_messages import bags
+from pepper_kin.ros_messages import recorded
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_a_small_recording_that_takes_all_memory_is_refused(pepper, tmp_path, mo
     """91 KB took 3 GB."""
     from mcap import writer as mcap
 
-    monkeypatch.setattr(bags, "MOST_BYTES", 10_000_000)
+    monkeypatch.setattr(recorded, "MOST_BYTES", 10_000_000)
     path = tmp_path / "bomb.mcap"
     for count in (8, 12):  # messages of a megabyte each
         writer = mcap.Writer(
@@ -114,6 +114,6 @@ def test_a_small_recording_that_takes_all_memory_is_refused(pepper, tmp_path, mo
         for time in range(count):
             writer.add_message(channel, time, bytes(1_000_000), time)
         writer.finish()
-        reason = "is more than 10000000 bytes when decompressed" if count > 10 else "begins with 0000"
+        reason = "is more than 10000000 bytes when decompressed" if count > 10 else "with other fields"
         with pytest.raises(FileFormatError, match=f"bomb.mcap: .*{reason}"):
             read_joint_states(path, pepper)

@@ -111,8 +111,8 @@ def test_lengths_beyond_the_bytes_reserve_no_memory():
     for name in ("sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"):
         with pytest.raises(MessageError):
             decode(message_type(name), b"\x00\x01\x00\x00" + b"\xff" * 64)
-    with pytest.raises(MessageError, match="0001"):
-        decode(message_type("std_msgs/msg/String"), b"\x00\x00\x00\x00\x00\x00\x00\x01\x00")
+    with pytest.raises(MessageError, match="begins with 0007, expected 0000 or 0001"):
+        decode(message_type("std_msgs/msg/String"), b"\x00\x07\x00\x00\x00\x00\x00\x01\x00")
 
 
 def test_values_that_a_type_cannot_hold_are_refused_by_field():
