@@ -96,7 +96,8 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
-    return type(pepper)(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
+    made = replace(document, wheels=old.wheels)
+    return type(pepper)(made, pepper.semantics, pepper.sphere_set, requirements=pepper.requirements)
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:
