@@ -223,6 +223,6 @@ def random_motions(pepper, count, seed=0):
 
 
 if __name__ == "__main__":
-    PEPPER = pk.load_pepper()
+    PEPPER = pk.load_pepper().with_requirements("limits")
     circle(PEPPER)
     random_motions(PEPPER, int(sys.argv[1]) if len(sys.argv) > 1 else 1000)

@@ -10,7 +10,7 @@ import pepper_kin as pk
 
 def main():
     """Print how many of 100 seeds, or as many as are given, lead to a plan, and what it takes."""
-    pepper, can = pk.load_pepper(), np.array([0.40, 0.18, 0.95])
+    pepper, can = pk.load_pepper().with_requirements("limits"), np.array([0.40, 0.18, 0.95])
     scene = pk.Scene().add_box("table", (0.4, 0.8, 0.03), (0.5, 0.0, 0.715))
     scene = scene.add_cylinder("can", 0.03, 0.44, can)
     angles = np.linspace(-np.pi, np.pi, 18, endpoint=False)

@@ -53,7 +53,7 @@ def boxes(count: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def obstacle_jobs(count: int) -> Jobs:
     """Return jobs of Pepper among so many boxes."""
-    pepper, things = pk.load_pepper(), boxes(count)
+    pepper, things = pk.load_pepper().with_requirements("limits"), boxes(count)
     stand, low, high = (
         pepper.posture("Stand"),
         *np.clip((pepper.lower_limits, pepper.upper_limits), -0.5, 0.5),
@@ -131,7 +131,7 @@ def joint_jobs(count: int) -> Jobs:
 
 def row_jobs(count: int) -> Jobs:
     """Return jobs of batches of so many rows."""
-    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    pepper, rng = pk.load_pepper().with_requirements("limits"), np.random.default_rng(0)
     q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (count, pepper.n))
     v = rng.normal(size=q.shape)
     jobs: dict[str, Callable[[], object]] = {

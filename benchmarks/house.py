@@ -29,7 +29,7 @@ import sys
 import numpy as np
 import pepper_kin as pk
 
-pepper, point = pk.load_pepper(), (0.38, 0.22, 0.82)
+pepper, point = pk.load_pepper().with_requirements("limits"), (0.38, 0.22, 0.82)
 tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]
 scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
 stand, goal = pepper.posture("Stand"), pk.ik.solve(pepper, tasks, scene=scene).q

@@ -9,7 +9,7 @@ import numpy as np
 
 import pepper_kin as pk
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 LOW, HIGH = PEPPER.lower_limits, PEPPER.upper_limits
 LEFT, RIGHT, CAMERA = "LArm_effector", "RArm_effector", "CameraTop_frame"
 Case = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

@@ -22,7 +22,7 @@ import pepper_kin as pk
 
 Array = NDArray[np.float64]
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 FRAME = "LArm_effector"
 CENTER = np.array([0.0, 0.0, 0.9])
 FARTHEST = 3.0

@@ -28,7 +28,7 @@ from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.priorities import balanced
 from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 N = PEPPER.n
 STARTS, FIRM, ROWS = 30, 100.0, 32
 SCALE = 1e4  # of the cost, beside which L-BFGS-B's tolerances are small

@@ -330,7 +330,7 @@ def rows(count=1000, steps=10):
                 own.step(targets[[row]], STEPS, **options)
             worst = max(worst, np.abs(own.position[0] - batch.position[row]).max())
         print(f"{name:10} {count} rows: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
-    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    pepper, rng = pk.load_pepper().with_requirements("limits"), np.random.default_rng(0)
     low, high = pepper.lower_limits, pepper.upper_limits
     batch = TwinBatch(pepper, count, world=parcel_world(pepper))
     targets = np.clip(pepper.neutral() + rng.uniform(-0.3, 0.3, (steps, count, pepper.n)), low, high)

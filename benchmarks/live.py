@@ -302,7 +302,7 @@ def line(name, values, scale, unit):
 
 def runs(count, seed):
     """Make many live motions, a hundred at a time."""
-    pepper, rng, hits = pk.load_pepper(), np.random.default_rng(seed), 0
+    pepper, rng, hits = pk.load_pepper().with_requirements("limits"), np.random.default_rng(seed), 0
     for done in range(0, count, 100):
         for off in (0.0, 0.5):
             print(f"runs {done} to {min(done + 100, count)}", flush=True)
@@ -314,7 +314,7 @@ def main():
     if len(sys.argv) > 2 and sys.argv[1] == "runs":
         return runs(int(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 0)
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    pepper, rng = pk.load_pepper().with_requirements("limits"), np.random.default_rng(0)
     motions = fastest_motions(pepper, rng)
     core, plain, free, whole, rest, joints = [], [], [], [], [], []
     broken = refused = kept = 0

@@ -24,7 +24,7 @@ import pepper_kin as pk
 from pepper_kin.ik.solvers.placo import robot_of
 from pepper_kin.trajectory import check
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 STAND = PEPPER.posture("Stand")
 ARMS = {"left": ("LArm_effector", 1.0), "right": ("RArm_effector", -1.0)}
 CAMERA = "CameraTop_frame"

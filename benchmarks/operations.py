@@ -52,7 +52,7 @@ def operation(words: str, page: str, *peer: str) -> Callable[[Callable[[], Made]
 
 @cache
 def pepper() -> pk.PepperModel:
-    return pk.load_pepper()
+    return pk.load_pepper().with_requirements("limits")
 
 
 def stand() -> np.ndarray:
@@ -311,7 +311,7 @@ def main_job() -> Made:
 
 @operation("a plan of base, torso and arm among three boxes", "planners")
 def plan_base() -> Made:
-    robot = pk.load_pepper(base="planar")
+    robot = pk.load_pepper(base="planar").with_requirements("limits")
     joints = ("BaseX", "BaseY", "BaseYaw", *robot.joint_group("torso"), *robot.joint_group("left_arm"))
     index = [robot.joint_index(name) for name in joints]
     low, high = robot.lower_limits[index].copy(), robot.upper_limits[index].copy()

@@ -22,7 +22,7 @@ from pepper_kin.collision import checker_for
 from pepper_kin.motion import Cost, Optimized, optimize
 from pepper_kin.motion.static_limits import StaticLimits
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
 CHECKED = ("position", "velocity", "acceleration", "torque", "velocity_continuity", "clearance")
 

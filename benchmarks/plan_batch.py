@@ -24,7 +24,7 @@ from pepper_kin.collision import checker
 from pepper_kin.collision.fast import checker as fast_checker
 from pepper_kin.motion.planning_process import helpers
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 
 
 def problems(count: int) -> list[pk.PlanProblem]:

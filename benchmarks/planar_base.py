@@ -35,7 +35,7 @@ def driven(points: np.ndarray) -> float:
 
 def among_boxes(base: str, count: int) -> None:
     """Print how long planning and timing among three boxes takes, with the base "planar" or "fixed"."""
-    pepper, generator = pk.load_pepper(base=base), np.random.default_rng(1)
+    pepper, generator = pk.load_pepper(base=base).with_requirements("limits"), np.random.default_rng(1)
     groups = pepper.joint_group("torso"), pepper.joint_group("left_arm")
     driving = ("BaseX", "BaseY", "BaseYaw") if base == "planar" else ()
     joints = (*driving, *groups[0], *groups[1])

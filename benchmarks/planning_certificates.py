@@ -76,7 +76,7 @@ class Asked(NamedTuple):
 def robot_of(name: str) -> pk.PepperModel:
     """Return a robot by its name here."""
     if name in ("pepper", "planar"):
-        return pk.load_pepper(base="planar" if name == "planar" else "fixed")
+        return pk.load_pepper(base="planar" if name == "planar" else "fixed").with_requirements("limits")
     share = Path(str(metadata.distribution("example-robot-data").locate_file("cmeel.prefix/share")))
     urdf, srdf = (share / "example-robot-data" / "robots" / file for file in FILES[name])
     return pk.load_robot(urdf, srdf, [share])

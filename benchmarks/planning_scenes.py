@@ -9,7 +9,7 @@ import numpy as np
 
 import pepper_kin as pk
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 ARM = ("left_arm",)
 TORSO_AND_ARM = ("torso", "left_arm")
 
@@ -130,7 +130,7 @@ def problems(kind: Kind, count: int, seed: int, *, blocked: bool = False) -> lis
         blocked: Whether only those count in which the straight way touches something.
     """
     generator = np.random.default_rng(seed)
-    pepper = pk.load_pepper(base="planar") if kind.planar else PEPPER
+    pepper = pk.load_pepper(base="planar").with_requirements("limits") if kind.planar else PEPPER
     joints = tuple(name for group in kind.groups for name in pepper.joint_group(group))
     if kind.planar:
         joints = ("BaseX", "BaseY", "BaseYaw", *joints)

@@ -157,7 +157,10 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    pepper, names = pk.load_pepper(), ("name", "ours", "seconds", "peer", "peer_seconds", "quality")
+    pepper, names = (
+        pk.load_pepper().with_requirements("limits"),
+        ("name", "ours", "seconds", "peer", "peer_seconds", "quality"),
+    )
     measures = (one_ik, many_ik, poses, torques, twin_step)
     rows = [measure(pepper, np.random.default_rng(options.seed), options.repeats) for measure in measures]
     machine = f"{platform.machine()}, {os.cpu_count()} processors, {platform.system()}"

@@ -27,7 +27,7 @@ import pepper_kin as pk
 
 warnings.simplefilter("ignore")
 counts = dict(zip(("verdicts", "ik", "plans", "timings", "runs"), map(int, sys.argv[2:])))
-pepper, found = pk.load_pepper(), {}
+pepper, found = pk.load_pepper().with_requirements("limits"), {}
 scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))
 scene = scene.add_sphere("lamp", 0.06, (0.3, -0.3, 1.0)).add_cylinder("post", 0.05, 1.0, (0.2, 0.5, 0.5))
 lower, upper = np.maximum(pepper.lower_limits, -3.0), np.minimum(pepper.upper_limits, 3.0)

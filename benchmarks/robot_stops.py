@@ -33,7 +33,7 @@ import numpy as np
 import pepper_kin as pk
 from pepper_kin.naoqi import FollowOptions, Robot
 
-pepper = pk.load_pepper()
+pepper = pk.load_pepper().with_requirements("limits")
 with Robot(sys.argv[1]) as robot:
     print("ready", flush=True)
     for line in sys.stdin:

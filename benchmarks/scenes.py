@@ -64,7 +64,7 @@ def row(name, pepper, scene, states):
 
 
 def main():
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     rng = np.random.default_rng(0)
     states = rng.uniform(pepper.lower_limits, pepper.upper_limits, (300, pepper.n))
     print("| scene | pairs | `in_collision` [us] | over all pairs [us] | `clearance` [us] |")

@@ -62,7 +62,7 @@ def tasks_at(seconds, both):
 
 
 def main():
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     both = {name: options.pop("both", False) for name, options in CASES.items()}
     servos = {
         name: pk.servo.Servo(pepper, pepper.posture("Stand"), **options) for name, options in CASES.items()

@@ -69,7 +69,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=40)
     count = parser.parse_args().problems
-    pepper, generator = pk.load_pepper(), np.random.default_rng(5)
+    pepper, generator = pk.load_pepper().with_requirements("limits"), np.random.default_rng(5)
     compile_times(pepper)
     hand, start = pk.symbolic.frame_pose(pepper, "LArm_effector"), pepper.posture("Stand")
     plain, costed, shares, solved = [], [], [], 0

@@ -47,7 +47,7 @@ from pepper_kin.trajectory.path import as_cubic_path
 from pepper_kin.trajectory.retiming import grid_parameters
 from pepper_kin.trajectory.smooth_time import PIECES, smooth_time
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 WHEELS = ("WheelB_link", "WheelFL_link", "WheelFR_link")
 HANDS = {"left": 0.6, "right": 0.6}
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {

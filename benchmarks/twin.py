@@ -321,7 +321,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     trajectory = movement(pepper)
     one(pepper, trajectory, 5 if quick else 25)
     many(pepper, trajectory, 4096, 50 if quick else 200, 3 if quick else 9)

@@ -178,7 +178,7 @@ def main():
         "--swiftshader-compositor", action="store_true", help="compose by the graphics library"
     )
     options = parser.parse_args()
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     server = ViewerServer(pepper, port=0)
     server.warm_up()
     with sync_playwright() as playwright:

@@ -9,7 +9,7 @@ tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]
 
 plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0)
 print(plan.report())
-trajectory = pk.retime(pepper, plan, balance=0.01)
+trajectory = pk.retime(pepper, plan)
 certificate = trajectory.check(pepper, scene=scene)
 print(certificate.report())
 run = pk.Twin(pepper, timestep=0.001).execute(trajectory)

@@ -47,7 +47,7 @@ for name, costs in (("without", []), ("with", [heat])):
     assert found.success
     ways[name] = hand_way(found.plans[1].curve)
 cost = found.plans[1].costs[0]
-trajectory = found.retime(pepper, balance=0.01)
+trajectory = found.retime(pepper)
 print(f"{trajectory.duration:.2f} s; mean price {cost.mean:.2f}, heat {cost.integral:.2f} m")
 
 # An independent look: heights and heat from poses alone, distances by coal.

@@ -30,7 +30,7 @@ def tasks(s):
 found = follow(pepper, None, tasks, route, speed=SPEED, laps=LAPS)
 print(found.report())
 motion = found.trajectory
-print(motion.check(pepper, pk.Scene(), balance=None).report())
+print(motion.check(pepper, pk.Scene()).report())
 
 times = np.linspace(0.0, motion.duration, 3000)
 state = motion(times)
@@ -42,5 +42,5 @@ print(
 )
 
 assert found.success
-assert motion.check(pepper, pk.Scene(), balance=None).success
+assert motion.check(pepper, pk.Scene()).success
 assert np.abs(cruise / SPEED - 1.0).max() < 0.005

@@ -12,6 +12,7 @@ never raised: it is a status in a result.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -121,6 +122,11 @@ class UnknownNameError(PepperKinError, KeyError):
         return str(self.args[0])
 
 
+def suspect_degrees(value: float, unit: str = "rad") -> str:
+    """Return a question about an angle beyond a whole turn [rad]; empty for others."""
+    return "; degrees? use numpy.radians" if unit == "rad" and 2 * math.pi < abs(value) <= 360 else ""
+
+
 class LimitError(PepperKinError, ValueError):
     """A joint's value lies outside its limits.
 
@@ -140,6 +146,7 @@ class LimitError(PepperKinError, ValueError):
         self.lower, self.upper, self.unit = lower, upper, unit
         super().__init__(
             f"{quantity}: {joint} = {value:.6g} {unit} is outside [{lower:.6g}, {upper:.6g}] {unit}"
+            f"{suspect_degrees(value, unit)}"
         )
 
 

@@ -48,7 +48,7 @@ def demo_motion() -> tuple[PepperModel, pk.Scene, Trajectory]:
     pepper, scene = pk.load_pepper(), demo_scene()
     tasks = [pk.ik.HandPosition("left", TARGET), pk.ik.LookAt(GAZE)]
     plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0, timeout=60.0)
-    return pepper, scene, pk.retime(pepper, plan, balance=0.01)
+    return pepper, scene, pk.retime(pepper, plan)
 
 
 def draw_demo() -> None:

@@ -39,4 +39,5 @@ def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
 def _without_self(robot: PepperModel) -> PepperModel:
     """Return the robot without self-collision pairs."""
     semantics = replace(robot.semantics, disabled_pairs=without_self_pairs(robot))
-    return PepperModel(robot.document, semantics, changed=robot.dynamics_model.changed())
+    changed = robot.dynamics_model.changed()
+    return PepperModel(robot.document, semantics, changed=changed, requirements=robot.requirements)

@@ -12,12 +12,14 @@ import numpy as np
 
 from pepper_kin import ik, kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.batch.states import KERNEL_FROM
 from pepper_kin.collision import Scene
 from pepper_kin.datasets.columns import Column
 from pepper_kin.datasets.recipe import Goals, Recipe
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik.batch import CODES
 from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model.requirements import ROBOT
 from pepper_kin.motion import Plan, plan
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.twin import ActuatorParameters, Run, Twin, actuator_parameters
@@ -37,7 +39,6 @@ _SCENE = Column("scene", "int32")
 _TIME = Column("time", frames=True, unit="s")
 _TIMED = re.compile(r"\d m?s\b")
 _TIMEOUT = 60.0  # [s] of a plan: long, so that a slow machine finds what a fast one does
-_BALANCE = 0.01  # [m] from the edge of Pepper's wheels, unless a job has another
 _TOGETHER = 64  # robots that act at once
 
 Values = Mapping[str, Any]
@@ -183,7 +184,7 @@ class TrajectoryRows(PlanRows):
 
     def _made(self, row: int, found: Plan, scene: Scene, about: dict[str, Any]) -> Values:
         pepper = self.recipe.pepper
-        limits = {**({} if "urdf" in self.job.robot else {"balance": _BALANCE}), **self.job.timing}
+        limits = {"balance": ROBOT, **self.job.timing}
         try:
             motion = retime(pepper, found, **limits)
         except InfeasibleError as error:
@@ -283,19 +284,25 @@ class DemonstrationRows(Kind):
 
     def rows(self, begin: int, end: int) -> Iterator[Values]:
         """Yield episode after episode; robots that are alike act together."""
-        together = _TOGETHER if self._ranges is None else 1
+        alike = self._ranges is None
+        together = _TOGETHER if alike else 1
         for first in range(begin, end, together):
             rows = range(first, min(first + together, end))
-            yield from self._episodes(rows)
+            yield from self._episodes(rows, max(len(rows), KERNEL_FROM) if alike else 1)
 
-    def _episodes(self, rows: range) -> Iterator[Values]:
+    def _episodes(self, rows: range, count: int) -> Iterator[Values]:
+        """Yield the episodes of rows, of at least so many robots: fewer would be computed by other code.
+
+        A kernel's result does not depend on the neighbors of a row, so that its bits are those of the row.
+        """
         seeds = [self.recipe.seed_of(row) for row in rows]
-        env = self._env(len(rows), seeds[0])
+        seeds += [seeds[0]] * (count - len(rows))
+        env = self._env(count, seeds[0])
         oracle = learning.Oracle(env)
         observation, _ = env.reset(seed=seeds)
         steps: list[tuple[Any, ...]] = []
-        lengths, success = np.zeros(len(rows), int), np.zeros(len(rows), bool)
-        distance = np.full(len(rows), np.nan)
+        lengths, success = np.zeros(count, int), np.zeros(count, bool)
+        distance = np.full(count, np.nan)
         while not lengths.all():
             action, position = np.asarray(oracle(), np.float32), env.twins.position
             after, reward, terminated, truncated, infos = env.step(action)

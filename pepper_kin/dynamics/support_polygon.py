@@ -9,12 +9,10 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.requirements import ROBOT, WHEELS, Balance, checked_distance
 from pepper_kin.model.wheels import BASE_JOINTS
 
 pinocchio = lazy_module("pinocchio")
-
-WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")
-"""Links of a description that stand on the floor, counter-clockwise seen from above."""
 
 
 @kept_for_robot(most=32)
@@ -30,6 +28,30 @@ def support_polygon(pepper: PepperModel) -> Array | None:
         q[pepper.joint_index(joint)] = 0.0
     pinocchio.framesForwardKinematics(model, data, pepper.to_full(q))
     return read_only([data.oMf[pepper.frame_id(wheel)].translation[:2] for wheel in WHEELS])
+
+
+def checked_balance(pepper: PepperModel, balance: Balance, *, if_wheeled: bool = False) -> float | None:
+    """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
+
+    Args:
+        pepper: The robot.
+        balance: The distance; "robot" for that of its requirements.
+        if_wheeled: Whether it is left out for a robot without a support polygon, which else is refused.
+
+    Raises:
+        InvalidValueError: for what is no finite distance of 0 or more, or a robot without a support polygon.
+    """
+    if balance is None:
+        return None
+    if isinstance(balance, str) and balance == ROBOT:
+        balance = pepper.requirements.balance
+        return checked_balance(pepper, balance, if_wheeled=if_wheeled)
+    distance = checked_distance(balance)
+    if support_polygon(pepper) is None:
+        if if_wheeled:
+            return None
+        raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
+    return distance
 
 
 def wheel_contacts(pepper: PepperModel, quantity: str = "contacts") -> Array:

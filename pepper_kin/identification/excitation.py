@@ -14,6 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
 from pepper_kin.collision.loads import loads_of
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.identification.base_parameters import BaseParameters, base_parameters, torque_columns
 from pepper_kin.model import PepperModel
@@ -23,9 +24,9 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
+from pepper_kin.model.requirements import checked_share
 from pepper_kin.trajectory import Certificate, Samples, Trajectory, check
-from pepper_kin.trajectory.balance import checked_balance
-from pepper_kin.trajectory.limits import LimitedQuantities, MotionLimits, checked_share
+from pepper_kin.trajectory.limits import LimitedQuantities, MotionLimits
 
 RANGE_SHARE = 0.95
 """Share of the way from the posture to a position limit that is used."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.collisions import Collisions
@@ -24,8 +25,9 @@ from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.reach_bound import shortfalls
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve
+from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve, standing
 from pepper_kin.ik.solvers import ALL_SOLVERS
+from pepper_kin.ik.standing import stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.structure import known_structures
@@ -38,6 +40,7 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
+from pepper_kin.model.requirements import Balance
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -88,6 +91,7 @@ class BatchResult(FrozenArrays):
     _scene: Scene | None = field(repr=False)
     _margin: float = field(repr=False)
     _budget: SearchBudget = field(repr=False)
+    _balance: float | None = field(repr=False)
 
     def __len__(self) -> int:
         """Return N."""
@@ -148,7 +152,9 @@ class BatchResult(FrozenArrays):
             time=self.time,
             solver=self.solver,
             seed=self.seed,
-            evidence=CertificateInputs(self._pepper, tasks, start, self._movable, self._scene, q).certificate,
+            evidence=CertificateInputs(
+                self._pepper, tasks, start, self._movable, self._scene, q, self._balance
+            ).certificate,
             hint=hint,
             conflict=conflict,
         )
@@ -177,6 +183,7 @@ def solve_batch(
     scene: Scene | None = None,
     collisions: bool = True,
     margin: float = 0.0,
+    balance: Balance = "robot",
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -206,6 +213,7 @@ def solve_batch(
         scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m].
+        balance: As of `solve`.
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups; None for all.
         max_iterations: Steps from each start.
@@ -232,6 +240,7 @@ def solve_batch(
     count = _count(parts, q0)
     starts = np.broadcast_to(np.clip(q0, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
     movable = None if joints is None else movable_joints(pepper, joints)
+    kept = checked_balance(pepper, balance)
     check_seed(seed)
     check_whole("restarts", restarts, 0)
     check_whole("max_iterations", max_iterations, 1)
@@ -244,6 +253,8 @@ def solve_batch(
     begin = time.perf_counter()
     if compiled:
         arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
+        if kept is not None:
+            _stand(world, balanced(parts), starts, movable, budget, arrays, kept)
     else:
         options |= {
             "solver": solver,
@@ -251,13 +262,25 @@ def solve_batch(
             "scene": scene,
             "collisions": collisions,
             "margin": margin,
+            "balance": balance,
         }
         arrays = _solve_each(pepper, parts, starts, options, progress)
     for array in arrays:
         array.setflags(write=False)
     duration = time.perf_counter() - begin
     return BatchResult(
-        *arrays, duration, solver, seed, pepper, parts, starts, movable, world.scene, world.margin, budget
+        *arrays,
+        duration,
+        solver,
+        seed,
+        pepper,
+        parts,
+        starts,
+        movable,
+        world.scene,
+        world.margin,
+        budget,
+        kept,
     )
 
 
@@ -344,6 +367,30 @@ def _search_on(request: Request, row: int, answers: Arrays) -> None:
     q[row], codes[row] = found.q, CODES.index(found.status)
     iterations[row], restarts[row] = found.iterations, found.restarts
     errors[row] = [task.error(request.pepper, found.q) for task in request.tasks]
+
+
+def _stand(
+    world: Collisions,
+    tasks: tuple[Task, ...],
+    starts: Array,
+    movable: np.ndarray | None,
+    budget: SearchBudget,
+    answers: Arrays,
+    balance: float,
+) -> None:
+    """Solve rows again on whose solution the robot does not keep a balance [m], as `solve` does.
+
+    Arguments as of `_solve_fast`; what is found is written into the answers.
+    """
+    q, codes, errors, iterations, restarts = answers
+    solved = np.flatnonzero(codes == CODES.index(IKStatus.SOLVED))
+    for row in solved[~stands(world.pepper, q[solved], balance, world.loads)]:
+        ones = tuple(task.at(int(row)) for task in tasks)
+        request = Request(world.pepper, ones, starts[row], movable, world, budget)
+        before = SearchResult(q[row].copy(), IKStatus.SOLVED, int(iterations[row]), int(restarts[row]))
+        found = standing(request, "fast", before, balance)
+        q[row], iterations[row], restarts[row] = found.q, found.iterations, found.restarts
+        errors[row] = [task.error(world.pepper, found.q) for task in ones]
 
 
 def _solve_each(

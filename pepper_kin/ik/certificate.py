@@ -11,6 +11,7 @@ from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.problem import Problem, make_problem
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
+from pepper_kin.ik.standing import distance_inside, stands
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 
@@ -34,6 +35,7 @@ class CertificateInputs(NamedTuple):
         movable: Joints that may move, shape (n,); None for all.
         scene: The scene, None where collisions were not considered.
         q: Joint positions to certify, shape (n,) [rad or m].
+        balance: Distance asked for from the edges of the wheels' triangle [m]; None for none.
     """
 
     pepper: PepperModel
@@ -42,16 +44,19 @@ class CertificateInputs(NamedTuple):
     movable: np.ndarray | None
     scene: Scene | None
     q: Array
+    balance: float | None = None
 
     def certificate(self) -> IKCertificate:
         """Return the certificate."""
         movable = np.ones(self.pepper.n, dtype=bool) if self.movable is None else self.movable
         problem = make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=self.scene is None)
-        return certify(problem, Collisions(self.pepper, self.scene), self.q)
+        return certify(problem, Collisions(self.pepper, self.scene), self.q, self.balance)
 
 
-def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate:
-    """Return the certificate of q, shape (n,) [rad or m]."""
+def certify(
+    problem: Problem, collisions: Collisions, q: Array, balance: float | None = None
+) -> IKCertificate:
+    """Return the certificate of q, shape (n,) [rad or m], and of a balance asked for [m]."""
     pepper = problem.pepper
     errors = tuple(
         TaskError(
@@ -86,6 +91,8 @@ def certify(problem: Problem, collisions: Collisions, q: Array) -> IKCertificate
         in_collision=None if not collisions.considered else not collisions.free(q),
         torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
         proof="" if met else why_beyond_reach(problem),
+        balance=None if balance is None else float(distance_inside(pepper, q, collisions.loads)),
+        stands=balance is None or bool(stands(pepper, q, balance, collisions.loads)),
     )
 
 

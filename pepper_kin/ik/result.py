@@ -105,6 +105,8 @@ class IKCertificate:
     in_collision: bool | None
     torque_use: TorqueUse
     proof: str
+    balance: float | None = None
+    stands: bool = True
 
 
 class SearchResult(NamedTuple):
@@ -224,6 +226,11 @@ class IKResult(FrozenArrays):
         return self.certificate.in_collision
 
     @property
+    def balance(self) -> float | None:
+        """Distance of the center of mass from the edges of the wheels' triangle [m]; None where not asked."""
+        return self.certificate.balance
+
+    @property
     def torque_use(self) -> TorqueUse:
         """The joint that gravity asks most of."""
         return self.certificate.torque_use
@@ -293,6 +300,8 @@ class IKResult(FrozenArrays):
         else:
             lines.append(NOT_EXAMINED)
         lines.append(self._torque())
+        if self.balance is not None and not self.certificate.stands:
+            lines.append(self._standing(self.balance))
         lines.append(
             f"{self.solver}: {self.iterations} iterations, {self.restarts} restarts (seed {self.seed}), "
             f"{1000 * self.time:.1f} ms"
@@ -342,6 +351,11 @@ class IKResult(FrozenArrays):
         use = self.torque_use
         line = f"gravity uses at most {100 * use.ratio:.0f} % of a motor's torque ({use.joint})"
         return line if use.ratio <= 1 else line + ": the robot cannot hold this posture"
+
+    def _standing(self, inside: float) -> str:
+        where = f"{words_for(abs(inside), 'm')} {'inside' if inside >= 0 else 'outside'} the wheels' triangle"
+        what = "less than motions keep" if inside >= 0 else "it would tip over"
+        return f"the robot's center of mass is {where}: {what}, and no other posture was found"
 
 
 def listed(names: tuple[str, ...]) -> str:

@@ -9,15 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast import alternatives
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start
+from pepper_kin.ik.standing import stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_seed, check_whole
+from pepper_kin.model.requirements import Balance
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -39,12 +42,13 @@ def solutions(
     scene: Scene | None = None,
     collisions: bool = True,
     margin: float = 0.0,
+    balance: Balance = "robot",
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     starts: int = 64,
     max_iterations: int = 150,
 ) -> Array:
-    """Return different joint positions that fulfill tasks: those that motors can hold first, nearest first.
+    """Return different joint positions that fulfill tasks: those that can be held first, nearest first.
 
     Found by the fast solver from places that lie ever farther from the start.  Solutions that touch
     something are moved clear, where a descent can.  The same arguments give the same
@@ -58,6 +62,7 @@ def solutions(
         scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
         collisions: Whether collisions are examined; False leaves them out.
         margin: Distance to the scene that is kept [m].
+        balance: As of `solve`: those that keep it come first.
         seed: Draws the starts.
         joints: Joints that may move, by names of joints and groups; the others keep their place.
             None for all.
@@ -85,7 +90,7 @@ def solutions(
         pepper, equally_weighted(parts), q0, movable, drawn, tried, steps, scene=world, margin=apart
     )
     kept: list[Array] = []
-    for q in _clear_ones(found, Collisions(pepper, world, apart)):
+    for q in _clear_ones(found, Collisions(pepper, world, apart), checked_balance(pepper, balance)):
         if all(np.abs(q - other).max() >= APART for other in kept):
             kept.append(q)
         if len(kept) == wanted:
@@ -93,12 +98,14 @@ def solutions(
     return read_only(np.array(kept).reshape(-1, pepper.n))
 
 
-def _clear_ones(solutions: list[Array], collisions: Collisions) -> Iterator[Array]:
-    """Yield the solutions, shape (n,) [rad or m], that touch nothing, first those the motors can hold."""
+def _clear_ones(solutions: list[Array], collisions: Collisions, balance: float | None) -> Iterator[Array]:
+    """Yield the solutions, shape (n,) [rad or m], that touch nothing, first those that can be held."""
     if not solutions:
         return
     q = np.array(solutions)
     held = np.array([torque_ratios(collisions.pepper, row, collisions.loads).max() <= 1.0 for row in q])
+    if balance is not None:
+        held &= stands(collisions.pepper, q, balance, collisions.loads)
     for part in (q[held], q[~held]):
         for begin in range(0, len(part), CHUNK):
             chunk = part[begin : begin + CHUNK]

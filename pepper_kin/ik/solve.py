@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.closest import closest
@@ -38,6 +39,7 @@ from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_pro
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
+from pepper_kin.ik.standing import over_wheels, stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -49,6 +51,7 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
+from pepper_kin.model.requirements import Balance
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -65,6 +68,7 @@ def solve(
     scene: Scene | None = None,
     collisions: bool = True,
     margin: float = 0.0,
+    balance: Balance = "robot",
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -75,7 +79,8 @@ def solve(
 
     Minimizes sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
     of a quadratic program, first from `start` and then from further ones; see `Problem`.  Of several
-    solutions it prefers one that touches nothing, that the motors can hold, and that is near the start.
+    solutions it prefers one that touches nothing, that the motors can hold, on which the robot stands, and
+    that is near the start.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
     `priorities`.  Weights are compared with one another only, and say what counts more where tasks compete;
     what is reached does not depend on them.  The same arguments give the same result, unless a timeout cuts
@@ -90,6 +95,9 @@ def solve(
             mass of attached objects counts for what motors hold, and for the center of mass.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m]; to itself the robot keeps none.
+        balance: Distance that the center of mass is to keep from the edges of the wheels' triangle [m], and
+            `ROOM_TO_MOVE` more, as of `plan`; "robot" for that of `pepper.requirements`; None leaves it out.
+            Where no such posture is found, another is returned, and the report says so.
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
             others keep their place. None for all.
@@ -111,7 +119,7 @@ def solve(
     world, apart = checked_scene(scene, collisions, margin)
     around = Collisions(pepper, world, apart)
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
-    q0 = checked_start(pepper, start)
+    q0, kept = checked_start(pepper, start), checked_balance(pepper, balance)
     tasks_to_solve = balanced(parts)
     if solver == "fast":
         load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
@@ -125,6 +133,8 @@ def solve(
     if found.status is not IKStatus.SOLVED:
         found = search_on(request, solver, found)
         conflict, hint = reasons(found.status, request, solver)
+    elif kept is not None and not stands(pepper, found.q, kept, around.loads):
+        found = standing(request, solver, found, kept)
     return IKResult(
         status=found.status,
         q=found.q,
@@ -133,7 +143,7 @@ def solve(
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
-        evidence=CertificateInputs(pepper, parts, q0, movable, world, found.q).certificate,
+        evidence=CertificateInputs(pepper, parts, q0, movable, world, found.q, kept).certificate,
         hint=hint,
         conflict=conflict,
     )
@@ -148,6 +158,29 @@ def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) 
     around.tests(buffers.signals)
     _ = solve_rows.native
     ready.spare.append(buffers)
+
+
+def standing(request: Request, solver: str, found: SearchResult, balance: float) -> SearchResult:
+    """Return a solution on which the robot stands in place of one on which it does not, if one is found.
+
+    Args:
+        request: What was asked for.
+        solver: The solver.
+        found: What was found.
+        balance: Distance to keep from the edges of the wheels' triangle [m].
+    """
+    more = flatten_tasks(request.pepper, over_wheels(balance, request.collisions.loads))
+    tasks, begin = equally_weighted((*request.tasks, *more)), time.perf_counter()
+    if solver == "fast":
+        load_search(request.pepper, tasks, request.collisions)
+    budget = request.budget._replace(
+        closest=False, deadline=request.budget.deadline + time.perf_counter() - begin
+    )
+    other = _search(request._replace(tasks=tasks, budget=budget), solver)
+    met = other if other.status is IKStatus.SOLVED else found
+    return met._replace(
+        iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
+    )
 
 
 class Request(NamedTuple):

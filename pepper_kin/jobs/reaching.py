@@ -24,7 +24,6 @@ from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
-BALANCE = 0.01  # [m] from the zero-moment point to the edges of the wheels' triangle
 _FAR = 1e4  # [m] from which few digits are said
 HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
@@ -121,7 +120,7 @@ def reach(
         return outcome("The hand is there already: nothing to move.")
     clock.enter("timing")
     try:
-        trajectory = retime(pepper, found, balance=BALANCE)
+        trajectory = retime(pepper, found)
     except InfeasibleError as error:
         return outcome(str(error))
     clock.enter("certificate")

@@ -2,6 +2,7 @@
 
     load_pepper, load_robot, PepperModel      a frozen robot; pepper_urdf is the text of Pepper's description
     Semantics, Wheels                         groups, postures and allowed contacts; a base that drives
+    MotionRequirements                        what motions keep in reserve: balance, torque for the servos
     pose, rotation_from_rpy, rpy_from_rotation, rotation_from_quaternion, quaternion_from_rotation
     Box, Sphere, Capsule, Cylinder, Mesh      geometries, together `Geometry`; Shape: one on a link
     export, FORMATS, mesh_files               URDF, SRDF, SDF and MJCF
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         rotation_from_rpy,
         rpy_from_rotation,
     )
+    from pepper_kin.model.requirements import MotionRequirements
     from pepper_kin.model.semantics import Semantics
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
     from pepper_kin.model.tolerant_urdf import Fault
@@ -54,6 +56,7 @@ __all__ = [
     "LimitRow",
     "LimitsTable",
     "Mesh",
+    "MotionRequirements",
     "PepperModel",
     "RobotMemory",
     "Semantics",
@@ -92,6 +95,7 @@ __getattr__, __dir__ = lazily(
         "pepper_kin.paper.table4": "LimitRow LimitsTable limits_table",
         "pepper_model": "PepperModel",
         "poses": "pose quaternion_from_rotation rotation_from_quaternion rotation_from_rpy rpy_from_rotation",
+        "requirements": "MotionRequirements",
         "semantics": "Semantics",
         "shapes": "Box Capsule Cylinder Geometry Mesh Shape Sphere",
         "wheels": "Wheels",

@@ -102,7 +102,8 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
     for sentence in changed_states(pepper.semantics.states, document):
         if sentence not in before:
             warnings.warn(f"SRDF: {sentence}", ModelWarning, stacklevel=4)
-    return type(pepper)(replace(document, wheels=old.wheels), pepper.semantics, pepper.sphere_set)
+    made = replace(document, wheels=old.wheels)
+    return type(pepper)(made, pepper.semantics, pepper.sphere_set, requirements=pepper.requirements)
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:

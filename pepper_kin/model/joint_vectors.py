@@ -75,9 +75,9 @@ def _of_shape(value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | N
     """Return numbers as an array of a shape, as `as_finite` does, whatever they are."""
     try:
         array = _as_floats(value)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+    except (TypeError, ValueError, OverflowError, RecursionError, RuntimeError) as error:
         expected = "numbers" if shape is None else f"numbers of shape {_shape_text(shape)}"
-        raise InvalidValueError(quantity, shown(value), expected) from error
+        raise InvalidValueError(quantity, shown(value), f"{expected}{_gradient_advice(value)}") from error
     if shape is None or array.shape == shape:
         return array
     if len(array.shape) != len(shape) or any(
@@ -157,6 +157,30 @@ def _holds_truth(value: list[Any] | tuple[Any, ...]) -> bool:
     )
 
 
+def _gradient_advice(value: object) -> str:
+    """Return what to do with a tensor that carries a gradient, which NumPy refuses; empty for others."""
+    return "; of a tensor with gradient, its detach()" if getattr(value, "requires_grad", False) else ""
+
+
+def _in_order(pepper: PepperModel, value: Any, quantity: str) -> Any:
+    """Return labeled numbers, such as a pandas Series or DataFrame, in the order of the robot's joints.
+
+    Labels that are numbers from 0 name nothing: such values are taken by place.
+
+    Raises:
+        InvalidValueError: for other labels than the robot's joints.
+    """
+    if type(value).__module__.partition(".")[0] != "pandas":
+        return value
+    labels = list(value.columns if value.ndim == 2 else value.index)
+    if tuple(labels) == pepper.joint_names or not any(isinstance(label, str) for label in labels):
+        return value
+    if len(labels) != pepper.n or set(labels) != set(pepper.joint_names):
+        allowed = f"those of the joints, each once: {', '.join(pepper.joint_names)}"
+        raise InvalidValueError(f"labels of {quantity}", ", ".join(map(str, labels)), allowed)
+    return value[list(pepper.joint_names)]
+
+
 def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
     """Convert to joint vectors with leading batch axes, shape (..., n).
 
@@ -179,10 +203,12 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
         and np.vdot(value, value) < _MOST_SQUARED  # `dot` warns where it overflows
     ):
         return value
+    value = _in_order(pepper, value, quantity)
     try:
         array = _as_floats(value)
-    except (TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise InvalidValueError(quantity, shown(value), f"numbers of shape (..., {pepper.n})") from error
+    except (TypeError, ValueError, OverflowError, RecursionError, RuntimeError) as error:
+        allowed = f"numbers of shape (..., {pepper.n}){_gradient_advice(value)}"
+        raise InvalidValueError(quantity, shown(value), allowed) from error
     if array.ndim == 0 or array.shape[-1] != pepper.n:
         raise InvalidValueError(
             quantity,

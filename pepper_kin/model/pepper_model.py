@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from pepper_kin.arrays import read_only
-from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError, suspect_degrees
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
+from pepper_kin.model.requirements import NAMED, WHEELS, MotionRequirements, as_requirements
 from pepper_kin.model.semantics import Semantics
 from pepper_kin.model.tree_order import depth_first, frame_ids, mimic_map
 from pepper_kin.model.urdf_document import UrdfDocument
@@ -44,6 +45,8 @@ class PepperModel:
         semantics: Groups, states and pairs never checked for collision.
         sphere_set: Makes `collision_spheres` of the document; None for a robot that has no such set.
         changed: A `pinocchio.Model` to use in place of that of the document, if there is one.
+        requirements: What its motions keep in reserve; None for "reserve" where the wheels are known on which
+            it stands, else "limits".
 
     Raises:
         ModelError: for a joint that mimics itself.
@@ -67,6 +70,7 @@ class PepperModel:
         is_coupled: Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n).
         is_direct: Whether what Pinocchio returns is what this library does: nothing follows, and there is
             more than one joint, since Pinocchio's matrices of one column are vectors.
+        requirements: What its motions keep in reserve unless a call says otherwise.
         kept: What the packages keep for this robot, by `RobotMemory`; it goes when the robot does.
     """
 
@@ -88,6 +92,7 @@ class PepperModel:
     n: int
     is_coupled: bool
     is_direct: bool
+    requirements: MotionRequirements
     kept: dict[Any, Any]
     _frame_ids: dict[str, int]
     _local: threading.local
@@ -98,6 +103,7 @@ class PepperModel:
         semantics: Semantics,
         sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None = None,
         changed: Any = None,
+        requirements: MotionRequirements | None = None,
     ) -> None:
         joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
         order = depth_first(document)
@@ -105,6 +111,9 @@ class PepperModel:
         names = tuple(name for name in full_names if joints[name].mimic is None)
         leading = [joints[name] for name in names]
         full_map, full_offset = mimic_map(full_names, names, joints)
+        if requirements is None:
+            stands = set(WHEELS) <= set(document.links)
+            requirements = NAMED["reserve" if stands else "limits"]
         vars(self).update(
             document=document,
             semantics=semantics,
@@ -119,6 +128,7 @@ class PepperModel:
             n=len(names),
             is_coupled=len(full_names) != len(names),
             is_direct=len(full_names) == len(names) > 1,
+            requirements=requirements,
             kept={},
             _frame_ids=frame_ids(document, order),
             _local=threading.local(),
@@ -132,7 +142,7 @@ class PepperModel:
         """Rebuild from the document: Pinocchio's data do not travel; what was changed in its model does."""
         changed = self.dynamics_model.changed()
         own = None if changed is None else changed.copy()  # so that a copy can be changed by itself
-        return (PepperModel, (self.document, self.semantics, self.sphere_set, own))
+        return (PepperModel, (self.document, self.semantics, self.sphere_set, own, self.requirements))
 
     @cached_property
     def pinocchio_model(self) -> Any:
@@ -387,6 +397,29 @@ class PepperModel:
         changes = {"lower": lower, "upper": upper, "velocity": velocity}
         return changed_model.with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
 
+    def with_requirements(self, requirements: MotionRequirements | str) -> PepperModel:
+        """Return the robot whose motions keep something else in reserve; this one stays as it is.
+
+            fast = pepper.with_requirements("limits")
+
+        Inverse kinematics, plans, timing and live motion keep `requirements` unless an option such as
+        `balance` says otherwise.
+
+        Args:
+            requirements: `MotionRequirements`, or a name: "limits", all that the limits allow; "reserve", a
+                balance of 10 mm and 90 % of the torque, the default of robots whose wheels are known.
+
+        Returns:
+            A new model.
+
+        Raises:
+            UnknownNameError: for another name, listing the names.
+            InvalidValueError: for another type.
+        """
+        build, arguments = self.__reduce__()
+        made: PepperModel = build(*arguments[:-1], as_requirements(requirements))
+        return made
+
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
         """Return the robot with other masses of some links; this one stays as it is.
 
@@ -464,5 +497,8 @@ class PepperModel:
                 place = self.joint_index(joint)
                 if place in found:
                     raise InvalidValueError(f"position of {joint}", "two values", "each joint once")
+                question = suspect_degrees(number, self.joint_units[place])
+                if question and not self.lower_limits[place] <= number <= self.upper_limits[place]:
+                    raise InvalidValueError(f"position of {joint}", f"{number:.6g} rad", f"radians{question}")
                 found[place] = number
         return found

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_degrees
 from pepper_kin.model.joint_vectors import as_batch, check_choice
 from pepper_kin.model.shapes import rotation_rpy
 
@@ -51,7 +51,7 @@ def pose(
 
     Raises:
         InvalidValueError: for two orientations, a wrong shape, NaN, a quaternion whose length is not 1 to
-            0.001, or a matrix that is not a rotation to 1e-6.
+            0.001, a matrix that is not a rotation to 1e-6, or angles of more than a whole turn.
     """
     arguments = {
         "rpy": rpy,
@@ -65,6 +65,9 @@ def pose(
     origin = as_batch(position, "position", (3,))
     if rpy is not None:
         turn = rotation_from_rpy(rpy)
+        greatest = float(np.abs(np.asarray(rpy, float)).max(initial=0.0))
+        if question := suspect_degrees(greatest):
+            raise InvalidValueError("rpy", f"{greatest:.6g} rad", f"at most a whole turn, 2 pi{question}")
     elif quaternion_xyzw is not None:
         turn = rotation_from_quaternion(quaternion_xyzw, order="xyzw")
     elif quaternion_wxyz is not None:

@@ -218,7 +218,7 @@ class _Follower:
         self.ways.append((joints, (scene or Scene()).padded(margin)))
         self.checker = checker_for(pepper, scene, margin)
         self.exact = checker_for(pepper, scene)
-        self.statics = static_limits(pepper, None, None, scene)
+        self.statics = static_limits(pepper, "robot", None, scene)
 
     def follow(self, q: Array, stops: Array, route: Route) -> tuple[Array, Array, CartesianStatus, str]:
         """Move the hand from stop to stop.

@@ -16,6 +16,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_of
@@ -53,7 +54,8 @@ def plan_constrained(
     least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 10.0,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Plan a collision-free path along which IK tasks stay met.
@@ -76,6 +78,7 @@ def plan_constrained(
         seed: As of `plan`.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
         balance: As of `plan`.
+        torque_scale: As of `plan`.
         payload: As of `plan`.
 
     Returns:
@@ -90,7 +93,7 @@ def plan_constrained(
         raise InvalidValueError("constraints", None, "a list of tasks")
     options = PlanOptions(
         constraints=constraints, costs=costs, joints=joints, margin=margin, least_margin=least_margin,
-        seed=seed, timeout=timeout, balance=balance, payload=payload,
+        seed=seed, timeout=timeout, balance=balance, torque_scale=torque_scale, payload=payload,
     )  # fmt: skip
     return constrained_path(pepper, start, goal, scene, options)
 

@@ -16,6 +16,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
@@ -55,7 +56,8 @@ def plan_costed(
     least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 5.0,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Plan a collision-free path on which its length and soft costs together are small.
@@ -79,6 +81,7 @@ def plan_costed(
         seed: As of `plan`.
         timeout: Time budget [s].
         balance: As of `plan`.
+        torque_scale: As of `plan`.
         payload: As of `plan`.
 
     Returns:
@@ -93,7 +96,7 @@ def plan_costed(
         raise InvalidValueError("costs", None, "a list of PathCost and tasks")
     options = PlanOptions(
         costs=costs, joints=joints, margin=margin, least_margin=least_margin, seed=seed, timeout=timeout,
-        balance=balance, payload=payload,
+        balance=balance, torque_scale=torque_scale, payload=payload,
     )  # fmt: skip
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
     return costed_path(pepper, start, goal, scene, options)

@@ -26,6 +26,7 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
+from pepper_kin.model.requirements import ROBOT
 from pepper_kin.motion.curves import HandCurve, Route
 from pepper_kin.motion.follow_result import Followed, FollowStatus, NotFollowedError
 from pepper_kin.motion.problem import checked_margin
@@ -60,7 +61,8 @@ def follow(
     are equations at every node, the rest of the body accelerates as little as it can, and nodes are added
     until the tasks are met between them.  The curve is proven to touch nothing, and timed by `retime`: from
     rest to rest, with the ramps that limits allow, and at `speed` between.  The motion stops at corners.
-    Closed routes end in the posture in which they begin.
+    Closed routes end in the posture in which they begin.  Joints that no task moves rest, as far as nothing
+    touches; the message names those that go out of the way.
 
     Args:
         pepper: The robot.
@@ -106,7 +108,10 @@ def follow(
         raise InvalidValueError(
             "scene", f"{world.movers[0].name!r} moving", "obstacles that stand, as of scene.at(time)"
         )
-    allowed = motion_limits(pepper, scene=world, **{k: v for k, v in limits.items() if k in _OF_LIMITS})
+    allowed = motion_limits(
+        pepper, scene=world,
+        **{"balance": ROBOT, "torque_scale": ROBOT, **{k: v for k, v in limits.items() if k in _OF_LIMITS}},
+    )  # fmt: skip
     if isinstance(tasks, str):
         hand, route = tasks, over if isinstance(over, Route) else _route_of(pepper, tasks, q, over)
         path = TaskPath(pepper, lambda s: _hand_at(hand, route(s)), route, moving, world)

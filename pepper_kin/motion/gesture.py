@@ -10,6 +10,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.gesture_scores import SCORES, Score
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.enforce_limits import enforce_limits
@@ -45,6 +46,8 @@ def gesture(
     tempo: float = 1.0,
     scene: Scene | None = None,
     payload: Mapping[str, float] | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
 ) -> Trajectory:
     """Return a gesture of the library, from the posture Stand and back to it.
 
@@ -59,6 +62,8 @@ def gesture(
         tempo: Speed relative to the authored one, in [0.25, 4]; limits may make it slower.
         scene: The scene whose attached objects count with their mass, as in `enforce_limits`.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
+        balance: As in `retime` [m].
+        torque_scale: As in `retime`.
 
     Returns:
         The timed gesture.
@@ -73,7 +78,9 @@ def gesture(
     _check_between("amplitude", amplitude, 0.0, LARGEST_AMPLITUDE)
     _check_between("tempo", tempo, *TEMPOS)
     motion = _authored(pepper, score, side, float(amplitude), float(tempo))
-    return enforce_limits(pepper, motion, scene=scene, payload=payload)
+    return enforce_limits(
+        pepper, motion, scene=scene, payload=payload, balance=balance, torque_scale=torque_scale
+    )
 
 
 def _score(name: str) -> Score:

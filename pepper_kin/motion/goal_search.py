@@ -567,7 +567,7 @@ class TaskGoalSearch:
             joints = [checks.pepper.joint_names[k] for k in np.flatnonzero(self._movable)]
         found = solve(
             checks.pepper, self._parts, self._start, collisions=False, seed=self._seed, joints=joints,
-            timeout=timeout,
+            timeout=timeout, balance=checks.statics.balance,
         )  # fmt: skip
         if not found.success:
             return UNSOLVED

@@ -15,10 +15,11 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, solve
+from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.goal_search import TaskGoals, clear_goals
+from pepper_kin.motion.goal_search import TaskGoals, clear_goals, load_tasks
 from pepper_kin.motion.plan_request import PlanRequest, are_known_to_fast, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import Ends, check_examined
@@ -162,6 +163,9 @@ def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
     tasks, checks, scene = request.goal, request.checks, request.checks.exact.scene
     more, fast = checks.statics.tasks(), are_known_to_fast(request.goal)
     for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
+        begin = request.now()
+        load_tasks(checks.pepper, flatten_tasks(checks.pepper, sought))
+        request.ended.begin += request.now() - begin  # to load code is not planning
         clear = _clear_goals(request, sought)
         if clear is not None:
             return clear.goals, clear.ik, None
@@ -169,7 +173,7 @@ def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
     for scene in scenes:
         ik = solve(
             checks.pepper, tasks, start=request.start, solver="fast" if fast else OTHER_SOLVER, scene=scene,
-            seed=request.seed, joints=request.options.joints,
+            seed=request.seed, joints=request.options.joints, balance=checks.statics.balance,
             timeout=request.left() / (1 if scene is scenes[-1] else 3),
         )  # fmt: skip
         if ik.success and fault_of(checks.exact, ik.q, "goal", checks.statics) is None:

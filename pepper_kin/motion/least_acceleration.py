@@ -2,7 +2,7 @@
 
 At nodes s_0 < ... < s_K of a path's parameter, with x = q / (acceleration limits),
 
-    minimize  sum_i w_i |(x'')_i|^2 + 10 sum_i d_i |(x')_i|^2 + sum_k h_k rho_k |x_k - g_k|^2
+    minimize  sum_i w_i |(x'')_i|^2 + 10 sum_i d_i |(x')_i|^2 + sum_k h_k sum_i rho_ki (x_k - g_k)_i^2
     subject to  r(q_k; s_k) = 0,
 
 s over the path's length, x'' by divided differences of three nodes and x' of two, w, d and h shares of the
@@ -154,7 +154,7 @@ class PathProblem(NamedTuple):
         scale: Joint positions of x = 1 [rad or m], shape (n,).
         limits: Lower and upper bounds to stay within [rad or m], shape (2, n).
         near: g [rad or m], shape (K, n).
-        nearness: rho, shape (K,).
+        nearness: rho, shape (K, n).
         moving: Whether a joint may move, shape (n,).
     """
 
@@ -214,9 +214,9 @@ class PathProblem(NamedTuple):
         scale, nodes = self.scale[self.moving], self.nodes
         rest = x - self.near[:, self.moving] / scale
         outside = x - np.clip(x, *self.limits[:, self.moving] / scale)
-        stiff, pull = _STIFF * nodes.bend[0], nodes.share * self.nearness
+        stiff, pull = _STIFF * nodes.bend[0], nodes.share[:, None] * self.nearness[:, self.moving]
         bent = nodes.bent(x)
-        value = (x * bent).sum() + (pull[:, None] * rest**2).sum() + (stiff[:, None] * outside**2).sum()
+        value = (x * bent).sum() + (pull * rest**2).sum() + (stiff[:, None] * outside**2).sum()
         more = []
         for rows_of, is_barrier in ((self.preferences, False), (self.barriers, True)):
             if rows_of is None:
@@ -229,8 +229,8 @@ class PathProblem(NamedTuple):
                 factor = np.sqrt(stiff)[:, None] / steep
             more.append((lacking * factor, slopes * factor[:, :, None]))
             value += float(((lacking * factor) ** 2).sum())
-        gradient = bent + pull[:, None] * rest + stiff[:, None] * outside
-        weight = np.where(outside != 0.0, stiff[:, None], 0.0) + pull[:, None]
+        gradient = bent + pull * rest + stiff[:, None] * outside
+        weight = np.where(outside != 0.0, stiff[:, None], 0.0) + pull
         return _Point(
             x, residual, rows[:, :, self.moving] * scale, gradient, weight, more, 0.5 * float(value)
         )

@@ -12,20 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
-from pepper_kin.collision import Scene, in_collision, loads_of
+from pepper_kin.collision import Scene, in_collision
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup, solutions
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import shown
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.constraints import as_constraints, with_constraints
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.plan_request import PlanOptions, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.planning import plan
 from pepper_kin.motion.problem import check_robot, checked_start
-from pepper_kin.motion.static_limits import StaticLimits
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.trajectory import Certificate, Trajectory, retime
-from pepper_kin.trajectory.balance import checked_balance
 
 ATTEMPTS = 4
 """Ways through all goals that are tried: a solution of one goal may leave no way to the next."""
@@ -184,7 +184,8 @@ def plan_legs(
     least_margin: float = 0.0,
     seed: int = 0,
     timeout: float = 10.0,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> PlanInLegs:
     """Plan through several goals, with separate constraints, soft costs and changes of the world.
@@ -205,6 +206,7 @@ def plan_legs(
         seed: As of `plan`.
         timeout: Time budget [s], shared by the legs.
         balance: As of `plan`, for all legs.
+        torque_scale: As of `plan`, for all legs.
         payload: As of `plan`, for all legs.
 
     Returns:
@@ -220,8 +222,9 @@ def plan_legs(
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
     q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
     options = PlanOptions(
-        joints=joints, margin=margin, least_margin=least_margin, balance=balance, payload=payload
-    )
+        joints=joints, margin=margin, least_margin=least_margin, balance=balance, torque_scale=torque_scale,
+        payload=payload,
+    )  # fmt: skip
     search = _LegSearch(pepper, legs, kept, begin + timeout, options)
     best: list[tuple[Plan, Scene]] = []
     for attempt in range(ATTEMPTS):
@@ -316,9 +319,10 @@ class _LegSearch:
 
     def _can_begin(self, k: int, world: Scene, q: Array) -> bool:
         """Return whether leg k can begin at q [rad or m], shape (n,), in the world before its change."""
-        scene, balance = _scene_of(self.legs[k], k, world, q), self.options.balance
-        carried = loads_of(self.pepper, scene, self.options.payload)
-        held = StaticLimits(self.pepper, checked_balance(self.pepper, balance), carried).hold(q[None])
+        scene, options = _scene_of(self.legs[k], k, world, q), self.options
+        held = static_limits(self.pepper, options.balance, options.payload, scene, options.torque_scale).hold(
+            q[None]
+        )
         return bool(held[0]) and not bool(in_collision(self.pepper, q, scene))
 
 

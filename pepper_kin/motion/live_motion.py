@@ -22,6 +22,7 @@ from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
+from pepper_kin.model.requirements import Balance
 from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory
@@ -145,7 +146,7 @@ class LiveMotion:
             where they are compared as they come in it.
         tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
         torque: Whether torques are kept within their limits.
-        balance: As in `retime` [m]; None to leave it out.
+        balance: As in `retime` [m]; "robot" for that of `pepper.requirements`; None to leave it out.
         budget: Time that a cycle may search for a plan [s]; None for a tenth of a cycle.
 
     Attributes:
@@ -168,7 +169,7 @@ class LiveMotion:
         delay: float = 0.0,
         tolerance: float = 0.2,
         torque: bool = True,
-        balance: float | None = None,
+        balance: Balance = "robot",
         budget: float | None = None,
     ) -> None:
         self.pepper = pepper

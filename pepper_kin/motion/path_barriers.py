@@ -16,6 +16,7 @@ from pepper_kin.motion.optimization.torque_term import TorqueTerm
 _HELD = 0.95  # of the efforts, to hold still
 _KEPT_ANGLE = 0.05  # of `RangeTerm`'s influence
 _KEPT_DISTANCE = 0.004  # [m] beyond the margin
+_OF_START = 0.8  # of what the start keeps: no path has to flee from where it begins
 _NEAR = 0.1  # [m] that counts as 1
 _PAIRS = 8  # of a state, the nearest
 
@@ -31,6 +32,7 @@ class PathBarriers:
         loads: What is carried.
         checker: Measures distances; None leaves them out, which is quicker.
         margin: Distance to keep [m].
+        start: Where a path begins [rad or m], shape (n,): what is near there may stay as near.
     """
 
     def __init__(
@@ -40,10 +42,14 @@ class PathBarriers:
         loads: Loads,
         checker: CollisionChecker | None,
         margin: float,
+        start: Array,
     ) -> None:
         moving = Moving(pepper, np.arange(pepper.n), pepper.neutral())
         self._ranges, self._torques = RangeTerm(moving, 0.0, 1), TorqueTerm(moving, efforts, 1, loads)
         self._checker, self._keep = checker, margin + _KEPT_DISTANCE
+        if checker is not None:
+            near = pairs_within(checker, start, self._keep).distances
+            self._keep = float(np.min(_OF_START * near, initial=self._keep))
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         """Return the shares, shape (K, r), and their derivatives, shape (K, r, n), at q, shape (K, n)."""

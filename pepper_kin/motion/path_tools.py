@@ -15,6 +15,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed, check_whole
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.goals import STAYS, free_joints
@@ -42,7 +43,8 @@ def simplify_path(
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 1.0,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
     """Make a valid path from elsewhere shorter, and smooth as `plan` makes its own.
@@ -59,6 +61,7 @@ def simplify_path(
         timeout: Time budget of the short-cuts [s].
         balance: As of `plan`: distance that the center of mass keeps from the edges of the wheels' triangle
             [m], with 2 mm more to move with, on the path given and on the one returned.
+        torque_scale: As of `plan`.
         payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
 
     Returns:
@@ -75,11 +78,11 @@ def simplify_path(
     check_positive("timeout", timeout, "[s]")
     checked_margin(margin)
     check_seed(seed)
-    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene, torque_scale))
     followed = checked_path(pepper, path)
     load_code(run)
-    ended = Ending(pepper, time.perf_counter(), seed, NAME, margin)
-    found = validate(pepper, path, scene, balance=balance, payload=payload)
+    ended = Ending(pepper, time.perf_counter(), seed, NAME, margin, (balance, torque_scale))
+    found = validate(pepper, path, scene, balance=balance, torque_scale=torque_scale, payload=payload)
     if not found.success:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)
     points = followed if isinstance(followed, np.ndarray) else _followed(followed)

@@ -19,6 +19,7 @@ from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.structure import known_structures
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.constraints import as_constraints, with_constraints
@@ -59,6 +60,7 @@ class PlanOptions:
         timeout: Time budget [s].
         gap: Of "aorrtc": where it stops.
         balance: Distance of the center of mass from the edges of the wheels' triangle [m].
+        torque_scale: Share of the effort limits.
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
         start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
@@ -73,7 +75,8 @@ class PlanOptions:
     seed: int = 0
     timeout: float = 5.0
     gap: float | None = None
-    balance: float | None = None
+    balance: Balance = "robot"
+    torque_scale: TorqueScale = "robot"
     payload: Mapping[str, float] | None = None
     smooth: bool = False
     start_velocity: ArrayLike | None = None
@@ -151,7 +154,7 @@ def plan_request(
     """
     check_robot(pepper)
     seed = seed_number(options.seed)
-    statics = static_limits(pepper, options.balance, options.payload, scene)
+    statics = static_limits(pepper, options.balance, options.payload, scene, options.torque_scale)
     constraints: tuple[Task, ...] = ()
     if options.constraints is not None:
         constraints = as_constraints(pepper, options.constraints, statics.carrying)
@@ -166,7 +169,8 @@ def plan_request(
     load_code_for(
         checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
     )
-    ended = Ending(pepper, now(), seed, name or options.planner, options.margin)
+    kept = options.balance, options.torque_scale
+    ended = Ending(pepper, now(), seed, name or options.planner, options.margin, kept)
     return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended, now)
 
 
@@ -232,8 +236,6 @@ def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
     tasks = flatten_tasks(checks.pepper, cast("Sequence[Task]", goal))
     if are_known_to_fast(tasks):
         load_tasks(checks.pepper, tasks)
-        if checks.statics.balance is not None:
-            load_tasks(checks.pepper, [*tasks, *checks.statics.tasks()])
 
 
 @cache

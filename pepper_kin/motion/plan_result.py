@@ -19,6 +19,7 @@ from pepper_kin.core.splines import polyline_length
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik import IKResult
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.margins import proven_margin
 from pepper_kin.planners import Result
 from pepper_kin.status import ResultStatus
@@ -112,6 +113,8 @@ class Plan:
             stop.  None otherwise.
         optimized: What the optimization returned; None where there was none.
         loads: What hung on the robot with a mass in the scene of the plan; `retime` counts it.
+        balance: As it was asked for, and as `retime` keeps it [m].
+        torque_scale: As it was asked for, and as `retime` keeps it.
         states_checked: Number of configurations asked about.
         time: Wall time [s], without the loading or compiling of code.
         seed: Seed: the same problem and seed give the same plan.
@@ -136,6 +139,8 @@ class Plan:
     splice: Splice | None = None
     optimized: Optimized | None = None
     loads: Loads = ()
+    balance: Balance = "robot"
+    torque_scale: TorqueScale = "robot"
     alternative: int | None = None
     evidence: Callable[[], float] | None = field(default=None, repr=False)
     proof: Callable[[], float] | None = field(default=None, repr=False)
@@ -187,10 +192,16 @@ class Ending:
     """Makes the plan that is returned, with what is the same for all endings filled in."""
 
     def __init__(
-        self, pepper: PepperModel, begin: float, seed: int, planner: str, margin: float = 0.0
+        self,
+        pepper: PepperModel,
+        begin: float,
+        seed: int,
+        planner: str,
+        margin: float = 0.0,
+        kept: tuple[Balance, TorqueScale] = ("robot", "robot"),
     ) -> None:
         self.joint_names, self.begin, self.seed, self.planner = pepper.joint_names, begin, seed, planner
-        self.margin = margin
+        self.margin, (self.balance, self.torque_scale) = margin, kept
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
         """Return the plan of an ending; `more` are its other fields."""
@@ -198,6 +209,7 @@ class Ending:
         made.__dict__.update(
             _DEFAULTS, status=status, message=message, joint_names=self.joint_names,
             time=time.perf_counter() - self.begin, seed=self.seed, planner=self.planner,
+            balance=self.balance, torque_scale=self.torque_scale,
         )  # fmt: skip
         made.__dict__.update(more)
         return made

@@ -15,6 +15,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
 from pepper_kin.motion.constrained_plan import constrained_path
 from pepper_kin.motion.costed_plan import costed_path
@@ -64,7 +65,8 @@ def plan(
     seed: int = 0,
     timeout: float = 5.0,
     gap: float | None = None,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
     smooth: bool = False,
     start_velocity: ArrayLike | None = None,
@@ -90,8 +92,11 @@ def plan(
         timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
         gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
             nearest goal; None: at the straight line itself, or when the time is used up.
-        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], as in
-            `retime`; None lets the base be held from below.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], which
+            `retime` keeps then, too; "robot" for that of `pepper.requirements`, 10 mm for Pepper; None where
+            the base is held: else the robot may tip.
+        torque_scale: Share of the effort limits, which `retime` keeps then, too; "robot" for that of
+            `pepper.requirements`, 0.9 for Pepper, so that servos can correct errors.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects, as in
             `retime`: the joints can hold them all along the path, and they count for balance.
         smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
@@ -122,8 +127,8 @@ def plan(
     _check_gap(planner, gap)
     options = PlanOptions(
         planner=planner, joints=joints, constraints=constraints, costs=costs, margin=margin,
-        least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance, payload=payload,
-        smooth=smooth, start_velocity=start_velocity,
+        least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance,
+        torque_scale=torque_scale, payload=payload, smooth=smooth, start_velocity=start_velocity,
     )  # fmt: skip
     search = _free_path if not guided else costed_path if constraints is None else constrained_path
     if start_velocity is not None:
@@ -162,6 +167,8 @@ def _free_path(
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
     message += relaxation_sentence(problem, way.curve, options.margin)
+    if scene is not None and not (scene.objects or scene.attached or scene.movers):
+        message += " The scene is empty: `add_box` and the like return a new one."
     return ended.solved(checks.exact, way.points, message, way.curve, **more)
 
 

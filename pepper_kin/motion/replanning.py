@@ -8,9 +8,11 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
+from pepper_kin.model.requirements import Balance
 from pepper_kin.motion.moving_plan import way_on
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
@@ -27,7 +29,7 @@ def replan(
     scene: Scene | None = None,
     *,
     torque: bool = True,
-    balance: float | None = None,
+    balance: Balance = "robot",
     margin: float = 0.01,
     seed: int = 0,
     timeout: float = 1.0,
@@ -61,11 +63,12 @@ def replan(
     world = checked_world(scene)
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
-    moving = MovingStart(pepper, trajectory, at, world, torque, balance, jerk=jerk)
-    limits = {"torque": torque, "balance": balance, "jerk": jerk}
+    kept = checked_balance(pepper, balance)
+    moving = MovingStart(pepper, trajectory, at, world, torque, kept, jerk=jerk)
+    limits = {"torque": torque, "balance": kept, "jerk": jerk}
 
     def search(begin: Array) -> Plan:
-        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=balance)
+        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=kept)
 
     found, way = way_on(moving, goal[None], search, **limits)
     if found is None and way is not None and not way.success:

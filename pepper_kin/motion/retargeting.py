@@ -22,10 +22,12 @@ from pepper_kin.kernels.interrupts import interrupt_table
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.requirements import ROBOT
 from pepper_kin.motion.key_points import KeyPoints
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.enforce_limits import Slowed, rounded_and_slowed
+from pepper_kin.trajectory.limits import motion_limits
 
 if TYPE_CHECKING:
     from pepper_kin.trajectory import Certificate
@@ -575,7 +577,8 @@ def _timed(
     raw = Trajectory.from_positions(person.times, q, pepper, interpolation="monotone")
     period = float(person.times[1])
     try:
-        slowed: Slowed = rounded_and_slowed(pepper, raw, period, scene, payload)
+        kept = motion_limits(pepper, balance=ROBOT, torque_scale=ROBOT, payload=payload, scene=scene)
+        slowed: Slowed = rounded_and_slowed(pepper, raw, period, kept)
     except InfeasibleError as error:
         return Retargeted(RetargetStatus.NOT_HELD, str(error), time=time.perf_counter() - begin)
     certificate = slowed.trajectory.check(pepper, scene, payload=payload)

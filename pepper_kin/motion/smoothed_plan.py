@@ -9,9 +9,11 @@ import numpy as np
 
 from pepper_kin.collision import Scene
 from pepper_kin.collision.curve_examination import is_clear_along
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import ROBOT
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.optimization.optimize import optimize
 from pepper_kin.motion.path_costs import PathCost
@@ -53,9 +55,11 @@ def smoothed(pepper: PepperModel, plan: Plan, scene: Scene | None, options: Plan
     if plan.curve is None:
         return plan
     try:
-        what = _not_optimized(pepper, plan.curve, balance)
+        what = _not_optimized(
+            pepper, plan.curve, None if balance == ROBOT else checked_balance(pepper, balance)
+        )
         if what is not None:
-            motion = retime(pepper, plan, balance=balance, payload=payload, scene=scene)
+            motion = retime(pepper, plan, payload=payload, scene=scene)
             message = f"{plan.message} It was timed along its own path, in {motion.duration:.3f} s: "
             return replace(plan, trajectory=motion, message=f"{message}{what} is not optimized.")
         if support_polygon(pepper) is None:
@@ -63,13 +67,13 @@ def smoothed(pepper: PepperModel, plan: Plan, scene: Scene | None, options: Plan
         left = max(timeout - plan.time, _LEAST_SHARE * timeout)
         found = optimize(
             pepper, plan, scene, margin=options.margin, timeout=left, balance=balance, payload=payload,
-            constraints=options.constraints or (),
+            torque_scale=options.torque_scale, constraints=options.constraints or (),
         )  # fmt: skip
     except InfeasibleError as error:
         return replace(plan, message=f"{plan.message} It cannot be timed: {error}")
     reason = found.message
     if found.success:
-        checks = checks_for(pepper, scene, static_limits(pepper, None, payload, scene))
+        checks = checks_for(pepper, scene, static_limits(pepper, None, payload, scene, options.torque_scale))
         if _keeps_what_plans_keep(checks, found.trajectory, options.margins):
             made = along_trajectory(pepper, plan, found.trajectory, scene, options.margin)
             message = f"{plan.message} Optimized: {reason[0].lower()}{reason[1:]}"

@@ -26,14 +26,15 @@ from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import gravity_torque, total_mass
 from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
 from pepper_kin.dynamics.mass import joint_masses
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.ik import CenterOfMassOverWheels, Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.moving_tree import moving_tree
+from pepper_kin.model.requirements import HOLDING_SHARE, ROOM_TO_MOVE, Balance, TorqueScale, kept_torque_scale
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.balance import (
     balance_margin,
-    checked_balance,
     moment_matrix,
     moves_base,
     support_polygon,
@@ -45,14 +46,8 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 
-TORQUE_SHARE = 0.95
-"""Share of each joint's effort that holding still may take; the rest is left to move with."""
-
-ROOM_TO_MOVE = 0.004
-"""What a path keeps beyond the distance asked for from the edges that the robot could tip over [m]: curves,
-which round its corners, keep `ROOM_ALONG`, and accelerations use what is left."""
-
 ROOM_ALONG = ROOM_TO_MOVE / 2
+"""What curves, which round the corners of paths, keep of `ROOM_TO_MOVE` [m]."""
 
 LONGEST_ARM = 0.5
 """How far from the center of mass inverse kinematics takes a load to be [m]."""
@@ -82,11 +77,19 @@ class StaticLimits:
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; None lets
             the base be held from below.
         carrying: What is carried.
+        torque_scale: Share of the effort limits that a motion may use, of which holding still may take
+            `HOLDING_SHARE`.
     """
 
     pepper: PepperModel
     balance: float | None = None
     carrying: Loads = ()
+    torque_scale: float = 1.0
+
+    @property
+    def holding_share(self) -> float:
+        """Share of the effort limits that holding still may take."""
+        return HOLDING_SHARE * self.torque_scale
 
     def __post_init__(self) -> None:
         """Load, or compile, the kernel before any clock starts."""
@@ -103,7 +106,7 @@ class StaticLimits:
     @cached_property
     def effort_limits(self) -> Array:
         """What holding still may ask of the joints [N m or N], shape (n,)."""
-        return TORQUE_SHARE * self.pepper.effort_limits
+        return self.holding_share * self.pepper.effort_limits
 
     @cached_property
     def loads(self) -> StaticLoads:
@@ -155,7 +158,7 @@ class StaticLimits:
         thus uses up no more than the share of the effort, and of the distance, that is kept unused.  Of the
         robot alone, steps are no shorter than those of its examination.
         """
-        spare = (1.0 - TORQUE_SHARE) * self.pepper.effort_limits
+        spare = (self.torque_scale - self.holding_share) * self.pepper.effort_limits
         carried = _GRAVITY * np.maximum(self._carried_masses(), 1e-9)
         most = 2.0 * float((spare / carried).min(initial=np.inf))
         if self.balance is not None:
@@ -173,7 +176,7 @@ class StaticLimits:
         """Return the joint most overloaded by a posture, shape (n,); None where all can hold it."""
         joint = self.most_loaded(q)
         use = np.abs(self.torque(q)[joint]) / max(self.pepper.effort_limits[joint], 1e-12)
-        return joint if use > TORQUE_SHARE else None
+        return joint if use > self.holding_share else None
 
     def most_loaded(self, q: Array) -> int:
         """Return the joint that needs the greatest share of its effort to hold a posture, shape (n,)."""
@@ -213,6 +216,9 @@ class StaticLimits:
             name, unit = self.pepper.joint_names[joint], _UNITS[self.pepper.joint_units[joint]]
             needed, limit = abs(self.torque(q)[joint]), self.pepper.effort_limits[joint]
             most = f"near or over the {_amount(limit)} {unit} it has"
+            if needed < limit * HOLDING_SHARE:
+                share = 100 * self.holding_share
+                most = f"over {share:.3g} % of its {_amount(limit)} {unit}, all that torque_scale leaves"
             return f"The {what} takes {_amount(needed)} {unit} at {name}{carried}, {most}."
         if not self.tips(q, margin):
             return ""
@@ -252,9 +258,10 @@ class StaticLimits:
 
 def static_limits(
     pepper: PepperModel,
-    balance: float | None,
+    balance: Balance,
     payload: Mapping[str, float] | None,
     scene: Scene | None = None,
+    torque_scale: TorqueScale = "robot",
 ) -> StaticLimits:
     """Return the limits of postures at rest that a user has set, in the terms of `retime`.
 
@@ -264,13 +271,16 @@ def static_limits(
         InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
-    return _kept_limits(pepper, checked_balance(pepper, balance), loads_of(pepper, scene, payload))
+    share = kept_torque_scale(pepper, torque_scale)
+    return _kept_limits(pepper, checked_balance(pepper, balance), loads_of(pepper, scene, payload), share)
 
 
 @kept_for_robot(most=64)
-def _kept_limits(pepper: PepperModel, balance: float | None, carrying: Loads) -> StaticLimits:
+def _kept_limits(
+    pepper: PepperModel, balance: float | None, carrying: Loads, torque_scale: float
+) -> StaticLimits:
     """Return the limits, which are made once."""
-    return StaticLimits(pepper, balance, carrying)
+    return StaticLimits(pepper, balance, carrying, torque_scale)
 
 
 @kept_for_robot(most=64)

@@ -11,6 +11,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.model import PepperModel
+from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale
 from pepper_kin.motion.checks import Checks, checks_for
 from pepper_kin.motion.dense_states import AnyPath, DenseStates, checked_path, dense_states
 from pepper_kin.motion.goals import fault_of
@@ -88,7 +89,8 @@ def validate(
     scene: Scene | None = None,
     *,
     margin: float = 0.0,
-    balance: float | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Validation:
     """Check a path, a curve or a trajectory from anywhere: joint limits, collisions, torque, balance.
@@ -106,7 +108,8 @@ def validate(
         margin: Distance that is to be kept to the scene [m].
         balance: Distance that is kept from the edges of the wheels' triangle [m], as of `plan`: by the center
             of mass of paths and curves, with 2 mm more to move with, by the zero-moment point of
-            trajectories; None lets the base be held from below.
+            trajectories, of which "robot" asks for 0 as `Trajectory.check` does; None leaves it out.
+        torque_scale: Share of the effort limits, as of `plan`; of trajectories all of them count.
         payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
 
     Returns:
@@ -120,8 +123,10 @@ def validate(
         InfeasibleError: for a plan that failed, with its reason.
     """
     margin = checked_margin(margin)
-    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene))
     followed = checked_path(pepper, path)
+    if isinstance(followed, Trajectory) and balance == ROBOT and pepper.requirements.balance is not None:
+        balance = 0.0
+    checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene, torque_scale))
     dense = dense_states(pepper, scene, followed)
     look = _Look(checks, dense, margin)
     found = look.limits(dense.positions, pepper.lower_limits, pepper.upper_limits, "position", "rad", "m")

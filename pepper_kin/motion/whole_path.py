@@ -23,7 +23,7 @@ from pepper_kin.motion.follow_result import Followed, FollowStatus, NotFollowedE
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.least_acceleration import PathNodes, PathProblem
 from pepper_kin.motion.path_barriers import PathBarriers
-from pepper_kin.motion.static_limits import static_limits
+from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.motion.task_path import TaskPath
 from pepper_kin.trajectory import Trajectory, retime
 from pepper_kin.trajectory.limits import MotionLimits, quantities_of, share_of
@@ -44,6 +44,8 @@ _STILL = 5e-3  # [rad or m] of a step that changes little
 _WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # [rad or m] that nodes stay within the position limits
 _FAR = 5e-3  # [rad or m] outside of a limit, at nodes
 _NEARNESS = 0.1
+_IDLE = 1e4  # nearness of joints that no task moves to where they are
+_OUT_OF_THE_WAY = 0.1  # [rad or m]: what an idle joint moves beyond it is said
 _DRAWN = (30.0, 1e3, 1e5)  # nearness to postures that touch nothing, in turn
 _PREFERRED, _RELAXED = (
     3.0,
@@ -84,11 +86,13 @@ class WholePath:
         self.path, self.pepper, self.margin = path, path.pepper, margin
         self.speed, self.options = speed, options
         self.limits = limits_of(self.pepper, allowed)
-        self.statics = static_limits(self.pepper, None, None, path.scene)
+        self.statics = StaticLimits(
+            self.pepper, allowed.balance, allowed.loads, 1.0 if allowed.torque is None else allowed.torque
+        )
         self.checks = checks_for(self.pepper, path.scene, self.statics)
         self._barriers: PathBarriers | None = None
         self._relaxed, self._fast = set[int](), list[float]()
-        self._scale = np.ones(self.pepper.n)
+        self._scale, self._idle = np.ones(self.pepper.n), np.zeros(self.pepper.n, bool)
 
     def followed(self, start: Array, weights: Array, *, ramps: bool, laps: int) -> Followed:
         """Return the motion from a start.
@@ -127,6 +131,7 @@ class WholePath:
             else:
                 relaxed = tuple(tasks[k].name for k in sorted(self._relaxed))
                 said = f" {' and '.join(relaxed)} only as well as can be." if relaxed else ""
+                said += self._moved_aside(curve)
                 return Followed(
                     FollowStatus.DONE, f"The whole path in {motion.duration:.2f} s.{said}", motion, whole,
                     tuple(task.name for task in tasks), self._errors(curve), relaxed, slowest, 1.0,
@@ -138,6 +143,18 @@ class WholePath:
                 break
         assert first is not None
         raise first
+
+    def _moved_aside(self, curve: CubicPath) -> str:
+        """Return a sentence on joints that no task moves and that go out of the way; empty without."""
+        way = np.ptp(_points(curve, np.arange(_POINTS) / _POINTS)[1], axis=0)
+        far = [
+            f"{name} by {way[j]:.2f} {unit}"
+            for j, (name, unit) in enumerate(
+                zip(self.pepper.joint_names, self.pepper.joint_units, strict=True)
+            )
+            if self._idle[j] and way[j] > _OUT_OF_THE_WAY
+        ]
+        return f" No task moves {', '.join(far)}: out of the way." if far else ""
 
     def _prioritized(self, start: Array, tasks: list[Task]) -> CubicPath:
         """Return the curve, with as many of the last tasks relaxed as it takes."""
@@ -155,7 +172,7 @@ class WholePath:
             self._relaxed.add(soft.pop())
 
     def _first_curve(self, start: Array) -> CubicPath:
-        self._barriers = self._kept_apart(False)
+        self._barriers = self._kept_apart(start, False)
         try:
             return self._curve(start)
         except NotFollowedError as error:
@@ -245,8 +262,12 @@ class WholePath:
             preferences = TaskRows(self.pepper, others, len(s), factors)
         nodes = PathNodes.of(s, path.corners, path.closed, path.length, self._emphasis(s))
         near, nearness = close
+        self._idle = ~rows(q)[1].any(axis=(0, 1)) & path.moving
+        if preferences is not None:
+            self._idle &= ~preferences(q)[1].any(axis=(0, 1))
+        held = np.where(self._idle, max(nearness, _IDLE), nearness)
         problem = PathProblem(
-            nodes, rows, preferences, self._barriers, self._scale, limits, near, np.full(len(s), nearness),
+            nodes, rows, preferences, self._barriers, self._scale, limits, near, np.tile(held, (len(s), 1)),
             path.moving,
         )  # fmt: skip
         q = problem.solved(q, steps, _STILL, _MET)
@@ -275,7 +296,7 @@ class WholePath:
             stay = ik.JointPosture(before, weight=_STAY, tolerance=np.inf)
             found = ik.solve(
                 self.pepper, [*tasks, stay], start=before, joints=path.joints, restarts=0, scene=scene,
-                collisions=scene is not None,
+                collisions=scene is not None, balance=self.statics.balance,
             )  # fmt: skip
             if found.success and np.abs(found.q - before).max() <= _JUMP:
                 before, done = found.q, ahead.pop()
@@ -368,12 +389,12 @@ class WholePath:
     def _is_clear(self, curve: CubicPath) -> bool:
         return is_clear_along(self.checks, curve, (self.margin, 0.0), held=False)
 
-    def _kept_apart(self, bodies: bool) -> PathBarriers:
+    def _kept_apart(self, start: Array, bodies: bool) -> PathBarriers:
         """Return what keeps a path from contact, with distances between bodies or without."""
         efforts = np.full(self.pepper.n, np.inf) if self.limits.torque is None else self.limits.torque
         efforts = np.where(efforts > 0, efforts, np.inf)
         checker = self.checks.exact if bodies else None
-        return PathBarriers(self.pepper, efforts, self.limits.loads, checker, self.margin)
+        return PathBarriers(self.pepper, efforts, self.limits.loads, checker, self.margin, start)
 
     def _around(self, start: Array, curve: CubicPath) -> CubicPath:
         """Return a curve that touches nothing, in place of one that does.
@@ -392,7 +413,7 @@ class WholePath:
         said = fault[1] if fault is not None else "the margin would not be kept."
         message = f"{path.words(s[first])}: {said}"
         failed = NotFollowedError(FollowStatus.IN_COLLISION, message, s[first] / path.length)
-        self._barriers = self._kept_apart(True)
+        self._barriers = self._kept_apart(start, True)
         for _ in range(_SPLIT):
             pieces = np.unique(np.flatnonzero(hit) // _POINTS) if hit.any() else np.arange(len(s) // _POINTS)
             middles = (curve.breaks[pieces] + curve.breaks[pieces + 1]) / 2

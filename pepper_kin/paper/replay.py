@@ -146,7 +146,7 @@ def replay(
     places = [pepper.joint_index(joint) for joint in gesture.joint_names]
     points = np.tile(pepper.neutral(), (len(FRAMES), 1))
     points[:, places] = np.clip(gesture.plan, pepper.lower_limits[places], pepper.upper_limits[places])
-    trajectory = retime(pepper, points, duration=duration)
+    trajectory = retime(pepper, points, duration=duration, balance=None, torque_scale=1.0)
     key_times = passing_times(trajectory, points)
     run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
     reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped

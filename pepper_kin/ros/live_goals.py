@@ -11,13 +11,13 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, contacts
 from pepper_kin.collision.tracking import SceneTracker
 from pepper_kin.exceptions import PepperKinError
+from pepper_kin.model.requirements import checked_share
 from pepper_kin.motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
 from pepper_kin.ros.joint_trajectory import ErrorCode, Tolerance, TrajectoryRefusedError
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.limits import checked_share
 from pepper_kin.trajectory.sampling import State
 
 if TYPE_CHECKING:

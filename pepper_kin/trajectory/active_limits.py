@@ -13,6 +13,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.dynamics.support_polygon import inner_radius
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.balance import balance_margin, moves_base, support_polygon
 from pepper_kin.trajectory.limits import (
     JerkLike,
@@ -70,14 +71,14 @@ def active_limits(
     t: ArrayLike | None = None,
     *,
     torque: bool = True,
-    balance: float | None = None,
+    balance: Balance = "robot",
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
     scene: Scene | None = None,
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
-    torque_scale: float = 1.0,
+    torque_scale: TorqueScale = "robot",
 ) -> ActiveLimits:
     """Return the limit that is used most at each instant of a trajectory.
 

@@ -8,34 +8,10 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.dynamics.support_polygon import WHEELS, inward_normals
+from pepper_kin.dynamics.support_polygon import inward_normals
 from pepper_kin.dynamics.support_polygon import support_polygon as support_polygon
-from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.wheels import BASE_JOINTS
-
-
-def checked_balance(pepper: PepperModel, balance: float | None, *, if_wheeled: bool = False) -> float | None:
-    """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
-
-    Args:
-        pepper: The robot.
-        balance: The distance.
-        if_wheeled: Whether it is left out for a robot without a support polygon, which else is refused.
-
-    Raises:
-        InvalidValueError: for what is no finite distance of 0 or more, or a robot without a support polygon.
-    """
-    if balance is None:
-        return None
-    if not 0.0 <= as_real(balance) < np.inf:
-        raise InvalidValueError("balance", shown(balance), "a finite distance of 0 or more [m], or None")
-    if support_polygon(pepper) is None:
-        if if_wheeled:
-            return None
-        raise InvalidValueError("balance", balance, f"None for a robot without {', '.join(WHEELS)}")
-    return float(balance)
 
 
 def edge_moments(

@@ -16,8 +16,10 @@ from pepper_kin.collision.solids import not_negative
 from pepper_kin.core.certificates.polynomials import evaluate
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.balance import checked_balance, floor_wrench, margin_of_wrench, support_polygon
+from pepper_kin.model.requirements import Balance, TorqueScale
+from pepper_kin.trajectory.balance import floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
@@ -47,12 +49,12 @@ def check(
     start_time: float = 0.0,
     collisions: bool = True,
     jerk: JerkLike | None = None,
-    balance: float | None = 0.0,
+    balance: Balance = 0.0,
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
-    torque_scale: float = 1.0,
+    torque_scale: TorqueScale = 1.0,
 ) -> Certificate:
     """Examine a trajectory: polynomials at their extremes, all else closely and with bounds between.
 
@@ -73,12 +75,13 @@ def check(
         start_time: Time of the scene at which the motion begins [s], 0 or more.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         jerk: As in `retime`.
-        balance: As in `retime` [m]; not looked at for a robot without wheels.
+        balance: As in `retime` [m]: the edge of the triangle unless more is asked; not looked at for a robot
+            without wheels.
         hand_speed: As in `retime` [m/s].
         payload: As in `retime` [kg].
         velocity_scale: Share of the velocity limits that the motion may use, as in `retime`; of wheels, too.
         acceleration_scale: The same of accelerations; limits of jerk stay what they are, as in `retime`.
-        torque_scale: The same of effort limits.
+        torque_scale: The same of effort limits: all of them unless less is asked.
 
     Returns:
         The certificate, whose limits are the shares.
@@ -105,7 +108,7 @@ def check(
         """Compare a derivative of the positions with its limits, shape (n,) each."""
         return _at_extremes(pepper, quantity, trajectory, order, lower, upper)
 
-    v, a, effort = allowed.velocity, allowed.acceleration, pepper.effort_limits * torque_scale
+    v, a, effort = allowed.velocity, allowed.acceleration, pepper.effort_limits * (limits.torque or 1.0)
     return Certificate(
         duration=trajectory.duration,
         samples=examined.time.size,

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
-from pepper_kin.dynamics.load import Loads, carried_words
+from pepper_kin.collision.loads import inverse_dynamics_with
+from pepper_kin.dynamics.load import carried_words
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.limits import refuse_motionless, share_of
+from pepper_kin.trajectory.limits import MotionLimits, motion_limits, refuse_motionless, share_of
 from pepper_kin.trajectory.samples import Samples, refuse_other_joints
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
@@ -41,6 +42,8 @@ def enforce_limits(
     rounding: float = 0.02,
     scene: Scene | None = None,
     payload: Mapping[str, float] | None = None,
+    balance: Balance = "robot",
+    torque_scale: TorqueScale = "robot",
 ) -> Trajectory:
     """Return the motion rounded, and slowed down where the robot cannot follow; its rhythm stays elsewhere.
 
@@ -60,6 +63,8 @@ def enforce_limits(
         scene: The scene whose attached objects count with their mass; None for none.  It is not looked at for
             collisions.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
+        balance: As in `retime` [m].
+        torque_scale: As in `retime`.
 
     Returns:
         The motion, of degree 5, 2 h longer than the given one where nothing is slowed down.
@@ -70,7 +75,8 @@ def enforce_limits(
         InfeasibleError: where the robot could not even stand still in a position on the way, or where a joint
             moves whose limit of velocity or acceleration is zero.
     """
-    return rounded_and_slowed(pepper, trajectory, rounding, scene, payload).trajectory
+    kept = motion_limits(pepper, balance=balance, torque_scale=torque_scale, payload=payload, scene=scene)
+    return rounded_and_slowed(pepper, trajectory, rounding, kept).trajectory
 
 
 class Slowed(NamedTuple):
@@ -93,12 +99,11 @@ def rounded_and_slowed(
     pepper: PepperModel,
     trajectory: Trajectory,
     rounding: float,
-    scene: Scene | None = None,
-    payload: Mapping[str, float] | None = None,
+    kept: MotionLimits,
 ) -> Slowed:
-    """Do what `enforce_limits` does, with its arguments, and say where the motion is slowed down."""
+    """Do what `enforce_limits` does within limits, and say where the motion is slowed down."""
     refuse_other_joints(pepper, trajectory.joint_names)
-    h, loads = check_positive("rounding", rounding, "s"), loads_of(pepper, scene, payload)
+    h = check_positive("rounding", rounding, "s")
     if h > trajectory.duration:
         raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")
     changes = np.diff(trajectory.coefficients[:, :1], axis=0, append=trajectory.coefficients[-1:, :1])
@@ -106,7 +111,7 @@ def rounded_and_slowed(
     refuse_motionless(pepper, steps, pepper.acceleration_limits, "safe motion")
     curve = _rounded(pepper, trajectory, h)
     s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
-    speed = _speed(pepper, s, curve(s), loads)
+    speed = _speed(pepper, s, curve(s), kept)
     return Slowed(_run(curve, s, speed), curve, s, speed(s))
 
 
@@ -166,14 +171,14 @@ def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
     return start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-def _speed(pepper: PepperModel, s: Array, path: State, loads: Loads) -> Any:
+def _speed(pepper: PepperModel, s: Array, path: State, kept: MotionLimits) -> Any:
     """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded.
 
     Args:
         pepper: The robot.
         s: Times on the curve, evenly spaced [s], shape (T,).
         path: The curve's states there, shape (T, n) each.
-        loads: What is carried.
+        kept: What the motion may use.
     """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import minimum_filter1d
@@ -181,14 +186,14 @@ def _speed(pepper: PepperModel, s: Array, path: State, loads: Loads) -> Any:
     half = max(2, round(_WINDOW / (s[1] - s[0])))
     kernel = np.hanning(2 * half + 3)[1:-1]
     kernel /= kernel.sum()
-    _refuse_unholdable(pepper, path.position, loads)
+    _refuse_unholdable(pepper, path.position, kept)
     ceiling = _ceiling(pepper, path)
     for _ in range(_ROUNDS):
         # The least within the window, averaged over the window, is nowhere above the ceiling.
         lowest = minimum_filter1d(ceiling, 2 * half + 1, mode="nearest")
         sigma = np.convolve(np.pad(lowest, half, mode="edge"), kernel, mode="valid")
         speed = CubicSpline(s, sigma)
-        need = _use(pepper, _state(path, sigma, speed(s, 1)), loads)
+        need = _use(pepper, _state(path, sigma, speed(s, 1)), kept)
         if not np.any(need > 1.0):
             return speed
         # Not by more than a fifth at once: what exceeds may be the slowing down itself.
@@ -236,39 +241,46 @@ def _state(path: State, sigma: Array, slope: Array) -> State:
     return State(path.position, path.velocity * along, path.acceleration * along**2 + path.velocity * bend)
 
 
-def _use(pepper: PepperModel, state: State, loads: Loads) -> Array:
+def _use(pepper: PepperModel, state: State, kept: MotionLimits) -> Array:
     """Return the largest share of any limit used at each point; above 1 where one is exceeded, shape (T,)."""
-    torque = inverse_dynamics_with(pepper, loads, *state)
+    torque = inverse_dynamics_with(pepper, kept.loads, *state)
     shares = [
         share_of(np.abs(state.velocity), pepper.velocity_limits).max(axis=1) / _SHARE,
         share_of(np.abs(state.acceleration), pepper.acceleration_limits).max(axis=1) / _SHARE,
-        share_of(np.abs(torque), pepper.effort_limits).max(axis=1) / _SHARE,
+        share_of(np.abs(torque), pepper.effort_limits).max(axis=1) / _torque_share(kept),
     ]
     for speed, acceleration in _of_wheels(pepper, state):
         shares += [speed / _SHARE, acceleration / _SHARE]
     polygon = support_polygon(pepper)
-    if polygon is not None:
-        shares.append(np.where(balance_margin(pepper, polygon, *state, loads) < _BALANCE, 1.5, 0.0))
+    if polygon is not None and kept.balance is not None:
+        inside = balance_margin(pepper, polygon, *state, kept.loads)
+        shares.append(np.where(inside < kept.balance + _BALANCE, 1.5, 0.0))
     return np.max(shares, axis=0)
 
 
-def _refuse_unholdable(pepper: PepperModel, position: Array, loads: Loads) -> None:
+def _torque_share(kept: MotionLimits) -> float:
+    return _SHARE * (1.0 if kept.torque is None else kept.torque)
+
+
+def _refuse_unholdable(pepper: PepperModel, position: Array, kept: MotionLimits) -> None:
     """Raise where gravity overloads a joint or tips the robot over: positions [rad or m], shape (T, n)."""
-    still, carrying = np.zeros_like(position), carried_words(loads)
+    still, loads, carrying = np.zeros_like(position), kept.loads, carried_words(kept.loads)
     torque = np.abs(inverse_dynamics_with(pepper, loads, position, still, still))
     share = share_of(torque, pepper.effort_limits)
-    if share.max() > _SHARE:
+    if share.max() > _torque_share(kept):
         joint = pepper.joint_names[int(np.argmax(share.max(axis=0)))]
         reason = (
             f"{joint} needs {share.max():.0%} of its effort limit to hold a position on the way{carrying}"
         )
-        raise InfeasibleError("safe motion", reason, "choose positions with less load on that joint")
+        raise InfeasibleError(
+            "safe motion", reason, "choose positions with less load on that joint, or a greater torque_scale"
+        )
     polygon = support_polygon(pepper)
-    if polygon is not None:
+    if polygon is not None and kept.balance is not None:
         margin = float(balance_margin(pepper, polygon, position, still, still, loads).min())
-        if margin < _BALANCE:
+        if margin < kept.balance + _BALANCE:
             reason = f"at rest the robot{carrying} would stand {1000 * margin:.1f} mm from tipping over"
-            advice = "keep the center of mass nearer to the middle of the wheels' triangle"
+            advice = "keep the center of mass nearer to the middle of the wheels' triangle, or reduce balance"
             raise InfeasibleError("safe motion", reason, advice)
 
 

@@ -18,14 +18,15 @@ from pepper_kin.core.timing.excess import EffectKernel
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
 from pepper_kin.dynamics.load import Loads
+from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
-from pepper_kin.model.joint_vectors import as_numbers, check_positive, shown
+from pepper_kin.model.joint_vectors import as_numbers, shown
+from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale, checked_share, kept_torque_scale
 from pepper_kin.model.wheels import WHEEL_FRAMES
 from pepper_kin.trajectory.balance import (
-    checked_balance,
     edge_moments,
     moment_matrix,
     moves_base,
@@ -43,18 +44,6 @@ JerkLike: TypeAlias = str | float | ArrayLike
 
 NAMED = {"gentle": 5.0, "moderate": 10.0, "brisk": 30.0}
 """Factors on the acceleration limits [1/s]: full acceleration is reached in 0.2, 0.1 and 0.033 s."""
-
-
-def checked_share(quantity: str, value: float) -> float:
-    """Return the share of a limit that may be used, such as `velocity_scale`, as a float.
-
-    Raises:
-        InvalidValueError: unless it is in (0, 1].
-    """
-    share = check_positive(quantity, value)
-    if share > 1.0:
-        raise InvalidValueError(quantity, value, "a number in (0, 1]")
-    return share
 
 
 def share_of(size: Array, limit: Array) -> Array:
@@ -164,9 +153,9 @@ def motion_limits(
     *,
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
-    torque_scale: float = 1.0,
+    torque_scale: TorqueScale = 1.0,
     torque: bool = True,
-    balance: float | None = None,
+    balance: Balance = None,
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     scene: Scene | None = None,
@@ -175,7 +164,7 @@ def motion_limits(
     """Return what a motion may use, with the options checked that `retime` describes.
 
     The loads are the payload and the attached objects of the scene; without a scene, those of a plan that the
-    motion is `along`.
+    motion is `along`.  What is "robot" is as the plan was asked for, or else as the robot's requirements are.
 
     Raises:
         InvalidValueError: for a share that is not in (0, 1]; a balance that is no distance, or of a robot
@@ -185,12 +174,15 @@ def motion_limits(
     loads = loads_of(pepper, scene, payload)
     if scene is None and is_plan(along):
         loads += tuple(getattr(along, "loads", ()))
+    if is_plan(along):
+        balance = getattr(along, "balance", ROBOT) if balance == ROBOT else balance
+        torque_scale = getattr(along, "torque_scale", ROBOT) if torque_scale == ROBOT else torque_scale
     if hand_speed is not None and not isinstance(hand_speed, Mapping):
         hand_speed = dict.fromkeys(HANDS, hand_speed)
     return MotionLimits(
         checked_share("velocity_scale", velocity_scale),
         checked_share("acceleration_scale", acceleration_scale),
-        checked_share("torque_scale", torque_scale) if torque else None,
+        kept_torque_scale(pepper, torque_scale) if torque else None,
         checked_balance(pepper, balance),
         loads,
         at_frames(pepper, "hand_speed", hand_speed, "m/s"),

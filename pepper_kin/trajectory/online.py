@@ -14,8 +14,9 @@ from pepper_kin.model.joint_vectors import (
     check_positive,
     check_within_limits,
 )
+from pepper_kin.model.requirements import checked_share
 from pepper_kin.trajectory.jerk_steering import load_ruckig, steer_with_jerk
-from pepper_kin.trajectory.limits import JerkLike, checked_share, jerk_limits
+from pepper_kin.trajectory.limits import JerkLike, jerk_limits
 from pepper_kin.trajectory.sampling import State
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.trajectory.wheels import wheel_limits

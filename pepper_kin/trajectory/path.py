@@ -339,7 +339,9 @@ def _waypoints(pepper: PepperModel, path: Any) -> Array:
         raise InvalidValueError("way-points", "a start that equals the goal", "a path longer than zero")
     if same.size:
         raise InvalidValueError(
-            "way-points", f"rows {same[0]} and {same[0] + 1} are equal", "successive ones that differ"
+            "way-points",
+            f"rows {same[0]} and {same[0] + 1} are equal",
+            "successive ones that differ: leave one out; for a pause, time the parts and join them by then()",
         )
     for index, point in enumerate(points):
         check_within_limits(pepper, point, f"way-point {index}", LIMIT_TOLERANCE)

@@ -34,6 +34,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vector, check_choice, check_positive, check_whole
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory.editing import joined
 from pepper_kin.trajectory.limit_use import measure_use
@@ -69,9 +70,9 @@ def retime(
     *,
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
-    torque_scale: float = 1.0,
+    torque_scale: TorqueScale = "robot",
     torque: bool = True,
-    balance: float | None = None,
+    balance: Balance = "robot",
     hand_speed: float | Mapping[str, float] | None = None,
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
@@ -94,10 +95,11 @@ def retime(
             `pepper_kin.trajectory.path.as_cubic_path`).
         velocity_scale: Share of the velocity limits to use, in (0, 1].
         acceleration_scale: Share of the acceleration limits to use, in (0, 1].
-        torque_scale: Share of the effort limits to use, in (0, 1].
+        torque_scale: Share of the effort limits to use, in (0, 1]; "robot" for what a plan was made with, or
+            else for that of `pepper.requirements`: 0.9 for Pepper, so that servos can correct errors.
         torque: Whether to keep within the effort limits.
-        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; None
-            lets the base be held from below.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
+            as for `torque_scale`, 10 mm for Pepper; None where the base is held: else the robot may tip.
         hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects; they
             act on torque and balance.

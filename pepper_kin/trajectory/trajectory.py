@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.splines import clamp, evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
 from pepper_kin.trajectory import editing
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
@@ -28,8 +29,6 @@ from pepper_kin.trajectory.stop import Stop, stop
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from pepper_kin.model import PepperModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,6 +411,9 @@ class Trajectory(FrozenArrays):
 
     def check(self, pepper: PepperModel, scene: Any = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
+        if not isinstance(pepper, PepperModel):
+            allowed = "a robot, which comes first, as in check(pepper, scene)"
+            raise InvalidValueError("pepper", f"a {type(pepper).__name__}", allowed)
         return check(pepper, self, scene=scene, **limits)
 
     def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:

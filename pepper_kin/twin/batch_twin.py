@@ -22,7 +22,7 @@ from pepper_kin.model.joint_vectors import (
     check_whole,
     check_within_limits,
 )
-from pepper_kin.trajectory.limits import checked_share
+from pepper_kin.model.requirements import checked_share
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.actuator_data import actuator_parameters
 from pepper_kin.twin.actuator_table import actuator_table, check_joints

@@ -138,6 +138,15 @@ def test_demonstrations_come_out_again_when_their_actions_are_done(made):
     assert dataset.statuses == {"solved": 5}
 
 
+def test_demonstrations_are_the_same_bits_however_rows_are_grouped(tmp_path):
+    """Rows of one shard, more than are computed one by one, beside the same rows alone and in threes."""
+    job = small_job("demonstrations", tmp_path, rows=26, rows_per_shard=26)
+    whole = datasets.run_shard(job, 0)
+    for begin, end in ((0, 1), (25, 26), (11, 14)):
+        apart = [batch.to_pylist() for batch in rows_of(job, begin, end)]
+        assert [row for rows in apart for row in rows] == whole.slice(begin, end - begin).to_pylist()
+
+
 def test_replays_are_those_of_the_logs(made):
     dataset = made("replays")
     log = read_log(dataset.job.targets["logs"][1]["path"])

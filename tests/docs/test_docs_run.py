@@ -1,12 +1,14 @@
 """Every Python block of the documentation runs, page by page, in the order in which it stands.
 
-Blocks marked `py` need other libraries: they are shown, and not run.
+Blocks marked `py` need other libraries: they are shown, and not run.  Every motion that a page makes passes
+its certificate, and the twin follows it.
 """
 
 import re
 from pathlib import Path
 
 import pytest
+from examined_motions import run_examined
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -35,8 +37,8 @@ RUNNING = [
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, object] = {"__name__": "page"}
-    for line, text in blocks(page):
-        exec(compile("\n" * line + text, str(page), "exec"), namespace)
+    faults = [run_examined("\n" * line + text, str(page), namespace) for line, text in blocks(page)]
+    assert sum(map(len, faults)) == 0, faults
 
 
 @pytest.mark.parametrize("page", sorted((DOCS / "coming_from").glob("*.md")), ids=lambda page: page.stem)

@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.motion import PlanStatus
 from pepper_kin.motion.static_limits import static_limits
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 STAND = PEPPER.joint_vector({"LShoulderRoll": 0.4, "LShoulderPitch": 1.2, "LElbowRoll": -0.8})
 MASS, SIZE = 0.35, (0.12, 0.04, 0.05)
 POSE = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.3, -0.1, 0.2), np.array([0.03, 0.004, 0.02]))

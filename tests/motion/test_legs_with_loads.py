@@ -11,7 +11,7 @@ import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.motion import Leg, PlanStatus, plan_legs
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 STAND = PEPPER.posture("Stand")
 HAND = [name for name in PEPPER.link_names if name.startswith(("l_", "LFinger", "LThumb"))]
 RADIUS, LENGTH, CUP = 0.02, 0.10, np.array([0.38, 0.25, 0.80])

@@ -13,7 +13,7 @@ from pepper_kin.trajectory.wheels import wheel_limits
 
 @pytest.fixture(scope="module")
 def ends():
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     goal = pepper.joint_vector(
         {"LShoulderPitch": 0.2, "RShoulderPitch": 0.6, "HipPitch": -0.4, "KneePitch": 0.15, "HeadYaw": 0.7}
     )
@@ -96,7 +96,7 @@ def test_misuse_is_named(ends):
 @pytest.fixture(scope="module")
 def on_wheels():
     """A robot on a planar base, and a drive with a turn."""
-    pepper = pk.load_pepper(base="planar")
+    pepper = pk.load_pepper(base="planar").with_requirements("limits")
     start = pepper.posture("Stand")
     goal = start.copy()
     goal[:3] = 0.6, 0.3, 1.0

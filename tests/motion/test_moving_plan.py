@@ -10,6 +10,12 @@ from pepper_kin.motion import PlanStatus
 HOW = {"straight": "Straight on", "joined": "joined in motion", "after a stop": "stops first"}
 
 
+@pytest.fixture(scope="module")
+def pepper():
+    """The robot whose motions use all that the limits allow: velocities are drawn up to these."""
+    return pk.load_pepper().with_requirements("limits")
+
+
 def cases(pepper, rng, count, boxes):
     """Yield starts, velocities, goals, and scenes which the ends do not touch, legs near upright."""
     lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()

@@ -13,7 +13,7 @@ PARTS = ("position", "velocity", "acceleration", "torque", "velocity_continuity"
 @pytest.fixture(scope="module")
 def over_the_table():
     """A whole-body plan from hanging arms to both hands above the table, and the motion made of it."""
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     goal = pepper.joint_vector(
         {
             "LShoulderPitch": 0.4, "LShoulderRoll": 0.1, "LElbowRoll": -0.9, "LElbowYaw": -1.2,
@@ -74,7 +74,7 @@ def test_figures_are_those_of_the_trajectories(over_the_table):
 
 def test_jerk_is_measured_right():
     """q = d s^3 (10 - 15 s + 6 s^2) has the squared jerk 720 d^2 / T^5."""
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     stand = pepper.posture("Stand")
     goal = stand.copy()
     goal[3] += 0.8
@@ -146,7 +146,7 @@ def test_balance_is_kept_where_asked(over_the_table):
 
 
 def test_joints_that_stand_still_in_the_path_stay_still():
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     stand = pepper.posture("Stand")
     found = optimize(pepper, [stand, pepper.joint_vector({"HeadYaw": 1.0})])
     assert found.figures.duration < 1.1 * found.figures_before.duration
@@ -156,7 +156,7 @@ def test_joints_that_stand_still_in_the_path_stay_still():
 
 
 def test_straight_line_through_an_obstacle_is_never_returned_as_improved():
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     goal = pepper.joint_vector({"LShoulderPitch": 0.4, "LElbowRoll": -0.9, "LElbowYaw": -1.2})
     straight = np.stack([pepper.posture("Stand"), goal])
     dense = straight[0] + np.linspace(0, 1, 100)[:, None] * (straight[1] - straight[0])
@@ -171,7 +171,7 @@ def test_straight_line_through_an_obstacle_is_never_returned_as_improved():
 
 def test_straight_line_that_grazes_an_obstacle_is_repaired():
     """A ball beside the way of the left hand: the search leaves it, though that costs some time."""
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     arm = {"LShoulderRoll": 0.3, "LElbowRoll": -0.1}
     start, goal = (pepper.joint_vector({**arm, "LShoulderPitch": pitch}) for pitch in (1.3, 0.1))
     middle = pepper.joint_vector({**arm, "LShoulderPitch": 0.7})
@@ -267,7 +267,7 @@ def test_limits_of_jerk_hold_at_every_time(over_the_table):
 
 def test_other_starts_go_round_what_the_straight_line_hits():
     """A board stands across the straight line; by some other posture there is a way."""
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_requirements("limits")
     arm = {"LShoulderRoll": 0.3, "LElbowRoll": -0.1}
     start, goal = (pepper.joint_vector({**arm, "LShoulderPitch": pitch}) for pitch in (1.3, 0.1))
     goal[pepper.joint_index("LShoulderRoll")] += 0.02

@@ -18,7 +18,7 @@ SCENE = pk.Scene().add_box("post", size=(0.06, 0.06, 0.9), position=(0.33, -0.26
 
 @pytest.fixture(scope="module")
 def pepper():
-    return pk.load_pepper()
+    return pk.load_pepper().with_requirements("limits")
 
 
 def straight(points, count):

@@ -6,10 +6,11 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import checker_for, loads_of
+from pepper_kin.model.requirements import HOLDING_SHARE
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
-from pepper_kin.motion.static_limits import TORQUE_SHARE, StaticLimits
+from pepper_kin.motion.static_limits import StaticLimits
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 STANDING = PEPPER.joint_vector({"RShoulderPitch": 1.0, "RShoulderRoll": -0.5, "RElbowRoll": 0.2})
 LEFT = np.array([PEPPER.joint_index(name) for name in PEPPER.joint_names if name.startswith("L")])
 SCENE = (
@@ -42,7 +43,7 @@ def held(q: np.ndarray, carried: float) -> bool:
         torque = pinocchio.computeGeneralizedGravity(model, data, row).copy()
         up = pk.kinematics.frame_jacobian(PEPPER, row, "l_gripper")[2]
         torque += carried * 9.81 * up
-        if (np.abs(torque) > TORQUE_SHARE * PEPPER.effort_limits).any():
+        if (np.abs(torque) > HOLDING_SHARE * PEPPER.effort_limits).any():
             return False
     return True
 

@@ -9,11 +9,12 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
+from pepper_kin.model.requirements import HOLDING_SHARE, ROOM_TO_MOVE
 from pepper_kin.motion import PlanStatus, ValidationStatus, interpolate_path, simplify_path, validate
 from pepper_kin.motion.checks import Checks
-from pepper_kin.motion.static_limits import ROOM_TO_MOVE, TORQUE_SHARE, static_limits
+from pepper_kin.motion.static_limits import static_limits
 
-PEPPER = pk.load_pepper()
+PEPPER = pk.load_pepper().with_requirements("limits")
 STAND = PEPPER.posture("Stand")
 TABLE = pk.Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
 HAND = "LArm_effector"
@@ -51,7 +52,7 @@ def oracle(q: np.ndarray, mass: float, pepper=PEPPER) -> tuple[np.ndarray, np.nd
 def test_postures_are_held_as_pinocchio_says_of_a_robot_with_the_load_as_a_body(mass):
     q, statics = random_postures(600), static_limits(PEPPER, 0.03, {"left": mass})
     torque, inside = oracle(q, mass)
-    use = np.abs(torque) / (TORQUE_SHARE * PEPPER.effort_limits)
+    use = np.abs(torque) / (HOLDING_SHARE * PEPPER.effort_limits)
     slack = inside - 0.03 - ROOM_TO_MOVE
     held = (use <= 1.0).all(axis=1) & (slack >= 0.0)
     assert 50 < held.sum() < 550
@@ -100,7 +101,7 @@ def test_half_a_step_uses_up_no_more_than_what_is_kept_unused():
         rng, q = np.random.default_rng(3), random_postures(300, 3, pepper)
         ways = rng.normal(size=q.shape) * (rng.random(q.shape) < 0.3)
         ways *= statics.step / 2 / np.maximum(np.abs(ways) @ reach, 1e-9)[:, None]
-        spare = (1 - TORQUE_SHARE) * pepper.effort_limits
+        spare = (1 - HOLDING_SHARE) * pepper.effort_limits
         for x, way in zip(q, ways, strict=True):
             assert (np.abs(statics.torque(x + way) - statics.torque(x)) <= spare).all()
             if balance is not None:
@@ -226,7 +227,7 @@ def test_validate_finds_the_state_at_which_a_load_becomes_too_heavy():
     assert validate(PEPPER, ends).success
     found = validate(PEPPER, ends, payload={"left": 1.0})
     use = np.abs(oracle(straight(ends, 2001), 1.0)[0]) / PEPPER.effort_limits
-    first = int(np.argmax(use.max(axis=1) > TORQUE_SHARE))
+    first = int(np.argmax(use.max(axis=1) > HOLDING_SHARE))
     assert first > 0
     assert found.status is ValidationStatus.STATIC_TORQUE_LIMIT
     assert found.place == pytest.approx(first / 2000, abs=2e-3)

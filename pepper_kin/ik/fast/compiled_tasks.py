@@ -300,7 +300,10 @@ def _compiled(
     for size in target_sizes:
         places.append(None if size is None else slice(place, place + size))
         place += size or 0
-    limited = np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0)
+    limited, share = (
+        np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0),
+        pepper.requirements.holding_share,
+    )
     others = np.ones(pepper.n, dtype=bool)
     others[index] = False
     joints = np.concatenate([index, np.flatnonzero(others)]).astype(np.int64)
@@ -316,7 +319,7 @@ def _compiled(
         joints=joints,
         # By its kernel, which drops an axis of length 1: a first answer does not wait for Pinocchio to load.
         scale=scale_of(np.reshape(kernel(pepper, "mass_matrix")(pepper.neutral()), (n, n)))[joints] ** 2,
-        effort=np.where(limited, 1.0 / np.where(limited, pepper.effort_limits, 1.0), 0.0),
+        effort=np.where(limited, 1.0 / np.where(limited, share * pepper.effort_limits, 1.0), 0.0),
     )
     return CompiledTasks(
         tables=tables,

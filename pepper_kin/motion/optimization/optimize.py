@@ -23,6 +23,7 @@ from pepper_kin.model.joint_vectors import (
     check_seed,
     check_whole,
 )
+from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.constraints import as_constraints
 from pepper_kin.motion.optimization.cost import Cost, figures_of
@@ -31,6 +32,7 @@ from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.problem import checked_margin
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.balance import moves_base
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import JerkLike, Limits, MotionLimits, jerk_limits, motion_limits
 from pepper_kin.trajectory.path import PathLike
@@ -70,8 +72,8 @@ def optimize(
     intervals: int = 20,
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
-    torque_scale: float = 1.0,
-    balance: float | None = None,
+    torque_scale: TorqueScale = "robot",
+    balance: Balance = "robot",
     payload: Mapping[str, float] | None = None,
     jerk: JerkLike | None = None,
     constraints: Sequence[Task | TaskGroup] = (),
@@ -104,7 +106,7 @@ def optimize(
         velocity_scale: As in `retime`.
         acceleration_scale: As in `retime`.
         torque_scale: As in `retime`.
-        balance: As in `retime` [m].
+        balance: As in `retime` [m]; over a base that moves, "robot", by slowing down what is found, or None.
         payload: As in `retime` [kg].
         jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
@@ -129,7 +131,9 @@ def optimize(
         pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
         torque_scale=torque_scale, balance=balance, payload=payload, scene=scene, along=path,
     )  # fmt: skip
-    load_search(pepper, allowed.loads, allowed.balance is not None)
+    # Over a base that moves, balance is kept by slowing down what the search finds without it.
+    searched = allowed._replace(balance=None) if balance == ROBOT and moves_base(pepper) else allowed
+    load_search(pepper, allowed.loads, searched.balance is not None)
     begin = time.perf_counter()
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
@@ -140,7 +144,8 @@ def optimize(
     before = _within_limits(pepper, path, before, limits)
 
     def posed(motion: Trajectory, segments: int = intervals) -> SplineProblem:
-        return SplineProblem(pepper, motion, world, weights, limits, margin, segments, tasks=tasks)
+        bounds = replace(limits, balance=searched.balance)
+        return SplineProblem(pepper, motion, world, weights, bounds, margin, segments, tasks=tasks)
 
     problems = [posed(before)]
     judge = _Judge(pepper, problems[0], before, world, weights, limits, margin, wanted, tasks)

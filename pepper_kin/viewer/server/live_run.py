@@ -14,7 +14,7 @@ from pepper_kin.kernels.threads import OWN_THREADS
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.live_motion import COMMITTED, LiveMotion, LiveState, LiveStatus
 from pepper_kin.viewer.server.explaining import RESTARTS, at_target, no_closer, on_the_way
-from pepper_kin.viewer.server.planning import BALANCE, MARGIN
+from pepper_kin.viewer.server.planning import MARGIN
 from pepper_kin.viewer.server.words import body_words
 
 VELOCITY, ACCELERATION = 0.1, 0.3
@@ -129,7 +129,7 @@ class LiveRun:
     def _decide(self, scene: Scene, now: float, tasks: list[Task]) -> _Decision:
         """Do a cycle."""
         if self._live is None:
-            self._live = LiveMotion(self._pepper, self._start, scene, rate=RATE, balance=BALANCE)
+            self._live = LiveMotion(self._pepper, self._start, scene, rate=RATE)
         live, seen = self._live, self._tracker.seen(scene, now)
         waits = self.state is not None and self.state.status is LiveStatus.WAITING
         if tasks is not self._aimed or (waits and scene is not self._searched):

@@ -21,8 +21,6 @@ from pepper_kin.viewer.server.explaining import no_closer
 from pepper_kin.viewer.server.readings import Curves, curves_of
 
 TIMEOUT, MARGIN = 5.0, 0.01
-BALANCE = 0.01
-"""Distance of the zero-moment point from the edges of the wheels' triangle [m]."""
 GHOSTS = 3
 """Bodies drawn along a motion, the last at its end."""
 
@@ -88,7 +86,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
         return Planned(_why_no_plan(pepper, q, tasks, scene, found), None)
     if len(found.path) < 2:
         return Planned("The body is at its targets already: nothing to plan.", None)
-    found = smoothed(pepper, found, scene, PlanOptions(margin=MARGIN, timeout=TIMEOUT, balance=BALANCE))
+    found = smoothed(pepper, found, scene, PlanOptions(margin=MARGIN, timeout=TIMEOUT))
     trajectory = found.trajectory
     if trajectory is None:
         return Planned(f"{found.message} {found.advice}", None)

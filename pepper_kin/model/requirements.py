@@ -1,0 +1,115 @@
+"""What motions keep in reserve: a margin of balance, and torque for the servos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.joint_vectors import as_real, check_positive, shown
+
+if TYPE_CHECKING:
+    from pepper_kin.model.pepper_model import PepperModel
+
+Balance: TypeAlias = float | Literal["robot"] | None
+"""Distance from the edges of the wheels' triangle [m]; "robot": the robot's own; None leaves balance out."""
+
+TorqueScale: TypeAlias = float | Literal["robot"]
+"""Share of the effort limits in (0, 1]; "robot": the robot's own."""
+
+ROBOT: Literal["robot"] = "robot"
+
+WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")
+"""Links of a description that stand on the floor, counter-clockwise seen from above."""
+
+HOLDING_SHARE = 0.95
+"""Share of the effort that a motion may use which holding still may take; the rest is left to move with."""
+
+ROOM_TO_MOVE = 0.004
+"""What a path keeps beyond the balance asked for, so that accelerations may use it [m]."""
+
+
+@dataclass(frozen=True)
+class MotionRequirements:
+    """What inverse kinematics, plans, timing and live motion keep unless a call says otherwise.
+
+    Attributes:
+        balance: Distance that the zero-moment point, and at rest the center of mass, keeps from the edges of
+            the wheels' triangle [m]; None leaves balance out.
+        torque_scale: Share of the effort limits that a motion may use; servos correct errors with the rest.
+
+    Raises:
+        InvalidValueError: for a balance that is no distance, or a share that is not in (0, 1].
+    """
+
+    balance: float | None = 0.01
+    torque_scale: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.balance is not None:
+            object.__setattr__(self, "balance", checked_distance(self.balance))
+        object.__setattr__(self, "torque_scale", checked_share("torque_scale", self.torque_scale))
+
+    @property
+    def holding_share(self) -> float:
+        """Share of the effort limits that holding still may take."""
+        return HOLDING_SHARE * self.torque_scale
+
+
+def as_requirements(requirements: MotionRequirements | str) -> MotionRequirements:
+    """Return requirements that may be given by their name in `NAMED`.
+
+    Raises:
+        UnknownNameError: listing the names.
+        InvalidValueError: for another type.
+    """
+    if isinstance(requirements, MotionRequirements):
+        return requirements
+    if not isinstance(requirements, str):
+        allowed = f"MotionRequirements, or one of {', '.join(map(repr, NAMED))}"
+        raise InvalidValueError("requirements", shown(requirements), allowed)
+    if requirements not in NAMED:
+        raise UnknownNameError("requirements", requirements, NAMED)
+    return NAMED[requirements]
+
+
+def kept_torque_scale(pepper: PepperModel, torque_scale: TorqueScale) -> float:
+    """Return the share of the effort limits that a motion may use.
+
+    Raises:
+        InvalidValueError: unless it is in (0, 1], or "robot".
+    """
+    if isinstance(torque_scale, str) and torque_scale == ROBOT:
+        return pepper.requirements.torque_scale
+    return checked_share("torque_scale", torque_scale)
+
+
+def checked_share(quantity: str, value: float) -> float:
+    """Return the share of a limit that may be used, such as `velocity_scale`, as a float.
+
+    Raises:
+        InvalidValueError: unless it is in (0, 1].
+    """
+    share = check_positive(quantity, value)
+    if share > 1.0:
+        raise InvalidValueError(quantity, value, "a number in (0, 1]")
+    return share
+
+
+def checked_distance(balance: object) -> float:
+    """Return a balance as a float [m].
+
+    Raises:
+        InvalidValueError: unless it is a finite distance of 0 or more.
+    """
+    if not 0.0 <= as_real(balance) < np.inf:
+        allowed = 'a finite distance of 0 or more [m], "robot" for the robot\'s own, or None'
+        raise InvalidValueError("balance", shown(balance), allowed)
+    return float(balance)  # type: ignore[arg-type]
+
+
+NAMED = {"reserve": MotionRequirements(), "limits": MotionRequirements(None, 1.0)}
+"""By name: "reserve" is the default of a robot whose wheels are known; "limits" all that the limits allow."""
