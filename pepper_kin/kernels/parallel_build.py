@@ -36,6 +36,9 @@ WORKER = "PEPPER_KIN_BUILDS"
 _POLL = 0.1
 """Interval of looking for names that are asked for [s]."""
 
+_MOST = 8
+"""Number of processes at most: each takes some 0.4 GB, and units wait for what they share."""
+
 _FRONT_END = 4.0
 """Time to compile a function by Numba over its time in LLVM, each time that a unit holds it."""
 
@@ -200,7 +203,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     schedule.add(name, 1)
                 for name in () if options.only else compiled_modules():
                     schedule.add(name, 2)
-                _run(schedule, os.cpu_count() or 1)
+                _run(schedule, min(os.cpu_count() or 1, _MOST))
                 return
         if _ended():
             return
