@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from pepper_kin.datasets.columns import Column
 from pepper_kin.datasets.dataset import Dataset
 from pepper_kin.datasets.kinds import SOLVED
 from pepper_kin.datasets.lerobot import Feature, LeRobotWriter
+from pepper_kin.datasets.recipe import PLACE
 from pepper_kin.datasets.shard import kind_of
 from pepper_kin.datasets.store import Store
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError
+from pepper_kin.exceptions import FileFormatError, FileFormatWarning, InvalidValueError, UnknownNameError
 from pepper_kin.file_access.atomic_file import make_folder
 from pepper_kin.files.motion_points import NANOSECONDS, MotionPoints
 from pepper_kin.plugins import plugins
@@ -34,13 +36,18 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
     """Write the solved motions of a data set in another format, to the folder of its name in the store.
 
     "lerobot": one LeRobotDataset v3.0 of all; the rates of sensors become that of the frames, which hold the
-    newest reading. Of motions without a twin the action of a frame is the next one's position.  "mcap": a
+    newest reading. Of motions without a twin the action of a frame is the next one's position.  Where objects
+    are shifted, `observation.environment_state` has their positions [m].  Joints that a log lacks are left
+    out.  "mcap": a
     file for each row, with the messages of ROS 2, on a disk only.
 
     Raises:
-        InvalidValueError: for another format or a kind without motions, where no row was solved, or for MCAP
-            on an address of fsspec.
+        InvalidValueError: for another format or a kind without motions, where no row was solved or an object
+            is in some scenes only, or for MCAP on an address of fsspec.
         MissingDependencyError: for films without PyAV, for MCAP without `mcap`.
+
+    Warns:
+        FileFormatWarning: naming joints that are left out, and by how much times differ from even ones.
     """
     if dataset.job.kind not in _STATES:
         raise InvalidValueError("kind of data set", dataset.job.kind, f"one of {', '.join(_STATES)}")
@@ -59,14 +66,57 @@ def _to_lerobot(dataset: Dataset, store: Store) -> None:
     place.remove()
     state, action = (next(c for c in dataset.columns if c.name == name) for name in _STATES[dataset.job.kind])
     sensed = {c.name for c in dataset.columns if f"{c.name}.time" in {o.name for o in dataset.columns}}
-    features = {"observation.state": _feature(state), "action": _feature(action)}
+    known = _known_joints(dataset, state, action)
+    names = tuple(name for name, good in zip(state.names, known, strict=False) if good)
+    features = {
+        name: Feature(int(known.sum()), names) if not known.all() else _feature(column)
+        for name, column in (("observation.state", state), ("action", action))
+    }
     others = [c for c in dataset.columns if c.name in sensed and _exported(c)]
     features |= {f"observation.{_folder(c)}.{c.name}": _feature(c) for c in others}
-    task = dataset.job.targets.get("task", dataset.job.name)
-    with LeRobotWriter(place, _fps(dataset), features) as writer:
+    places = [c for c in dataset.columns if c.name.startswith(PLACE)]
+    if places:
+        words = tuple(f"{c.name.removeprefix(PLACE)}.{axis}" for c in places for axis in c.names)
+        features["observation.environment_state"] = Feature(len(words), words)
+    task, fps = dataset.job.targets.get("task", dataset.job.name), _fps(dataset)
+    uneven = 0.0
+    with LeRobotWriter(place, fps, features) as writer:
         for row in dataset:
-            if row["status"] == SOLVED and len(row[state.name]):
-                writer.add(task, **_frames(row, state, action, others))
+            if row["status"] != SOLVED or not len(row[state.name]):
+                continue
+            frames = _frames(row, state, action, others)
+            for name in ("observation.state", "action"):
+                frames[name] = frames[name] if known.all() else frames[name][:, known]
+            if places:
+                where = np.concatenate([row[c.name] for c in places])
+                frames["observation.environment_state"] = np.tile(where, (len(row[state.name]), 1))
+            writer.add(task, **frames)
+            even = row["time"][0] + np.arange(len(row["time"])) / fps
+            uneven = max(uneven, float(np.abs(row["time"] - even).max()))
+    if uneven > 0.5 / fps:
+        text = f"lerobot: frames are stated every {1.0 / fps:g} s; their times differ by up to {uneven:.3g} s"
+        warnings.warn(text, FileFormatWarning, stacklevel=3)
+
+
+def _known_joints(dataset: Dataset, state: Column, action: Column) -> Array:
+    """Return which numbers of state and action every row has, shape (size,); a log may lack joints.
+
+    Warns:
+        FileFormatWarning: naming those that are left out.
+    """
+    known = np.ones(state.size, bool)
+    if dataset.job.kind != "replays":
+        return known
+    for row in dataset:
+        if row["status"] == SOLVED:
+            known &= np.isfinite(row[state.name]).all(axis=0) & np.isfinite(row[action.name]).all(axis=0)
+    if not known.any():
+        raise InvalidValueError("replays", "no joint that all logs have", "logs with one at least")
+    if not known.all():
+        lacking = ", ".join(name for name, good in zip(state.names, known, strict=True) if not good)
+        words = f"lerobot: joints that not every log has at all times are left out: {lacking}"
+        warnings.warn(words, FileFormatWarning, stacklevel=4)
+    return known
 
 
 def _fps(dataset: Dataset) -> float:
@@ -81,7 +131,7 @@ def _frames(row: dict[str, Any], state: Column, action: Column, others: list[Col
     values, wanted = row[state.name], row[action.name]
     if state == action:
         wanted = np.concatenate([wanted[1:], wanted[-1:]])
-    found = {"observation.state": np.nan_to_num(values), "action": np.nan_to_num(wanted)}
+    found = {"observation.state": values, "action": wanted}
     for column in others:
         newest = np.searchsorted(row[f"{column.name}.time"], row["time"] + 1e-9, side="right") - 1
         items = row[column.name][np.maximum(newest, 0)]

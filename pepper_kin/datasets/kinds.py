@@ -84,7 +84,8 @@ class IKRows(Kind):
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
         self.goals = Goals(recipe, starts=False)
-        parts = [_ROW, _STATUS, _REASON, _SCENE, _TARGET, recipe.joints("q", "rad or m")]
+        parts = [_ROW, _STATUS, _REASON, _SCENE, *recipe.place_columns(), _TARGET]
+        parts += [recipe.joints("q", "rad or m")]
         parts += [Column("error", unit="m"), Column("iterations", "int64"), Column("restarts", "int64")]
         self.columns = tuple(parts)
 
@@ -95,7 +96,9 @@ class IKRows(Kind):
         found: dict[str, Any] = {
             c.name: np.empty((count, *c.shape), c.dtype if c.dtype != "str" else object) for c in self.columns
         }
-        found |= {"row": np.arange(begin, end), "target": points, "scene": self.recipe.scene_numbers(u)}
+        numbers = self.recipe.scene_numbers(u)
+        found |= {"row": np.arange(begin, end), "target": points, "scene": numbers}
+        found |= self.recipe.place_values(numbers, u)
         words = np.array([status.value for status in CODES], dtype=object)
         options = {"seed": self.job.seed % 2**31, "closest": False, **self.job.planner}
         for rows, scene in self.recipe.worlds(u):
@@ -147,18 +150,21 @@ class PlanRows(Kind):
         )  # fmt: skip
 
     def _about(self) -> tuple[Column, ...]:
-        return (_ROW, _STATUS, _REASON, _SCENE, _TARGET, self.recipe.joints("start", "rad or m"))
+        places = self.recipe.place_columns()
+        return (_ROW, _STATUS, _REASON, _SCENE, *places, _TARGET, self.recipe.joints("start", "rad or m"))
 
     def rows(self, begin: int, end: int) -> Iterator[Values]:
         """Yield plan after plan."""
         u = self.recipe.uniforms(begin, end)
         points, numbers = self.goals.points(u), self.recipe.scene_numbers(u)
+        places = self.recipe.place_values(numbers, u)
         for k, row in enumerate(range(begin, end)):
             scene = self.recipe.scene(int(numbers[k]), u[k])
             start = self.goals.start(row, scene)
             options = {"timeout": _TIMEOUT, **self.job.planner, "seed": self.recipe.seed_of(row)}
             found = plan(self.recipe.pepper, start, self.goals.tasks(points[k]), scene, **options)
             about = {"scene": numbers[k], "target": points[k], "start": start}
+            about |= {name: values[k] for name, values in places.items()}
             if found.success:
                 yield self._made(row, found, scene, about)
             else:

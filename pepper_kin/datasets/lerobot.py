@@ -21,6 +21,8 @@ from pepper_kin.model.joint_vectors import check_positive
 QUANTILES = (0.01, 0.10, 0.50, 0.90, 0.99)
 _NAMES = ("min", "max", "mean", "std", "count", *(f"q{round(100 * q):02d}" for q in QUANTILES))
 _INDICES = ("frame_index", "episode_index", "index", "task_index")
+RESERVED = ("timestamp", *_INDICES, "task")
+"""Columns that LeRobot adds to the features; its items have the task in words, too."""
 _CHUNK = 1000  # files of a folder
 _TOGETHER = 1000  # episodes whose statistics are in memory
 _STILLS = 32  # pictures of an episode that its statistics are made of
@@ -55,7 +57,8 @@ class LeRobotWriter:
         frames_per_file: Frames after which a new file begins.
 
     Raises:
-        InvalidValueError: for a folder that holds something, or features without any numbers.
+        InvalidValueError: for a folder that holds something, features without any numbers, names of features
+            that LeRobot has itself or cannot hold ("/"), or another number of names than of numbers.
         MissingDependencyError: for films where PyAV is not installed.
     """
 
@@ -75,13 +78,18 @@ class LeRobotWriter:
         if self.fps != fps or self.fps < 1:
             raise InvalidValueError("fps", fps, "a whole number: LeRobot has no other")
         self.features, self.robot_type, self._most = dict(features), robot_type, frames_per_file
+        _check_features(self.features)
         self._numbers = {name: f for name, f in self.features.items() if f.size}
         self._films = {name: f for name, f in self.features.items() if not f.size}
         if not self._numbers:
             raise InvalidValueError("features", sorted(features), "one of numbers, at least")
         if self._films:
             _av()
-        fields = [pa.field(name, pa.list_(pa.float32(), f.size)) for name, f in self._numbers.items()]
+        # One number is a plain column: lerobot refuses lists of one.
+        fields = [
+            pa.field(name, pa.float32() if f.size == 1 else pa.list_(pa.float32(), f.size))
+            for name, f in self._numbers.items()
+        ]
         fields += [pa.field("timestamp", pa.float32()), *(pa.field(name, pa.int64()) for name in _INDICES)]
         self._schema = pa.schema(fields)
         self._edges = np.cumsum([0, *(f.size for f in self._numbers.values())])
@@ -92,7 +100,7 @@ class LeRobotWriter:
         self._totals: NDArray[np.float64] | None = None
         self._open: dict[str, tuple[Any, pq.ParquetWriter]] = {}
 
-    def add(self, task: str, **frames: ArrayLike) -> None:
+    def add(self, task: str, /, **frames: ArrayLike) -> None:
         """Append an episode.
 
         Args:
@@ -181,10 +189,11 @@ class LeRobotWriter:
         if "data" in self._open and self._in_file + count > self._most:
             self._end_file("data")
             self._file, self._in_file = self._file + 1, 0
-        columns = [
-            pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(a).reshape(-1)), a.shape[1])
-            for a in arrays.values()
-        ]
+        columns = []
+        for array in arrays.values():
+            flat = pa.array(np.ascontiguousarray(array).reshape(-1))
+            size = array.shape[1]
+            columns.append(flat if size == 1 else pa.FixedSizeListArray.from_arrays(flat, size))
         batch = pa.RecordBatch.from_arrays([*columns, *map(pa.array, scalars)], schema=self._schema)
         self._writer("data", _DATA.format(*divmod(self._file, _CHUNK)), self._schema).write_batch(batch)
         self._in_file += count
@@ -303,6 +312,22 @@ class LeRobotWriter:
             "video_path": video if self._films else None,
             "features": features,
         }
+
+
+def _check_features(features: Mapping[str, Feature]) -> None:
+    """Refuse what LeRobot cannot hold, by the feature's name."""
+    for name, feature in features.items():
+        if name in RESERVED:
+            raise InvalidValueError("feature", repr(name), f"another name than {', '.join(RESERVED)}")
+        if not name or "/" in name or "\\" in name or name in (".", ".."):
+            raise InvalidValueError("feature", repr(name), "a name that is not empty and without '/'")
+        if feature.size < 0 or len(set(feature.names)) < len(feature.names):
+            raise InvalidValueError(f"feature {name}", feature, "a size of at least 0, names that differ")
+        if feature.names and len(feature.names) != feature.size:
+            count = f"{len(feature.names)} names of {feature.size} numbers"
+            raise InvalidValueError(f"feature {name}", count, "one name for each number, or none")
+        if not feature.size and (min(feature.picture) < 2 or any(side % 2 for side in feature.picture)):
+            raise InvalidValueError(f"feature {name}", feature.picture, "numbers, or even height and width")
 
 
 def _of_numbers(table: NDArray[np.float32]) -> NDArray[np.float64]:

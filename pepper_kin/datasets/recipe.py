@@ -24,6 +24,10 @@ _POSITION, _PLACE, _STARTS, _SHIFT = 0, 3, 4, 40  # which of them are for what
 _TRIES = 64  # random starts until one is free of collisions
 
 
+PLACE = "object."
+"""What the names of columns with the positions of shifted objects begin with."""
+
+
 class Recipe:
     """A job made ready; everything in it follows from the job.
 
@@ -76,12 +80,36 @@ class Recipe:
 
     def scene(self, number: int, u: Array) -> Scene:
         """Return the world of a row with random numbers of shape (NUMBERS,)."""
+        scene, places = self.scenes[number], self.places(number, u)
+        return scene.moved(places) if places else scene
+
+    def places(self, number: int, u: Array) -> dict[str, Array]:
+        """Return where the shifted objects of a row's scene are [m], shape (3,) each, as `scene` does."""
         scene, places = self.scenes[number], {}
         for k, (name, shift) in enumerate(self.shifts.items()):
             if name in scene.objects:
                 way = shift * (2.0 * u[_SHIFT + 3 * k : _SHIFT + 3 * k + 3] - 1.0)
                 places[name] = scene.objects[name].transform_object_to_world[:3, 3] + way
-        return scene.moved(places) if places else scene
+        return places
+
+    def place_columns(self) -> tuple[Column, ...]:
+        """Return a column for each shifted object: its position in the world, NaN in scenes without it."""
+        xyz = ("x", "y", "z")
+        return tuple(Column(f"{PLACE}{name}", "float64", (3,), unit="m", names=xyz) for name in self.shifts)
+
+    def place_values(self, numbers: np.ndarray, u: Array) -> dict[str, Array]:
+        """Return the values of `place_columns` of rows, shape (rows, 3) each.
+
+        Args:
+            numbers: Of the rows' scenes, shape (rows,).
+            u: Random numbers, shape (rows, NUMBERS).
+        """
+        found = {f"{PLACE}{name}": np.full((len(u), 3), np.nan) for name in self.shifts}
+        if self.shifts:
+            for row, number in enumerate(numbers.tolist()):
+                for name, place in self.places(number, u[row]).items():
+                    found[f"{PLACE}{name}"][row] = place
+        return found
 
     def worlds(self, u: Array) -> Iterator[tuple[np.ndarray, Scene]]:
         """Yield the rows that are in one world, shape (k,), and that world."""

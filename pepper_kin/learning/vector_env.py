@@ -183,15 +183,14 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
         end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
         rewards, terminated, truncated = ends
-        infos: dict[str, Any] = {
-            "is_success": score.success & ~score.failed, "distance": score.distance, "diverged": ~sound
-        }  # fmt: skip
+        made = {"is_success": score.success & ~score.failed, "distance": score.distance, "diverged": ~sound}
         self._ended = terminated | truncated
+        infos = _infos(made, ~anew)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
-            infos |= {
-                "final_obs": self._observations(places), "_final_obs": ended,
-                "final_info": dict(infos), "_final_info": ended,
+            infos = {
+                **_infos(made, ~ended), "final_obs": self._observations(places), "_final_obs": ended,
+                "final_info": _infos(made, ended), "_final_info": ended,
             }  # fmt: skip
             self._begin(ended)
             places = self.task.places(self)
@@ -275,6 +274,20 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         parts: dict[str, gymnasium.Space[Any]] = {"observation": box(size)}
         parts |= {"achieved_goal": box(goal), "desired_goal": box(goal)}
         return gymnasium.spaces.Dict(parts)
+
+
+def _infos(made: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, Any]:
+    """Return what some robots' steps have made, as Gymnasium's vector environments lay it out.
+
+    Args:
+        made: Name -> values of all robots, shape (N,).
+        rows: Which robots' count, shape (N,); it is the mask `_name`, and the others' values are zero.
+    """
+    found: dict[str, Any] = {}
+    if rows.any():
+        for name, values in made.items():
+            found |= {name: np.where(rows, values, np.zeros((), values.dtype)), f"_{name}": rows.copy()}
+    return found
 
 
 @kept_for_robot(most=32)

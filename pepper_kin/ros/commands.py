@@ -100,7 +100,8 @@ class Commands:
         """Move joints with a share of their speed, as `ALMotion.setAngles` and `changeAngles` do."""
         names, angles = [str(name) for name in message.joint_names], list(message.joint_angles)
         unknown = [name for name in names if name not in ACTUATED]
-        if unknown or len(names) != len(angles) or not names or not np.isfinite(angles).all():
+        twice = len(set(names)) < len(names)
+        if unknown or twice or len(names) != len(angles) or not names or not np.isfinite(angles).all():
             logger.warning("/joint_angles: refused: joints %s with angles %s", names, angles)
             return
         if not 0.0 < message.speed <= 1.0:
@@ -110,6 +111,14 @@ class Commands:
         with body.time.lock:
             offset = [body.commanded(name) if message.relative else 0.0 for name in names]
             targets = {name: float(a) + o for name, a, o in zip(names, angles, offset, strict=True)}
+            for name, target in targets.items():
+                k = body.pepper.joint_index(name)
+                low, high = body.pepper.lower_limits[k], body.pepper.upper_limits[k]
+                if not low <= target <= high:  # ALMotion goes to the nearest as well
+                    what = (
+                        "/joint_angles: %s to %.6g is beyond its limits %.6g and %.6g: it goes to the nearest"
+                    )
+                    logger.warning(what, name, target, low, high)
             self.node.replace(names)
             body.do(SpeedTask("setAngles", targets, float(message.speed)))
 

@@ -15,6 +15,7 @@ from pepper_kin.ros.joint_trajectory import (
     StartState,
     TrajectoryRefusedError,
     check_joints,
+    refuse_other_parts,
     seconds,
     tolerance_of,
     trajectory_of,
@@ -99,6 +100,8 @@ class Controller(ActionServer):
         goal = None if handle is None else handle.goal
         names = tuple(str(name) for name in message.joint_names)
         check_joints(names, self.joints, self.name)
+        if goal is not None:
+            refuse_other_parts(goal)
         path = tolerance_of(goal.path_tolerance if goal is not None else (), names, float("inf"))
         end = tolerance_of(goal.goal_tolerance if goal is not None else (), names, GOAL_TOLERANCE)
         stated = seconds(goal.goal_time_tolerance) if goal is not None else 0.0

@@ -94,6 +94,22 @@ def check_joints(names: Sequence[str], allowed: Sequence[str], controller: str) 
     )
 
 
+def refuse_other_parts(goal: Any) -> None:
+    """Refuse a goal of control_msgs/action/FollowJointTrajectory that is not about joints alone.
+
+    Raises:
+        TrajectoryRefusedError: naming the part.
+    """
+    parts = {
+        "multi_dof_trajectory": goal.multi_dof_trajectory.points,
+        "component_path_tolerance": goal.component_path_tolerance,
+        "component_goal_tolerance": goal.component_goal_tolerance,
+    }
+    for name, part in parts.items():
+        if len(part):
+            raise _invalid(f"it has a {name}; only joints are followed")
+
+
 def trajectory_of(message: Any, start: StartState) -> Trajectory:
     """Return the trajectory of a message, from where the joints are now.
 

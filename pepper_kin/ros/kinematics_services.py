@@ -15,7 +15,15 @@ from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.ros.commands import WORLD_FRAMES
 from pepper_kin.ros.joint_trajectory import message_of
 from pepper_kin.ros.message_parts import pose_message
-from pepper_kin.ros.planning import CODES, RefusedError, configuration_of, fail, joints_of, placed
+from pepper_kin.ros.planning import (
+    CODES,
+    RefusedError,
+    configuration_of,
+    fail,
+    joints_of,
+    placed,
+    refuse_constraints,
+)
 from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import retime
 
@@ -33,6 +41,9 @@ HANDS = {"LArm_effector": "left", "RArm_effector": "right"}
 
 LONGEST = 5.0
 """Greatest time that a solution may take [s]."""
+
+FINEST = 1e-3
+"""Shortest step along a line [m]."""
 
 MOST_WAYPOINTS = 1000
 
@@ -57,6 +68,7 @@ class KinematicsServices:
         """
         wanted, response = request.ik_request, message_type(f"{IK_TYPE}_Response")()
         try:
+            refuse_constraints(wanted.constraints, "constraints")
             start = configuration_of(self.node, wanted.robot_state)
             joints = joints_of(self.node, wanted.group_name)
             body, tasks = self.node.body, self._tasks(wanted)
@@ -145,6 +157,11 @@ class KinematicsServices:
             raise RefusedError(CODES.INVALID_LINK_NAME, f"{link!r} is not one of {', '.join(HANDS)}")
         if not 0 < len(request.waypoints) <= MOST_WAYPOINTS:
             raise RefusedError(CODES.FAILURE, f"{len(request.waypoints)} waypoints, 1 to {MOST_WAYPOINTS}")
+        refuse_constraints(request.path_constraints, "path_constraints")
+        if 0.0 < request.max_step < FINEST:
+            raise RefusedError(
+                CODES.FAILURE, f"max_step is {request.max_step:g} m, expected at least {FINEST:g}"
+            )
         start = configuration_of(self.node, request.start_state)
         joints = joints_of(self.node, request.group_name)
         stamped = message_type("geometry_msgs/msg/PoseStamped")(header=request.header)
@@ -156,7 +173,7 @@ class KinematicsServices:
         scene = body.scene if request.avoid_collisions else None
         found = cartesian_path(
             body.pepper, start, HANDS[link], lines, scene, joints=joints,
-            step=min(max(request.max_step, 1e-3), 0.02) if request.max_step > 0.0 else 0.005,
+            step=min(request.max_step, 0.02) if request.max_step > 0.0 else 0.005,
         )  # fmt: skip
         response.start_state.joint_state.name = list(joints)
         response.start_state.joint_state.position = start[[body.pepper.joint_index(name) for name in joints]]

@@ -13,7 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
 from pepper_kin.files import ros_points
 from pepper_kin.motion import Plan, PlanStatus, plan
-from pepper_kin.naoqi.joint_names import ACTUATED
+from pepper_kin.naoqi.joint_names import ACTUATED, WHEELS
 from pepper_kin.ros.commands import world_pose
 from pepper_kin.ros.controllers import CONTROLLERS
 from pepper_kin.ros.joint_trajectory import message_of
@@ -32,6 +32,9 @@ CODES: Any = message_type("moveit_msgs/msg/MoveItErrorCodes")
 
 LONGEST, USUAL = 60.0, 5.0
 """Greatest time that planning may take, and the time where a request states none [s]."""
+
+ROUNDED = 1e-6
+"""How far beyond a limit rounding may bring a joint of a start state [rad or m]."""
 
 _STATUS_CODES = {
     PlanStatus.START_IN_COLLISION: CODES.START_STATE_IN_COLLISION,
@@ -60,10 +63,11 @@ class RefusedError(PepperKinError):
 class PlanningService:
     """Plans motions of the simulated robot, from where it is or from a state that a request gives.
 
-    A request gives `goal_constraints` of one kind: joint positions; or the position of a link, as the pose
-    of the first primitive of its region, perhaps with an orientation.  `group_name` names a group or a
-    controller whose joints may move; "" lets all joints that hold a position move.  The answer is a
-    trajectory that has passed its certificate, or the reason and the advice in `error_code.message`.
+    A start state beyond the limits is refused.  A request gives `goal_constraints` of one kind: joint
+    positions; or the position of a link, as the pose of the first primitive of its region, perhaps with an
+    orientation.  `group_name` names a group or a controller whose joints may move; "" lets all joints that
+    hold a position move.  The answer is a trajectory that has passed its certificate, or the reason and the
+    advice in `error_code.message`.
 
     Args:
         node: What it belongs to.
@@ -133,10 +137,12 @@ class PlanningService:
         """Return the goal for `plan`, a configuration or tasks; start: [rad or m], shape (n,)."""
         if len(wanted.goal_constraints) != 1:
             raise _bad_goal(f"{len(wanted.goal_constraints)} goal_constraints, exactly 1 is planned for")
-        goal, way = wanted.goal_constraints[0], wanted.path_constraints
-        constrained = way.joint_constraints or way.position_constraints or way.orientation_constraints
-        if constrained or way.visibility_constraints or goal.visibility_constraints:
-            raise _bad_goal("path and visibility constraints are not offered by this service; use pk.plan")
+        goal = wanted.goal_constraints[0]
+        refuse_constraints(wanted.path_constraints, "path_constraints")
+        if goal.visibility_constraints or wanted.trajectory_constraints.constraints:
+            raise _bad_goal("visibility and trajectory constraints are not offered by this service")
+        if wanted.reference_trajectories:
+            raise _bad_goal("reference_trajectories are not followed by this service")
         if goal.joint_constraints and not (goal.position_constraints or goal.orientation_constraints):
             return self._joint_goal(goal.joint_constraints, start, joints)
         if len(goal.position_constraints) != 1 or len(goal.orientation_constraints) > 1:
@@ -146,6 +152,9 @@ class PlanningService:
     def _joint_goal(self, constraints: Any, start: Array, joints: tuple[str, ...]) -> Array:
         """Return the start with some joints elsewhere [rad or m], shape (n,) both."""
         pepper, goal = self.node.body.pepper, start.copy()
+        named = [str(constraint.joint_name) for constraint in constraints]
+        if twice := [name for name in named if named.count(name) > 1]:
+            raise _bad_goal(f"joint {twice[0]!r} has {named.count(twice[0])} constraints, expected 1")
         for constraint in constraints:
             if constraint.joint_name not in joints:
                 known = ", ".join(joints)
@@ -190,17 +199,54 @@ class PlanningService:
 def configuration_of(node: RobotNode, state: Any) -> Array:
     """Return the commanded configuration with what a moveit_msgs/msg/RobotState states, shape (n,).
 
+    Wheels, which `/joint_states` has as well, have no place in it: the base stands where it stands.
+
+    Args:
+        node: Whose robot.
+        state: The message.
+
     Raises:
-        RefusedError: for a joint that there is not.
+        RefusedError: for a joint that there is not, or that stands twice, positions that are missing, not
+            finite or beyond the limits, a base elsewhere, or an object that the robot does not hold.
     """
-    body = node.body
+    body, pepper = node.body, node.body.pepper
+    names, values = [str(name) for name in state.joint_state.name], np.asarray(state.joint_state.position)
     with body.time.lock:
-        q = body.configuration(False)
-    for name, value in zip(state.joint_state.name, state.joint_state.position, strict=False):
-        if name not in body.pepper.joint_names:
-            raise RefusedError(CODES.INVALID_ROBOT_STATE, f"there is no joint {name!r}")
-        q[body.pepper.joint_index(name)] = value
-    return np.clip(q, body.pepper.lower_limits, body.pepper.upper_limits)
+        q = np.clip(body.configuration(False), pepper.lower_limits, pepper.upper_limits)
+        held = () if body.scene is None else tuple(body.scene.attached)
+    if len(names) != len(values) or len(set(names)) < len(names):
+        words = f"{len(values)} positions for {len(set(names))} different joints of {len(names)}"
+        raise _bad_state(f"the start state has {words}")
+    if state.multi_dof_joint_state.joint_names:
+        raise _bad_state("the start state has multi_dof_joint_state; the base stands where it stands")
+    for one in state.attached_collision_objects:
+        name = str(one.object.id)
+        if not any(part == name or part.startswith(f"{name}/") for part in held):
+            raise _bad_state(f"the robot does not hold {name!r}; attach it by /attached_collision_object")
+    for name, value in zip(names, values.tolist(), strict=True):
+        if name in WHEELS:
+            continue
+        if name not in pepper.joint_names:
+            raise _bad_state(f"there is no joint {name!r}")
+        k = pepper.joint_index(name)
+        low, high = float(pepper.lower_limits[k]), float(pepper.upper_limits[k])
+        if not np.isfinite(value):
+            raise _bad_state(f"{name} is at {value} in the start state")
+        if not low - ROUNDED <= value <= high + ROUNDED:
+            reason = (
+                f"{name} is at {value:.6g} in the start state, beyond its limits {low:.6g} and {high:.6g}"
+            )
+            raise RefusedError(CODES.START_STATE_INVALID, f"{reason}; give a state within them")
+        q[k] = min(max(value, low), high)
+    return np.asarray(q)
+
+
+def refuse_constraints(constraints: Any, what: str) -> None:
+    """Raise RefusedError for a moveit_msgs/msg/Constraints that holds any."""
+    kinds = ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints")
+    held = [kind for kind in kinds if len(getattr(constraints, kind))]
+    if held:
+        raise _bad_goal(f"{what} has {', '.join(held)}, which this service does not offer; use pk.plan")
 
 
 def joints_of(node: RobotNode, group: str) -> tuple[str, ...]:
@@ -234,6 +280,10 @@ def placed(node: RobotNode, stamped: Any) -> Array:
 
 def _has_size(region: Any) -> bool:
     return bool(region.primitives) and len(region.primitives[0].dimensions) > 0
+
+
+def _bad_state(reason: str) -> RefusedError:
+    return RefusedError(CODES.INVALID_ROBOT_STATE, reason)
 
 
 def _bad_goal(reason: str) -> RefusedError:

@@ -336,8 +336,8 @@ def _check_value(value: Any, field: Field, kind: type[Message], path: str) -> No
             raise InvalidValueError(path, value, "a string")
         if "\0" in value or any("\ud800" <= c <= "\udfff" for c in value):
             raise InvalidValueError(path, value, "a string without NUL and half surrogate pairs")
-        if field.string_length and len(value) > field.string_length:
-            raise InvalidValueError(path, value, f"at most {field.string_length} characters")
+        if field.string_length and len(value.encode()) > field.string_length:
+            raise InvalidValueError(path, value, f"at most {field.string_length} bytes of UTF-8")
     else:
         check_number(value, field.base, path)
 

@@ -10,7 +10,7 @@ TEXTS = ("", "HeadYaw", "Hüfte \U0001f916", 'quote " and \\ and \n', "x" * 300)
 
 def random_message(kind, rng):
     """Return a message of a class with random values; bounded sequences within their bounds."""
-    return kind(**{field.name: _value(kind, field, rng) for field in kind.definition.fields})
+    return kind(**{field.attribute: _value(kind, field, rng) for field in kind.definition.fields})
 
 
 def _value(kind, field, rng):
@@ -25,7 +25,7 @@ def _one(kind, field, rng):
         return random_message(kind.nested[field.name], rng)
     if field.base == STRING:
         text = TEXTS[rng.integers(len(TEXTS))]
-        return text[: field.string_length] if field.string_length else text
+        return text.encode()[: field.string_length].decode(errors="ignore") if field.string_length else text
     if field.base == "bool":
         return bool(rng.integers(2))
     dtype = np.dtype(DTYPES[field.base])

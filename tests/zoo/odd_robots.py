@@ -88,7 +88,7 @@ def odd_robot(rng: np.random.Generator, folder: Path) -> OddRobot:
 
 
 def _name(rng, k, made):
-    if k and rng.random() < 0.004:
+    if k and rng.random() < 0.002:
         form = str(rng.choice([name for names in RESERVED.values() for name in names]))
         made.refusals |= {"sdf", *(["mjcf"] if form == "world" else [])}
         return form.format(k) if form != "world" or "world" not in made.text else f"w{k}"
@@ -126,7 +126,7 @@ def _limit(rng, kind) -> str:
 
 def _inertial(rng, k, version, made) -> str:
     form = rng.choice(
-        ["body", "none", "point", "rod", "plate", "impossible"], p=[0.62, 0.2, 0.07, 0.06, 0.046, 0.004]
+        ["body", "none", "point", "rod", "plate", "impossible"], p=[0.62, 0.2, 0.07, 0.06, 0.048, 0.002]
     )
     if form == "none":
         return ""
