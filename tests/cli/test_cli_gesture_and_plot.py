@@ -5,6 +5,7 @@ import json
 import pytest
 
 
+@pytest.mark.thorough
 def test_gesture_of_the_library_and_its_plot(run, tmp_path):
     done = run("gesture", "nod", "--tempo", "2", "-o", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -12,6 +12,7 @@ from pepper_kin.learning import imitate, load_policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
 
+@pytest.mark.thorough
 def test_a_policy_is_trained_written_and_shown(run, tmp_path):
     done = run("learn", "Reach", "--rounds", "2", "-o", "out/reach.npz", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -128,6 +128,7 @@ def test_thinned_clouds_cover_every_ball_and_keep_one_point_a_cube():
     assert len(thin.points) == len(np.unique(cubes, axis=0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("held", [False, True])
 def test_points_of_the_robot_are_left_out(held):
     """Points around the robot: those left are as far from it as coal says."""

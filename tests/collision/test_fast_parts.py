@@ -243,6 +243,7 @@ def leaves_a_range(tables, curve, ends):
     return False
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cubic", [False, True])
 def test_ranges_are_kept_at_every_point_of_a_line_and_of_a_curve(cubic):
     pepper = pk.load_pepper()

@@ -35,6 +35,7 @@ def crossing(rng, uncertainties, **more):
     return scene
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("robot", ["fixed", "planar"])
 def test_verdicts_at_times_are_coals_of_the_scene_then(robot):
     pepper, rng, touching = pk.load_pepper(base=robot), np.random.default_rng(0), 0

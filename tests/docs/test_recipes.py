@@ -66,6 +66,12 @@ def run(block: str) -> list[tuple[str, str]]:
     return compared
 
 
+def marks(recipe: Recipe) -> list[pytest.MarkDecorator]:
+    """Return `browser` for a recipe that draws pictures or films, `thorough` for one that fits masses."""
+    draws = re.search(r"\.save_(image|video)\(", recipe.text) is not None
+    return [pytest.mark.browser] * draws + [pytest.mark.thorough] * ("estimate_inertia" in recipe.text)
+
+
 ALL = recipes()
 
 
@@ -80,14 +86,7 @@ def test_there_are_forty_and_the_index_lists_them_in_order():
 
 @pytest.mark.parametrize(
     "recipe",
-    [
-        pytest.param(
-            recipe,
-            marks=[pytest.mark.browser] * bool(re.search(r"\.save_(image|video)\(", recipe.text)),
-            id=f"{recipe.page}: {recipe.title}",
-        )
-        for recipe in ALL
-    ],
+    [pytest.param(recipe, marks=marks(recipe), id=f"{recipe.page}: {recipe.title}") for recipe in ALL],
 )
 def test_a_recipe_runs_by_itself_and_prints_what_it_says(
     recipe: Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -30,6 +30,7 @@ def success_of(env, policy, episodes):
     return np.mean(ends)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(learning.TASKS))
 def test_a_task_can_be_solved_and_not_by_chance(name):
     env = PepperVectorEnv(120, name, autoreset_mode=AutoresetMode.SAME_STEP)

@@ -83,6 +83,7 @@ def test_amplitude_scales_and_tempo_hastens(pepper):
     assert fast == pytest.approx(4.0, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_robots_with_hands_and_a_moving_base_gesture_too():
     for options in ({"base": "planar"}, {"hands": "mimic"}):
         other = pk.load_pepper(**options)

@@ -60,6 +60,7 @@ def test_a_margin_that_no_path_keeps_gives_way_and_the_message_names_what_to(pin
     assert 0.001 < plan.margin <= least_distance(plan, pinned)
 
 
+@pytest.mark.thorough
 def test_a_margin_is_proven_by_coal_never_to_be_more_than_what_is_kept(pinned):
     rng, found = np.random.default_rng(5), []
     box = pk.Scene().add_box("table", (0.4, 0.8, 0.03), (0.47, 0.05, 0.715))
@@ -124,6 +125,7 @@ def pin_beside(q: np.ndarray, distance: float) -> np.ndarray:
     return hand + np.array([0.0, high, 0.0])
 
 
+@pytest.mark.thorough
 def test_margins_give_way_with_constraints_and_costs_and_in_legs_too(pinned):
     elbow = pk.ik.JointValue("LElbowYaw", float(START[PEPPER.joint_index("LElbowYaw")]), tolerance=0.5)
     for tasks in ({"constraints": [elbow]}, {"costs": [elbow]}):

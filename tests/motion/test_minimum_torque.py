@@ -124,6 +124,7 @@ def test_an_optimized_drive_takes_the_time_that_was_asked_for(on_wheels):
     assert certificate.success, certificate.report()
 
 
+@pytest.mark.thorough
 def test_a_reference_that_overruns_the_wheels_is_not_solved(on_wheels):
     found = minimum_torque_trajectory(*on_wheels, 1.8, intervals=6, solver="ipopt")
     assert found.status is not MinimumTorqueStatus.SOLVED

@@ -93,6 +93,7 @@ LOADS = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loads", [(), LOADS], ids=["empty hands", "loads"])
 def test_torques_and_their_derivatives(loads):
     pepper = pk.load_pepper()
@@ -108,6 +109,7 @@ def test_torques_and_their_derivatives(loads):
     assert_rows(term, expected / pepper.effort_limits, q, v, a)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loads", [(), LOADS], ids=["empty hands", "loads"])
 def test_balance_and_its_derivatives(loads):
     pepper = pk.load_pepper()

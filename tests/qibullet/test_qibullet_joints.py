@@ -95,6 +95,7 @@ def test_postures_are_those_of_the_model(pepper, steps):
     assert PepperVirtual.P_STAND.getPostureJointNames() == list(ACTUATED)
 
 
+@pytest.mark.thorough
 def test_a_joint_without_effort_falls_and_only_under_gravity(manager, client, pepper, steps):
     pepper.setAngles("LShoulderPitch", -0.5, 1.0)
     steps(2.0)

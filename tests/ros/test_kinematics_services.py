@@ -124,6 +124,7 @@ def lead(node, way, **fields):
     return here, node.transport.call_service(CARTESIAN_PATH, PATH_TYPE, request)
 
 
+@pytest.mark.thorough
 def test_a_hand_is_led_along_lines(node):
     end, answer = lead(node, [(0.0, 0.05, 0.03), (0.0, -0.02, 0.05)])
     assert answer.error_code.val == CODES.SUCCESS, answer.error_code.message
