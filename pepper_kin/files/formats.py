@@ -115,7 +115,7 @@ def load(path: PathName, pepper: PepperModel | None = None, *, format: str | Non
         FileFormatError: naming path, line and what is wrong: truncated, another order of joints, NaN, times
             that do not rise, or no such file at all.
     """
-    if format is None and recording_suffix(path) == ".mcap":
+    if format is None and recording_suffix(path) == ".mcap" and "mcap" in plugins("formats"):
         format = "mcap"
     return _chosen(path, format).read(path, pepper)
 

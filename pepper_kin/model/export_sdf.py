@@ -78,10 +78,25 @@ class _SdfWriter:
             name: name in tree.bodies or (name in tree.joints and tree.joints[name].joint.type != "fixed")
             for name in pepper.link_names
         }
-        if not any(self.is_link.values()):
-            self.is_link[pepper.document.root] = True
+        root = pepper.document.root
+        first = next((link for link in pepper.link_names if self.is_link[link]), None)
+        shapes = (*pepper.visual_shapes, *pepper.collision_shapes)
+        # The model's frame moves with its first link, and only links have shapes.
+        if first is None or self._moves(first) or any(self.carrier(s.link)[0] is None for s in shapes):
+            self.is_link[root] = True
         self.taken = set(pepper.link_names)
+        self.link = {link: link for link in pepper.link_names}
+        self.link["world"] = self._free("world", "_link")
         self.names = {joint.name: self._free(joint.name, "_joint") for joint in pepper.document.joints}
+
+    def _moves(self, link: str) -> bool:
+        """Whether a joint that moves stands between a link and the root."""
+        while link in self.tree.joints:
+            joint = self.tree.joints[link].joint
+            if joint.type != "fixed":
+                return True
+            link = joint.parent
+        return False
 
     def _free(self, name: str, ending: str) -> str:
         """Return a name that nothing in the model has, and take it: links, joints and frames share them."""
@@ -116,13 +131,13 @@ class _SdfWriter:
             placed = self.tree.joints.get(link)
             parent, pose = (None, np.eye(4)) if placed is None else self.carrier(placed.joint.parent)
             pose = pose if placed is None else pose @ placed.transform_child_to_parent
-            element = child(model, "link", name=link)
+            element = child(model, "link", name=self.link[link])
             if parent is None and (placed is None or placed.joint.type == "fixed"):
                 _pose(element, pose)
                 name = self._free(f"{link}_to_world", "_joint")
-                self._joint_element(model, name, "fixed", "world", link, None)
+                self._joint_element(model, name, "fixed", "world", self.link[link], None)
             elif placed is not None:
-                name = self._joint(model, placed, parent or "world", link, pose)
+                name = self._joint(model, placed, self.link[parent] if parent else "world", link, pose)
                 _pose(element, np.eye(4), relative_to=name)
             self._inertial(element, link)
             for kind, shape in shapes.get(link, []):
@@ -130,7 +145,7 @@ class _SdfWriter:
         for link in self.pepper.link_names:
             if not self.is_link[link] and link != "world":  # SDF has a frame of that name already
                 carrier, pose = self.carrier(link)
-                attributes = {} if carrier is None else {"attached_to": carrier}
+                attributes = {} if carrier is None else {"attached_to": self.link[carrier]}
                 _pose(child(model, "frame", name=link, **attributes), pose)
         return model
 
@@ -213,7 +228,7 @@ class _SdfWriter:
 
     def _shape(self, element: ET.Element, kind: str, shape: Shape) -> None:
         _, pose = self.carrier(shape.link)
-        name = shape.name if shape.link == element.get("name") else f"{shape.link}_{shape.name}"
+        name = shape.name if self.link[shape.link] == element.get("name") else f"{shape.link}_{shape.name}"
         name = name.replace("::", "_")
         while any(other.get("name") == name for other in element.findall(kind)):
             name += f"_{kind}"

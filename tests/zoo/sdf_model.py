@@ -46,8 +46,11 @@ class SdfModel:
             return np.eye(4)
         if name in self.frames:
             frame = self.frames[name]
-            above = frame.get("attached_to", "__model__")
-            return self.pose(above, values, known) @ pose_of(frame.find("pose"))
+            if frame.get("attached_to") is None:  # to the model's frame, which its first link carries
+                first = next(iter(self.links))
+                moved = self.pose(first, values, known) @ np.linalg.inv(self.pose(first, {}))
+                return moved @ pose_of(frame.find("pose"))
+            return self.pose(frame.get("attached_to"), values, known) @ pose_of(frame.find("pose"))
         placement = self.links[name].find("pose")
         above = placement.get("relative_to")
         if above is None:

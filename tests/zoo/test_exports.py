@@ -100,6 +100,8 @@ def sdf_differences(pepper, text, rng):
     inside = model.model.findall("link") + model.model.findall("joint") + model.model.findall("frame")
     listed = [element.get("name") for element in inside]
     assert len(set(listed)) == len(listed)
+    for kind, known in (("visual", pepper.visual_shapes), ("collision", pepper.collision_shapes)):
+        assert len(list(model.model.iter(kind))) == len(known)
     for link in model.links.values():
         for kind in ("visual", "collision"):
             shapes = [shape.get("name") for shape in link.findall(kind)]
