@@ -14,27 +14,30 @@ MOST_BEHIND = 0.01
 
 def run_examined(source: str, name: str, namespace: dict[str, Any]) -> list[str]:
     """Run a program statement by statement; return what is wrong with the motions that it makes."""
-    examined = {id(motion): motion for _, motion in _motions(namespace)}
-    faults = []
+    examined = dict(_motions(namespace))
+    faults: dict[str, list[str]] = {}
     for statement in ast.parse(source, name).body:
         exec(compile(ast.Module([statement], []), name, "exec"), namespace)
-        faults += faults_of_motions(namespace, examined)
-    return faults
+        examine(namespace, examined, faults)
+    return [fault for found in faults.values() for fault in found]
 
 
-def faults_of_motions(namespace: dict[str, Any], examined: dict[int, pk.Trajectory]) -> list[str]:
-    """Return what is wrong with the motions among a program's variables that were not examined before.
+def examine(
+    namespace: dict[str, Any], examined: dict[str, pk.Trajectory], faults: dict[str, list[str]]
+) -> None:
+    """Examine the motions that variables of a program hold since its last statement.
+
+    A variable whose motion was at fault is cleared by another one, as where a program checks and repairs it.
 
     Args:
         namespace: The program's variables.
-        examined: Motions by identity; new ones are added, so that no identity is used twice.
+        examined: The motion of each variable that was examined last; brought up to date.
+        faults: What is wrong with it; brought up to date.
     """
-    faults = []
     for variable, motion in _motions(namespace):
-        if id(motion) not in examined:
-            examined[id(motion)] = motion
-            faults += [f"{variable}: {fault}" for fault in _faults(motion, namespace)]
-    return faults
+        if examined.get(variable) is not motion:
+            examined[variable] = motion
+            faults[variable] = [f"{variable}: {fault}" for fault in _faults(motion, namespace)]
 
 
 def _motions(namespace: dict[str, Any]) -> Iterator[tuple[str, pk.Trajectory]]:

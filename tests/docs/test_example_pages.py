@@ -2,8 +2,11 @@
 
 import ast
 import re
+import sys
 from pathlib import Path
 
+import pytest
+from examined_motions import run_examined
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
@@ -14,6 +17,7 @@ SECTIONS = re.split(r"^## ", (ROOT / "docs" / "examples.md").read_text(encoding=
 ]
 LINK = re.compile(r"!\[([^\]]+)\]\((pictures/[^)]+)\)")
 MOST_BYTES = 150_000
+MAKES_MOTIONS = re.compile(r"retime\(|gesture\(|follow\(|optimize\(|smooth=True|from_keyframes|sequence\(")
 
 
 def test_examples_have_numbers_words_pictures_and_a_check_of_their_own():
@@ -34,6 +38,19 @@ def test_examples_have_numbers_words_pictures_and_a_check_of_their_own():
         with Image.open(path) as image:
             image.verify()
             assert 600 <= image.size[0] <= 1000
+
+
+@pytest.mark.parametrize(
+    "script",
+    [path for path in EXAMPLES if MAKES_MOTIONS.search(path.read_text())],
+    ids=lambda path: path.stem,
+)
+def test_motions_of_an_example_are_green_and_the_twin_follows(script, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        sys, "argv", [str(script), "--quick"] if "--quick" in script.read_text() else [str(script)]
+    )
+    assert run_examined(script.read_text(encoding="utf-8"), str(script), {"__name__": "example"}) == []
 
 
 def test_pictures_that_pages_show_are_those_that_are_there():

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from examined_motions import run_examined
 from nbclient import NotebookClient
 
 pytestmark = pytest.mark.thorough
@@ -23,6 +24,16 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
     assert not any(cell.outputs or cell.execution_count for cell in code)
     NotebookClient(book, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+
+
+@pytest.mark.parametrize("name", ["start", "planning", "twin"])
+def test_motions_of_a_notebook_are_green_and_the_twin_follows(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    book = nbformat.read(ROOT / "examples" / "notebooks" / f"{name}.ipynb", as_version=4)
+    code = [cell.source for cell in book.cells if cell.cell_type == "code"]
+    assert run_examined("\n".join(code[1:]), name, {"__name__": "notebook"}) == []
 
 
 def test_the_page_of_notebooks_names_each() -> None:

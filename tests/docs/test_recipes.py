@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from examined_motions import faults_of_motions
+from examined_motions import examine
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -54,15 +54,15 @@ def promised(block: str, statement: ast.stmt) -> str | None:
 def run(block: str) -> list[tuple[str, str]]:
     """Run a block by itself; return what its `print` statements promise, and what they print."""
     namespace: dict[str, object] = {"__name__": "recipe"}
-    compared, faults, examined = [], [], {}
+    compared, examined, faults = [], {}, {}
     for statement in ast.parse(block).body:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             exec(compile(ast.Module([statement], []), "recipe", "exec"), namespace)
         if (words := promised(block, statement)) is not None:
             compared.append((words, printed.getvalue().strip()))
-        faults += faults_of_motions(namespace, examined)
-    assert not faults
+        examine(namespace, examined, faults)
+    assert not any(faults.values()), faults
     return compared
 
 

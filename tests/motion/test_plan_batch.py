@@ -132,7 +132,7 @@ def test_what_hangs_on_the_robot_counts_in_each_problem(pepper):
         inertia = pinocchio.Inertia.FromBox(float(mass), 0.06, 0.04, 0.05)
         model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement * place)
         torques = [pinocchio.rnea(model, model.createData(), q, 0 * q, 0 * q) for q in (stand, raised)]
-        held.append(np.abs(torques / pepper.effort_limits).max() <= 0.95)
+        held.append(np.abs(torques / pepper.effort_limits).max() <= 0.95 * 0.9)
     batch = plan_batch(problems, processes=2)
     assert 2 < sum(held) < 14
     np.testing.assert_array_equal(batch.success, held)

@@ -13,7 +13,6 @@ from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
 from pepper_kin.dynamics.support_polygon import (
-    WHEELS,
     checked_polygon,
     distances_inside,
     inward_normals,
@@ -24,6 +23,7 @@ from pepper_kin.kinematics import frame_pose
 from pepper_kin.kinematics.base_geometry import BaseGeometry
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_joint_vectors
+from pepper_kin.model.requirements import WHEELS
 
 
 @dataclass(frozen=True)
