@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_kin.exceptions import ModelError, ModelWarning
+from pepper_kin.model.follower_limits import warn_of_followers
 from pepper_kin.model.kinematic_tree import MOMENTS, impossible_inertia, kinematic_tree, tensor_of
 from pepper_kin.model.missing_limits import LimitsLike, with_acceleration_limits
 from pepper_kin.model.neighbors import neighboring_pairs
@@ -62,7 +63,8 @@ def load_robot(
         InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
 
     Warns:
-        ModelWarning: naming what the SRDF speaks of and the robot lacks; that is left out.
+        ModelWarning: naming what the SRDF speaks of and the robot lacks, which is left out; and each limit of
+            a joint that is narrowed by those of joints that follow it.
     """
     with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
@@ -99,6 +101,7 @@ def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
     _refuse_what_is_malformed(document)
     pepper = PepperModel(document, semantics)
     pepper.dynamics_model.get()
+    warn_of_followers(pepper)
     return pepper
 
 
