@@ -8,6 +8,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_shapes import CheckedShapes
+from pepper_kin.collision.round_pairs import Pose, is_round, witness
 
 MOST_KEPT = 20_000
 """Most pairs that Pinocchio keeps requests and results of: its table of pairs grows with the square of the
@@ -27,7 +28,8 @@ class KeptPairs:
         import pinocchio
 
         self._model, self._shapes, self._margins = model, shapes, margins
-        self._kept = self._data()
+        self._kept, self._round = self._data(), round_pairs(shapes)
+        self._better: dict[int, Any] = {}
         # The broad phase takes over the margins when it is made.
         broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
         self._broad_phase = broad(model, shapes.model, self._kept)
@@ -59,14 +61,19 @@ class KeptPairs:
         return [placed[i] for i in bodies]
 
     def distance(self, index: int) -> Any:
-        """Return coal's result on the distance of a pair, after `place`; it stays in `result`."""
+        """Return the result on the distance of a pair, after `place`; it stays in `result`."""
         import pinocchio
 
-        return pinocchio.computeDistance(self._shapes.model, self._kept, index)
+        found = pinocchio.computeDistance(self._shapes.model, self._kept, index)
+        if found.min_distance < 0.0 and index in self._round:
+            found = self._better[index] = better(self._shapes, index, self._kept.oMg, found)
+        else:
+            self._better.pop(index, None)
+        return found
 
     def result(self, index: int) -> Any:
         """Return what `distance` has returned for a pair."""
-        return self._kept.distanceResults[index]
+        return self._better[index] if index in self._better else self._kept.distanceResults[index]
 
     def any_touches(self, data: Any, q_full: Array) -> bool:
         """Whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
@@ -109,6 +116,7 @@ class SinglePairs:
         self._transforms = [coal.Transform3s(pose.rotation, pose.translation) for pose in self._poses]
         self._moving = [i for i, joint in enumerate(self._joints) if joint]
         self._results: dict[int, Any] = {}
+        self._round = round_pairs(shapes)
 
     def place(self, data: Any) -> None:
         """Place all shapes where the joints in `pinocchio.Data` are."""
@@ -124,13 +132,15 @@ class SinglePairs:
         return [self._poses[i] for i in bodies]
 
     def distance(self, index: int) -> Any:
-        """Return coal's result on the distance of a pair, after `place`; it stays in `result`."""
+        """Return the result on the distance of a pair, after `place`; it stays in `result`."""
         import coal
 
         i, j = self._first[index], self._second[index]
-        found = self._results[index] = coal.DistanceResult()
-        request = coal.DistanceRequest()
+        found, request = coal.DistanceResult(), coal.DistanceRequest()
         coal.distance(self._coal[i], self._transforms[i], self._coal[j], self._transforms[j], request, found)
+        if found.min_distance < 0.0 and index in self._round:
+            found = better(self._shapes, index, self._poses, found)
+        self._results[index] = found
         return found
 
     def result(self, index: int) -> Any:
@@ -167,6 +177,21 @@ class SinglePairs:
 def pair_queries(model: Any, shapes: CheckedShapes, margins: Array) -> KeptPairs | SinglePairs:
     """Return the queries that suit the number of pairs, for one thread; margins: [m], shape (pairs,)."""
     return (KeptPairs if len(margins) <= MOST_KEPT else SinglePairs)(model, shapes, margins)
+
+
+def round_pairs(shapes: CheckedShapes) -> frozenset[int]:
+    """Return the pairs both of whose shapes are round."""
+    kinds = np.array([is_round(body.geometry_object.geometry) for body in shapes.bodies], dtype=bool)
+    first, second = shapes.pairs
+    return frozenset(np.flatnonzero(kinds[first] & kinds[second]).tolist())
+
+
+def better(shapes: CheckedShapes, index: int, poses: Any, result: Any) -> Any:
+    """Return coal's result on a pair of round shapes that overlap, or a better one; poses: of all bodies."""
+    places = [int(each[index]) for each in shapes.pairs]
+    first, second = (shapes.bodies[place].geometry_object.geometry for place in places)
+    at: list[Pose] = [(np.array(poses[k].rotation), np.array(poses[k].translation)) for k in places]
+    return witness((first, second), (at[0], at[1]), result)
 
 
 def ball_distances(shapes: CheckedShapes, poses: list[Any]) -> Array:

@@ -178,7 +178,8 @@ def estimate_payload(
         raise InvalidValueError("frame", frame, "a frame that a joint moves")
     data = recorded_motion(pepper, run, names, cutoff)
     known = dynamics.inertial_parameters(pepper)
-    of = np.eye(known.size + len(names), 5 + len(names), 5 - known.size)  # the rotors' columns
+    of = np.zeros((known.size + len(names), 5 + len(names)))
+    of[known.size :, 5:] = np.eye(len(names))  # the rotors' columns
     of[10 * body : 10 * body + 10, :4] = _point_columns(tree.frame_poses[frame])
     of[: known.size, 4] = known
     load, described, rotors = np.split(data.regressor(of), [4, 5], axis=2)

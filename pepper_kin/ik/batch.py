@@ -25,7 +25,17 @@ from pepper_kin.ik.priorities import balanced, equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.ik.reach_bound import shortfalls
 from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solve import DONE, Request, checked_scene, load_search, reasons, search_on, solve, standing
+from pepper_kin.ik.solve import (
+    DONE,
+    Request,
+    checked_scene,
+    load_search,
+    reasons,
+    search_on,
+    solve,
+    standing,
+    turns_left_out,
+)
 from pepper_kin.ik.solvers import ALL_SOLVERS
 from pepper_kin.ik.standing import stands
 from pepper_kin.ik.tasks.carrying import with_loads
@@ -239,6 +249,8 @@ def solve_batch(
     check_within_limits(pepper, q0, "start")
     count = _count(parts, q0)
     starts = np.broadcast_to(np.clip(q0, pepper.lower_limits, pepper.upper_limits), (count, pepper.n))
+    turns = turns_left_out(pepper, parts, starts)
+    starts = starts - turns
     movable = None if joints is None else movable_joints(pepper, joints)
     kept = checked_balance(pepper, balance)
     check_seed(seed)
@@ -265,6 +277,7 @@ def solve_batch(
             "balance": balance,
         }
         arrays = _solve_each(pepper, parts, starts, options, progress)
+    arrays = (arrays[0] + turns, *arrays[1:])
     for array in arrays:
         array.setflags(write=False)
     duration = time.perf_counter() - begin
@@ -275,7 +288,7 @@ def solve_batch(
         seed,
         pepper,
         parts,
-        starts,
+        starts + turns,
         movable,
         world.scene,
         world.margin,

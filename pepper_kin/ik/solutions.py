@@ -14,7 +14,7 @@ from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast import alternatives
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
-from pepper_kin.ik.solve import checked_scene, checked_start
+from pepper_kin.ik.solve import checked_scene, checked_start, turns_left_out
 from pepper_kin.ik.standing import stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
@@ -80,6 +80,8 @@ def solutions(
     """
     parts = flatten_tasks(pepper, tasks)
     q0 = checked_start(pepper, start)
+    turns = turns_left_out(pepper, parts, q0)
+    q0 = q0 - turns
     movable = None if joints is None else movable_joints(pepper, joints)
     world, apart = checked_scene(scene, collisions, margin)
     parts = with_loads(parts, Collisions(pepper, world).loads)
@@ -95,7 +97,7 @@ def solutions(
             kept.append(q)
         if len(kept) == wanted:
             break
-    return read_only(np.array(kept).reshape(-1, pepper.n))
+    return read_only(np.array(kept).reshape(-1, pepper.n) + turns)
 
 
 def _clear_ones(solutions: list[Array], collisions: Collisions, balance: float | None) -> Iterator[Array]:

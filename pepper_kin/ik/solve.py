@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InvalidValueError
@@ -41,6 +42,8 @@ from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
 from pepper_kin.ik.standing import over_wheels, stands
 from pepper_kin.ik.tasks.carrying import with_loads
+from pepper_kin.ik.tasks.expression import Expression
+from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -50,6 +53,7 @@ from pepper_kin.model.joint_vectors import (
     check_seed,
     check_whole,
     check_within_limits,
+    full_turns,
 )
 from pepper_kin.model.requirements import Balance
 
@@ -120,6 +124,8 @@ def solve(
     around = Collisions(pepper, world, apart)
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
     q0, kept = checked_start(pepper, start), checked_balance(pepper, balance)
+    turns = turns_left_out(pepper, parts, q0)
+    q0 = q0 - turns
     tasks_to_solve = balanced(parts)
     if solver == "fast":
         load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
@@ -137,13 +143,15 @@ def solve(
         found = standing(request, solver, found, kept)
     return IKResult(
         status=found.status,
-        q=found.q,
+        q=read_only(found.q + turns),
         iterations=found.iterations,
         restarts=found.restarts,
         time=time.perf_counter() - begin,
         solver=solver,
         seed=budget.seed,
-        evidence=CertificateInputs(pepper, parts, q0, movable, world, found.q, kept).certificate,
+        evidence=CertificateInputs(
+            pepper, parts, q0 + turns, movable, world, found.q + turns, kept
+        ).certificate,
         hint=hint,
         conflict=conflict,
     )
@@ -334,6 +342,28 @@ def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
     q0 = as_joint_vector(pepper, start, "start")
     check_within_limits(pepper, q0, "start")
     return np.clip(q0, pepper.lower_limits, pepper.upper_limits)
+
+
+def turns_left_out(pepper: PepperModel, parts: Sequence[Task], q0: Array) -> Array:
+    """Return full turns of joints that have no limits, without which a search begins [rad], like q0.
+
+    The check for collisions trusts single precision to some turns only.  Tasks that speak of positions of
+    joints themselves count turns: joints of such tasks keep them, and all joints where a task is an
+    expression.
+
+    Args:
+        pepper: The robot.
+        parts: The tasks, groups taken apart.
+        q0: Starts, shape (..., n) [rad or m].
+    """
+    if np.abs(q0).max(initial=0.0) <= WIDEST / 2 or any(isinstance(task, Expression) for task in parts):
+        return np.zeros_like(q0)
+    turns = full_turns(pepper, q0)
+    turns[np.abs(q0) <= WIDEST / 2] = 0.0
+    for task in parts:
+        if isinstance(task, JointPosture):
+            turns[..., task.indices(pepper)] = 0.0
+    return turns
 
 
 def _neutral(pepper: PepperModel) -> Array:

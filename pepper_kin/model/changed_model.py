@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, UnknownNameError
+from pepper_kin.model.follower_limits import followers_of
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.model.semantics import changed_states
 from pepper_kin.model.urdf_document import parse_urdf
@@ -60,7 +61,24 @@ def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) 
                 limit.set(quantity, repr(value))
             else:
                 limit.attrib.pop(quantity, None)
-    return _rebuilt(pepper, root)
+    return _with_all(_rebuilt(pepper, root), new)
+
+
+def _with_all(pepper: PepperModel, new: Mapping[str, Array]) -> PepperModel:
+    """Return a robot that has all new limits, shape (n,) each.
+
+    Raises:
+        InvalidValueError: where joints that follow another do not allow one.
+    """
+    for quantity, values in new.items():
+        found = getattr(pepper, f"{quantity}_limits")
+        for j in np.flatnonzero(found != values):
+            name = pepper.joint_names[j]
+            raise InvalidValueError(
+                f"{quantity} limit of {name}", float(values[j]),
+                f"{found[j]:.6g} or narrower: {followers_of(pepper, name)} bind it",
+            )  # fmt: skip
+    return pepper
 
 
 def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel:

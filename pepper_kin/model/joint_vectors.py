@@ -269,6 +269,21 @@ def check_within_limits(
         )
 
 
+def full_turns(pepper: PepperModel, change: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the full turns nearest to a change of position, of joints that turn without limits [rad].
+
+    Added to one of two positions whose difference is the change, they leave the way of half a turn at most.
+    Zero for joints with limits, and for joints that slide.
+
+    Args:
+        pepper: The robot.
+        change: Differences of joint positions, shape (..., n).
+    """
+    endless = np.isinf(pepper.lower_limits) & np.isinf(pepper.upper_limits)
+    endless &= np.array(pepper.joint_units) == "rad"
+    return np.where(endless, 2 * np.pi * np.round(change / (2 * np.pi)), 0.0)
+
+
 def check_choice(quantity: str, value: str, choices: tuple[str, ...]) -> str:
     """Return `value` if it is one of `choices`.
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_kin.exceptions import ModelError, ModelWarning
+from pepper_kin.model.follower_limits import warn_of_followers
 from pepper_kin.model.kinematic_tree import MOMENTS, impossible_inertia, kinematic_tree, tensor_of
 from pepper_kin.model.missing_limits import LimitsLike, with_acceleration_limits
 from pepper_kin.model.neighbors import neighboring_pairs
@@ -63,7 +64,8 @@ def load_robot(
 
     Warns:
         ModelWarning: naming what the SRDF speaks of and the robot lacks, which is left out, and values of its
-            states that the robot's postures do not have: beyond limits, several for one joint, of followers.
+            states that the robot's postures do not have: beyond limits, several for one joint, of followers; and each
+            limit of a joint that is narrowed by those of joints that follow it.
     """
     with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
@@ -101,6 +103,7 @@ def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
     _refuse_what_is_malformed(document)
     pepper = PepperModel(document, semantics)
     pepper.dynamics_model.get()
+    warn_of_followers(pepper)
     return pepper
 
 

@@ -14,6 +14,7 @@ from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, suspect_degrees
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
+from pepper_kin.model.follower_limits import coupled_limits
 from pepper_kin.model.joint_vectors import as_finite, check_within_limits
 from pepper_kin.model.requirements import NAMED, WHEELS, MotionRequirements, as_requirements
 from pepper_kin.model.semantics import Semantics
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 changed_model = lazy_module("pepper_kin.model.changed_model")
 export_formats = lazy_module("pepper_kin.model.export_formats")
 
-LIMITS = ("lower", "upper", "velocity", "acceleration", "effort")
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class PepperModel:
@@ -49,14 +48,15 @@ class PepperModel:
             it stands, else "limits".
 
     Raises:
-        ModelError: for a joint that mimics itself.
+        ModelError: for a joint that mimics itself, or whose limits and its leader's exclude each other.
 
     Attributes:
         name: Name of the robot.
         urdf: The URDF text it was built from.
         joint_names: Order of every joint vector.
         joint_units: "rad" or "m" for each joint.
-        lower_limits: (n,) [rad or m], -inf where unbounded.
+        lower_limits: (n,) [rad or m], -inf where unbounded. Where joints follow a joint, their limits of
+            position, velocity and acceleration bind it too, by the map below: see `follower_limits`.
         upper_limits: (n,) [rad or m], inf where unbounded.
         velocity_limits: (n,) [rad/s or m/s].
         acceleration_limits: (n,) [rad/s^2 or m/s^2], inf where the description gives none.
@@ -114,6 +114,7 @@ class PepperModel:
         if requirements is None:
             stands = set(WHEELS) <= set(document.links)
             requirements = NAMED["reserve" if stands else "limits"]
+        limits = coupled_limits([joints[name] for name in full_names], full_map, full_offset)
         vars(self).update(
             document=document,
             semantics=semantics,
@@ -132,7 +133,7 @@ class PepperModel:
             kept={},
             _frame_ids=frame_ids(document, order),
             _local=threading.local(),
-            **{f"{what}_limits": read_only([getattr(joint, what) for joint in leading]) for what in LIMITS},
+            **{f"{what}_limits": read_only(values) for what, values in limits.items()},
         )
 
     def __repr__(self) -> str:
@@ -391,7 +392,7 @@ class PepperModel:
         Raises:
             UnknownNameError: for a joint or group that the robot lacks.
             InvalidValueError: naming joint and limit, for a lower limit above the upper one, another limit
-                that is not above zero, a wrong shape, or NaN.
+                that is not above zero, one that a joint that follows does not allow, a wrong shape, or NaN.
             ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
         """
         changes = {"lower": lower, "upper": upper, "velocity": velocity}

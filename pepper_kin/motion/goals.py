@@ -17,7 +17,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, solve
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.joint_vectors import as_joint_vectors
+from pepper_kin.model.joint_vectors import as_joint_vectors, full_turns
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goal_search import TaskGoals, clear_goals, load_tasks
 from pepper_kin.motion.plan_request import PlanRequest, are_known_to_fast, are_tasks
@@ -92,7 +92,7 @@ def ends_of(request: PlanRequest) -> Ends | Plan:
 def _sound(request: PlanRequest) -> Ends | None:
     """Return the ends of a path to configurations if one call says that none is at fault, else None."""
     checks, start = request.checks, request.start
-    goals = candidates_of(checks.pepper, request.goal)
+    goals = candidates_of(checks.pepper, start, request.goal)
     try:
         free = free_joints(checks.pepper, request.options.joints, start, goals)
     except InvalidValueError:  # which a goal at fault may have caused
@@ -111,8 +111,16 @@ def _clear_goals(request: PlanRequest, tasks: Sequence[Task]) -> TaskGoals | Non
     )
 
 
-def candidates_of(pepper: PepperModel, goal: Any) -> Array:
-    """Return configurations that are given as goals, shape (m, n).
+def candidates_of(pepper: PepperModel, start: Array, goal: Any) -> Array:
+    """Return configurations that are given as goals, shape (m, n), by the turns that are nearest to a start.
+
+    Of a joint that turns without limits, positions that differ by full turns are the same goal; that within
+    half a turn of the start is taken.
+
+    Args:
+        pepper: The robot.
+        start: Where the path begins, shape (n,).
+        goal: One configuration, shape (n,), or several, shape (m, n).
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, or none.
@@ -125,6 +133,7 @@ def candidates_of(pepper: PepperModel, goal: Any) -> Array:
         )
     if not len(candidates):
         raise InvalidValueError("goal", "no configuration", f"one or more, shape (m, {pepper.n}), m >= 1")
+    candidates = candidates + full_turns(pepper, start - candidates)
     check_examined(pepper, candidates, "goal")
     return candidates.reshape(-1, pepper.n)
 
@@ -143,7 +152,7 @@ def goals_of(request: PlanRequest, *, tried: bool = False) -> _Goals:
     checks, least = request.checks, request.options.least_margin
     if are_tasks(request.goal):
         return _far_enough(checks, *_goals_of_tasks(request, tried), least)
-    candidates = candidates_of(checks.pepper, request.goal)
+    candidates = candidates_of(checks.pepper, request.start, request.goal)
     return _far_enough(checks, *_good_ones(checks, candidates, None), least)
 
 

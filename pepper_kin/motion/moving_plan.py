@@ -114,7 +114,7 @@ def plan_in_motion(
         raise InvalidValueError("start_velocity", "given, while the base may move", allowed)
     request = plan_request(pepper, start, goal, scene, options)
     velocity, line = _line(pepper, request.start, options)
-    goals = np.empty((0, pepper.n)) if are_tasks(goal) else candidates_of(pepper, goal)
+    goals = np.empty((0, pepper.n)) if are_tasks(goal) else candidates_of(pepper, request.start, goal)
     free = np.union1d(free_joints(pepper, joints, request.start, goals), np.flatnonzero(velocity))
     ends = goals if len(goals) else request.start[None]
     kept, kept_self = request.checks.margins(request.start, ends, free, options.margin)

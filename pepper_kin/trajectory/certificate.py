@@ -99,7 +99,8 @@ class ScalarCheck:
 
     Attributes:
         quantity: What it is.
-        margin: Least value over the trajectory less the required one [unit].
+        margin: Least value over the trajectory less the required one [unit]; of clearance the bound that is
+            proven between the states examined too.
         value: Value at the worst instant [unit].
         time: The instant [s].
         unit: Unit.
@@ -155,7 +156,8 @@ class Certificate:
         velocity_continuity: Greatest jump of a joint's velocity at a knot.
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
             None for a robot without Pepper's wheels, and with `balance=None`.
-        clearance: Least distance between bodies; None with `collisions=False`.
+        clearance: Least distance between bodies, which succeeds where its bound is above zero everywhere;
+            None with `collisions=False`.
         jerk: Against jerk limits; None if none were given.
         acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
         hand_speed: Speeds of frames against their limits; None if none were given.

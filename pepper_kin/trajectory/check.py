@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin import collision, kinematics
+from pepper_kin import kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.loads import AtFrames
@@ -21,6 +21,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.balance import floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
+from pepper_kin.trajectory.clearance_bound import Pieces, proven_clearance
 from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
@@ -28,6 +29,7 @@ from pepper_kin.trajectory.quantities import unit_of
 from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.sampling import State, examination_step, sample_times
+from pepper_kin.trajectory.stop import JUMP_TOLERANCE
 from pepper_kin.trajectory.wheels import WheelLimits
 
 if TYPE_CHECKING:
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 
-JUMP_TOLERANCE = 1e-6  # [rad, m, rad/s or m/s]
 RELATIVE_TOLERANCE = 1e-9  # of a limit, for rounding
 BALANCE_TOLERANCE = 1e-7  # [m]
 _TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
@@ -139,6 +140,7 @@ class _Examined(NamedTuple):
         gap: Longest time between successive states of each piece [s], shape (m,).
         bounds: Bounds on second derivatives on the pieces.
         rates: Bounds on |dq/dt| there, shape (m, n).
+        breaks: Ends of the pieces [s], shape (m + 1,).
     """
 
     step: float
@@ -148,6 +150,7 @@ class _Examined(NamedTuple):
     gap: Array
     bounds: RateBounds
     rates: Array
+    breaks: Array
 
     def at_most(self, size: Array, second: Array) -> Array:
         """Return a bound on a quantity over the whole motion.
@@ -183,7 +186,9 @@ def _examined(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -> _Exa
     time = np.concatenate([regular, parts.breaks[:-1], parts.breaks[1:]])
     state = _derivatives(trajectory, parts.segment[part], parts.offset[part] + local, 3)
     bounds = RateBounds(pepper, parts.rates, loads)
-    return _Examined(step, time, State(*state), part, np.minimum(width, step), bounds, parts.rates[1])
+    return _Examined(
+        step, time, State(*state), part, np.minimum(width, step), bounds, parts.rates[1], parts.breaks
+    )
 
 
 def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
@@ -349,19 +354,23 @@ def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
 def _clearance(
     pepper: PepperModel, trajectory: Trajectory, examined: _Examined, scene: Scene, start_time: float
 ) -> ScalarCheck:
-    """Find the least distance of all milliseconds; neighbors decided by joint ranges count as yes or no.
+    """Find the least distance, proven between the states examined; see `proven_clearance`.
 
-    A distance that shrinks at most with speed v is, between two states h apart, no more than v h / 2 below
-    the lesser of its values there.
+    Neighbors decided by joint ranges count as yes or no.
     """
     count = sample_times(trajectory.duration, examined.step).size
-    times = not_negative("start_time", start_time) + examined.time[:count]
-    found = collision.least_clearance(pepper, examined.state.position[:count], scene, times)
-    worst, at = found.distance, found.index
+    begin = not_negative("start_time", start_time)
+    pieces = Pieces(examined.breaks, examined.rates)
+    times = examined.time[:count]
+    found, time, bound, forbidden = proven_clearance(pepper, trajectory, times, pieces, scene, begin)
+    worst = found.distance
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
-    if found.forbidden is not None and worst > 0:
-        worst, at = -_TOUCH, found.forbidden
+    if forbidden is not None and worst > 0:
+        worst, bound, time = -_TOUCH, -_TOUCH, forbidden
         detail = "two neighboring links touch, by their joint ranges"
-    between = 0.5 * examined.step * collision.approach_speed(pepper, examined.rates, scene)
-    return ScalarCheck("clearance", worst, worst, float(examined.time[at]), "m", detail, between)
+    if bound <= 0.0 < worst:
+        detail += ", too small to prove that nothing touches"
+    return ScalarCheck(
+        "clearance", bound, worst, time, "m", detail, worst - bound if np.isfinite(worst) else 0.0
+    )

@@ -68,10 +68,13 @@ def _cubics(found: Any, now: State, most: Array) -> tuple[Array, Array]:
         brake = [0.0, *np.cumsum(profile.brake.t)] if hasattr(profile, "brake") else [0.0]
         changes += brake
         changes += list(brake[-1] + np.cumsum(profile.t))
-    times = np.unique(np.clip(changes, 0.0, found.duration))
-    times = times[np.append(np.diff(times) > _SAME_TIME, True)]
-    if times[-1] <= _SAME_TIME:
+    if found.duration <= _SAME_TIME:
         return np.zeros(1), np.empty((0, 4, now.position.size))
+    # Both ends stay: a brake before the motion may last 1e-16 s.
+    inside = np.unique(changes)
+    inside = inside[(inside > _SAME_TIME) & (inside < found.duration - _SAME_TIME)]
+    inside = inside[np.diff(inside, prepend=0.0) > _SAME_TIME]
+    times = np.concatenate([[0.0], inside, [found.duration]])
     h = np.diff(times)[:, None]
     a = np.array([found.at_time(time)[2] for time in times[1:].tolist()])
     a = np.concatenate([now.acceleration[None], a])

@@ -156,13 +156,19 @@ class MovingStart:
     def stopped(self) -> Trajectory | None:
         """The stop along the motion; None where it touches something at a millisecond.
 
-        Where that leads beyond position limits, as a line may, joints go to where it meets them instead.
+        Where none along it keeps jerk limits, joints brake each by itself; None where that does not keep them
+        either.  Where the stop leads beyond position limits, as a line may, joints go to where it meets them.
 
         Raises:
             InfeasibleError: as `stop` does.
         """
         pepper, motion = self.pepper, self.trajectory
-        found = stop_within(pepper, motion, self.at, self.limits).trajectory
+        stop = stop_within(pepper, motion, self.at, self.limits)
+        if stop.exceeded:
+            stop = stop_within(pepper, motion, self.at, self.limits, "joints")
+        if stop.exceeded and set(stop.exceeded) != {"position"}:
+            return None
+        found = stop.trajectory
         end = np.clip(found.end, pepper.lower_limits, pepper.upper_limits)
         if np.abs(end - found.end).max() > _SAME:
             steered = self._steered(self.state, end, [])

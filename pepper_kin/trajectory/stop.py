@@ -48,7 +48,10 @@ if TYPE_CHECKING:
 _STEP = 0.005  # [s] greatest length of an interval
 _AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
 _SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
-_LONGER, _TRIALS = 1.3, 4  # durations of a slow-down with jerk limits
+_LONGER, _TRIALS = 1.3, 8  # durations of a slow-down with jerk limits
+_NODES = 0.002  # [s] between its nodes
+_NEWTON_STEPS = 4
+JUMP_TOLERANCE = 1e-6  # [rad, m, and per second or second^2]
 _AT_REST = 1e-9  # [rad/s or m/s]
 
 
@@ -58,9 +61,11 @@ class Stop:
 
     Attributes:
         trajectory: From the instant, which is its time 0, to rest.
-        how: "path"; "end" where only the whole rest of the motion keeps jerk limits; or "joints".
-        exceeded: Limits that joints by themselves would not keep: "position", "velocity", "acceleration",
-            "jerk", "torque", "balance"; empty for stops along the path.
+        how: "path"; "end", the whole rest of the motion, where no slow-down along it keeps jerk limits; or
+            "joints".
+        exceeded: Limits that the stop does not keep: "position", "velocity", "acceleration", "jerk" (also
+            where accelerations jump), "torque", "balance".  Empty for stops along the path, but for those of
+            a motion that does not keep jerk limits itself, where no slow-down does.
         clearance: Least distance between bodies at every millisecond [m], at most 0 in contact; None without
             a scene.
     """
@@ -112,7 +117,11 @@ def stop_within(
     pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits, how: str = "path"
 ) -> Stop:
     """Return the hardest stop from an instant [s] within limits, without its clearance; see `stop`."""
-    if np.abs(trajectory(at).velocity).max() <= _AT_REST:
+    state = trajectory(at)
+    inside = limits.jerk is not None and 0.0 < at < trajectory.duration
+    if np.abs(state.velocity).max() <= _AT_REST and not (
+        inside and np.abs(state.acceleration).max() > _AT_REST
+    ):
         found = Stop(_resting(trajectory, at), how)
     elif how == "joints":
         found = _of_joints(pepper, trajectory, at, limits)
@@ -296,6 +305,8 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
     ):
         if low is not None and high is not None and not _within(motion, order, low, high):
             found.append(name)
+    if limits.jerk is not None and "jerk" not in found and _jumps(motion):
+        found.append("jerk")
     return (*found, *exceeded_effects(pepper, motion, limits))
 
 
@@ -378,27 +389,93 @@ def _with_jerk(
 ) -> Stop:
     """Return a stop along the path that keeps jerk limits too.
 
-    The motion's time is run as s(t) = at + T (r - r^3 + r^4 / 2), r = t / T, whose speed 1 - 3 r^2 + 2 r^3
-    begins and ends evenly, for the least T tried that keeps all limits; between nodes 2 ms apart it is the
-    quintic.  Limits of jerk are not convex in this way, so that there may be none: then the rest of the
-    motion itself is the stop.
+    The path is that of the motion, q(l) with the length l = integral of |dq/dt|, along which q' and q" go on
+    evenly where accelerations jump along the path.  It is run with the speed
+
+        dl/dt = v (1 - 3 r^2 + 2 r^3) + a T (r - 2 r^2 + r^3),   r = t / T,
+
+    that begins with the motion's speed v and its change a and ends evenly, for the least T tried that keeps
+    all limits; between nodes 2 ms apart it is the quintic.  Limits of jerk are not convex in this way, so
+    there may be none: then the rest of the motion itself is the stop, with the limits that it exceeds.
     """
-    left, duration = trajectory.duration - at, 1.2 * shortest
-    for _ in range(_TRIALS):
-        if duration / 2 >= left:
+    left = trajectory.between(at, trajectory.duration)
+    clock = _Length(left)
+    start = trajectory(at)
+    v = float(np.linalg.norm(start.velocity))
+    a = float(start.velocity @ start.acceleration) / v if v > 0.0 else 0.0
+    duration = 1.2 * shortest
+    for _ in range(_TRIALS if v > 0.0 else 0):
+        if a < 0.0:
+            duration = min(duration, -3.0 * v / a)  # longer ones would go back
+        r = np.linspace(0.0, 1.0, math.ceil(duration / _NODES) + 1)
+        way = duration * (v * (r - r**3 + r**4 / 2) + a * duration * (r**2 / 2 - 2 * r**3 / 3 + r**4 / 4))
+        if way[-1] >= clock.length[-1]:
             break
-        r = np.linspace(0.0, 1.0, math.ceil(duration / 0.002) + 1)[:, None]
-        speed, change = 1 - 3 * r**2 + 2 * r**3, (-6 * r + 6 * r**2) / duration
-        path = trajectory((at + duration * (r - r**3 + r**4 / 2)).ravel())
-        velocity = path.velocity * speed
-        acceleration = path.acceleration * speed**2 + path.velocity * change
-        times = duration * r.ravel()
-        pieces = quintic_hermite(np.diff(times), path.position, velocity, acceleration)
-        motion = like(trajectory, times, pieces)
+        rate = v * (1 - 3 * r**2 + 2 * r**3) + a * duration * (r - 2 * r**2 + r**3)
+        change = v * (6 * r**2 - 6 * r) / duration + a * (1 - 4 * r + 3 * r**2)
+        path = left(clock.times_of(way))
+        size = np.linalg.norm(path.velocity, axis=1, keepdims=True)
+        if size.min() <= _AT_REST:
+            break
+        along = path.velocity / size
+        bend = path.acceleration - along * (along * path.acceleration).sum(axis=1, keepdims=True)
+        velocity, acceleration = (
+            rate[:, None] * along,
+            change[:, None] * along + (rate[:, None] / size) ** 2 * bend,
+        )
+        nodes = duration * r
+        pieces = quintic_hermite(np.diff(nodes), path.position, velocity, acceleration)
+        motion = like(trajectory, nodes, pieces)
         if not _exceeded(pepper, motion, limits):
             return Stop(motion, "path")
         duration *= _LONGER
-    return Stop(trajectory.between(at, trajectory.duration), "end")
+    return Stop(left, "end", _exceeded(pepper, left, limits))
+
+
+class _Length:
+    """Length of a motion's path, l(t) = integral of |dq/dt|, by Simpson's rule between its knots.
+
+    Attributes:
+        times: Times, the knots among them [s], shape (T,).
+        length: l there, shape (T,).
+    """
+
+    def __init__(self, motion: Trajectory) -> None:
+        step = max(min(_NODES, motion.duration / 64), TIME_TOLERANCE)
+        every = np.unique(np.concatenate([sample_times(motion.duration, step), motion.breaks]))
+        self._motion, self.times = motion, every[np.append(True, np.diff(every) > TIME_TOLERANCE)]
+        at = self._speed(self.times)
+        self.length = np.append(
+            0.0, np.cumsum(self._added(self.times[:-1], np.diff(self.times), at[:-1], at[1:]))
+        )
+
+    def _speed(self, times: Array) -> Array:
+        speed: Array = np.linalg.norm(self._motion(times).velocity, axis=1)
+        return speed
+
+    def _added(self, start: Array, step: Array, first: Array, last: Array) -> Array:
+        """Return the lengths of steps [s] from times [s] with speeds at both ends, shape (T,) each."""
+        return step / 6 * (first + 4 * self._speed(start + step / 2) + last)
+
+    def times_of(self, lengths: Array) -> Array:
+        """Return the times [s] of lengths, shape (T,), by Newton's method."""
+        low = np.clip(np.searchsorted(self.length, lengths, side="right") - 1, 0, self.times.size - 2)
+        start, found = self.times[low], np.interp(lengths, self.length, self.times)
+        first = self._speed(start)
+        for _ in range(_NEWTON_STEPS):
+            speed = self._speed(found)
+            over = self.length[low] + self._added(start, found - start, first, speed) - lengths
+            found = np.clip(found - over / np.maximum(speed, _AT_REST), start, self.times[low + 1])
+        return found
+
+
+def _jumps(motion: Trajectory) -> bool:
+    """Return whether accelerations jump at a knot."""
+    pieces, steps = motion.coefficients, np.diff(motion.breaks)
+    each = np.arange(steps.size - 1)
+    before = derivatives_on_segments(pieces, each, steps[:-1], 3)[2]
+    after = derivatives_on_segments(pieces, each + 1, 0.0 * steps[1:], 3)[2]
+    return bool(np.abs(after - before).max(initial=0.0) > JUMP_TOLERANCE)
 
 
 def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene, begin: float) -> float:

@@ -183,3 +183,20 @@ def test_recordings_that_tell_nothing_are_refused(pepper, excitation, actuators)
     still = replace(run, position=np.tile(run.position[0], (len(run), 1)))
     with pytest.raises(InvalidValueError, match="LShoulderPitch does not move"):
         estimate_stiffness(pepper, still, "left_arm")
+
+
+@pytest.mark.parametrize(
+    "joints", [None, "left_arm", ("HipRoll", "KneePitch", "LShoulderPitch", "LElbowRoll")]
+)
+def test_a_payload_is_found_whichever_joints_are_used(pepper, whole_excitation, joints):
+    actuators = actuator_parameters(pepper, "motor").changed(latency=0.0)
+    run = recorded(pepper, whole_excitation, actuators, payload={"left": 0.3})
+    found = estimate_payload(pepper, run, "left", joints)
+    assert found.values[0] == pytest.approx(0.3, abs=0.02)
+    low, high = found.intervals[0]
+    assert abs(0.3 - (low + high) / 2) < 1.5 * (high - low) / 2
+
+
+@pytest.fixture(scope="module")
+def whole_excitation(pepper):
+    return excitation_motion(pepper, draws=40, seed=5)

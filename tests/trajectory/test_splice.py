@@ -333,3 +333,27 @@ def test_a_motion_too_fast_for_its_jerk_limits_is_not_led_beyond_its_velocity(pe
         except InfeasibleError:
             continue
         assert splice.trajectory.check(pepper, collisions=False).velocity.success
+
+
+def test_motions_at_their_acceleration_limits_get_new_goals_with_jerk_limits(pepper):
+    """Accelerations go on evenly from the instant on, whatever way is taken; no goal in order is refused."""
+    rng, low, high, ways = (
+        np.random.default_rng(8),
+        0.7 * pepper.lower_limits,
+        0.7 * pepper.upper_limits,
+        set(),
+    )
+    for _ in range(12):
+        start, away, goal = rng.uniform(low, high, (3, pepper.n))
+        motion = pk.retime(pepper, [start, away], torque=False)
+        for at in np.array([0.2, 0.5, 0.8]) * motion.duration:
+            try:
+                splice = motion.replaced(pepper, at, goal, jerk="brisk", torque=False)
+            except InfeasibleError:
+                continue
+            after = splice.trajectory.between(at, splice.trajectory.duration)
+            found = after.check(pepper, collisions=False, balance=None, jerk="brisk")
+            assert found.acceleration_continuity.success, found.report()
+            assert found.jerk.success, found.report()
+            ways.add(splice.how)
+    assert "straight" in ways

@@ -218,3 +218,21 @@ def test_the_clearance_of_a_stop_is_that_to_where_obstacles_are_then(pepper):
     assert found.clearance < motion.stop(pepper, at, scene=pk.Scene()).clearance
     with pytest.raises(InvalidValueError, match="'ball' moving"):
         motion.replaced(pepper, at, motion.start, scene=ball)
+
+
+def test_jerk_limited_stops_of_motions_without_jerk_limits_are_smooth_or_say_so(pepper):
+    """The certificate decides; what is said to be kept is kept, and begins with the motion's acceleration."""
+    how = {"path": 0, "end": 0}
+    for motion in motions(pepper, 6):
+        for at in np.array([0.1, 0.3, 0.5, 0.9]) * motion.duration:
+            stop = motion.stop(pepper, at, jerk="brisk", torque=False)
+            found = stop.trajectory.check(pepper, collisions=False, balance=None, jerk="brisk")
+            jumps = bool({"jerk", "acceleration_continuity"} & set(found.failures))
+            assert jumps == ("jerk" in stop.exceeded)
+            begins = stop.trajectory(0.0).acceleration - motion(at).acceleration
+            assert np.abs(begins).max() < 1e-6 * max(1.0, np.abs(motion(at).acceleration).max())
+            if stop.how == "path":
+                assert not stop.exceeded
+                assert distance_to_way(motion, stop.trajectory.sample(0.005).position) < 1e-3
+            how[stop.how] += 1
+    assert how["path"] >= 4

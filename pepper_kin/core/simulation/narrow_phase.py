@@ -512,6 +512,26 @@ def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
 
 
 @compiled(lean=True)
+def _across(u: Floats1, w: Floats1, normal: Floats1) -> None:
+    """Write a unit vector perpendicular to two vectors, shape (3,) each, which may be parallel or zero."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        normal[i] = u[j] * w[k] - u[k] * w[j]
+    size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if size <= 1e-12:
+        line = u if abs(u[0]) + abs(u[1]) + abs(u[2]) > abs(w[0]) + abs(w[1]) + abs(w[2]) else w
+        x, y, z = abs(line[0]), abs(line[1]), abs(line[2])
+        least = 0 if x <= y and x <= z else 1 if y <= z else 2
+        j, k = (least + 1) % 3, (least + 2) % 3
+        normal[least], normal[j], normal[k] = 0.0, line[k], -line[j]
+        size = math.sqrt(normal[j] ** 2 + normal[k] ** 2)
+    if size <= 1e-12:
+        normal[0], normal[1], normal[2], size = 0.0, 0.0, 1.0, 1.0
+    for i in range(3):
+        normal[i] /= size
+
+
+@compiled(lean=True)
 def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
     """Write the contact, shape (>= 1, 7), of two balls or capsules, where their segments are nearest."""
     size, other_size = solid.size, other.size
@@ -541,8 +561,11 @@ def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
     gap = length - size[0] - other_size[0]
     if gap > margin:
         return 0
+    if length <= 1e-12:  # the segments meet: any way across both parts the two
+        _across(u, w, normal)
+        length = 1.0
     for i in range(3):
-        normal[i] = normal[i] / length if length > 1e-12 else (1.0 if i == 2 else 0.0)
+        normal[i] = normal[i] / length
         apart[i] = other.position[i] + t * w[i] + other_size[0] * normal[i]
     _write_contact(rows[0], (apart[0], apart[1], apart[2]), (normal[0], normal[1], normal[2]), gap)
     return 1

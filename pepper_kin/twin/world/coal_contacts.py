@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pepper_kin.collision.round_pairs import is_round, witness
 from pepper_kin.core.simulation.narrow_phase import FREE, MARGIN, ContactPoints
 from pepper_kin.twin.world.colliders import Colliders
 
@@ -43,6 +44,10 @@ class CoalContacts:
         distance = self._coal.distance(
             shapes[0], self._place[0], shapes[1], self._place[1], self._request, result
         )
+        if distance < 0.0 and is_round(shapes[0]) and is_round(shapes[1]):
+            first_pose, second_pose = ((table.rotation[k], table.position[k]) for k in (i, j))
+            result = witness(shapes, (first_pose, second_pose), result)
+            distance = result.min_distance
         gap = distance - pads[i] - pads[j]
         if not gap <= MARGIN + h * (table.speed[i] + table.speed[j]):
             return 0

@@ -1,0 +1,60 @@
+"""Clearance between the states that are examined: coal at a hundredth of a millisecond is the reference."""
+
+import numpy as np
+import pytest
+
+import pepper_kin as pk
+
+
+@pytest.fixture(scope="module")
+def swing(pepper):
+    """Return a fast swing of the left arm."""
+    pose = {"LElbowRoll": -0.02, "LShoulderRoll": 0.6}
+    ends = [pepper.joint_vector({**pose, "LShoulderPitch": angle}) for angle in (1.0, -1.0)]
+    return pk.retime(pepper, ends)
+
+
+def thin_plate(pepper, motion, at, gap=0.0):
+    """Return a scene with a plate of 0.5 mm, held across its way, and a bead that it meets at a time [s].
+
+    Args:
+        pepper: The robot.
+        motion: How it moves.
+        at: When the middle of the plate is where the bead is [s].
+        gap: The bead stands so far beside the plate's edge instead [m].
+    """
+    held = np.eye(4)
+    held[0, 3] = 0.2
+    before, now = (
+        pk.kinematics.frame_pose(pepper, motion([t]).position[0], "LArm_effector") @ held
+        for t in (at - 1e-4, at)
+    )
+    way = now[:3, :3].T @ (now - before)[:3, 3]
+    turn = np.linalg.svd((way / np.linalg.norm(way))[None])[2][::-1].T
+    held[:3, :3] = turn if np.linalg.det(turn) > 0 else turn * [-1.0, 1.0, 1.0]
+    place = now[:3, 3] + (0.0 if gap == 0.0 else 0.05 + 0.0001 + gap) * now[:3, :3] @ held[:3, 0]
+    scene = pk.Scene().add_sphere("bead", 0.0001, place).add_box("plate", (0.1, 0.1, 0.0005), (0.0, 0.0, 3.0))
+    return scene.attach("plate", "LArm_effector", held)
+
+
+@pytest.mark.parametrize("share", np.linspace(0.02, 0.98, 7))
+def test_what_touches_between_two_milliseconds_is_not_certified(pepper, swing, share):
+    at = (round(1000 * swing.duration / 2) + share) / 1000
+    scene = thin_plate(pepper, swing, at)
+    times = at + np.arange(-60, 61) * 1e-5
+    assert pk.collision.in_collision(pepper, swing(times).position, scene).any()
+    found = swing.check(pepper, scene).clearance
+    assert not found.success
+    assert "VIOLATED" in found.sentence()
+
+
+def test_what_keeps_a_millimeter_is_certified_with_a_bound_that_holds(pepper, swing):
+    for at in np.linspace(0.4, 0.6, 4) * swing.duration:
+        scene = thin_plate(pepper, swing, at, gap=0.0012)
+        times = at + np.arange(-400, 401) * 1e-5
+        least = pk.collision.least_clearance(pepper, swing(times).position, scene).distance
+        assert 0.0 < least < 0.0025
+        found = swing.check(pepper, scene).clearance
+        assert found.success, found.sentence()
+        assert 0.0 < found.margin <= least + 2e-6
+        assert found.margin == pytest.approx(found.value - found.resolution)
