@@ -160,8 +160,8 @@ class CollisionChecker:
             if distance <= reach and distance < nearest.get(names, (np.inf, 0))[0]:
                 nearest[names] = (distance, int(index))
         found = []
-        for distance, index in sorted(nearest.values()):
-            names, points, normal, links = self._witness(index)
+        for distance, pair in sorted(nearest.values()):
+            names, points, normal, links = self._witness(pair)
             found.append(Contact(names, distance, points, normal, links))
         tables = [table for table in self._ranges if table.violated(state)]
         found += [Contact(table.links, None, None, None, table.links) for table in tables]

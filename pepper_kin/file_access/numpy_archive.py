@@ -45,7 +45,8 @@ def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict
             if expected is not None and names != sorted(expected):
                 listed = shortened(", ".join(names))
                 raise FileFormatError(path, f"holds {listed}, expected {', '.join(sorted(expected))}")
-            size = sum(member.file_size for member in archive.zip.infolist())
+            assert archive.zip is not None
+            size = sum(int(member.file_size) for member in archive.zip.infolist())
             if size > MOST_BYTES:
                 raise FileFormatError(path, f"holds {size} bytes of arrays, at most {MOST_BYTES} are read")
             arrays = {name: archive[name] for name in names}

@@ -182,8 +182,8 @@ class _TwinBody:
         rows = zip(way.tolist(), self._speed.tolist(), *(x.tolist() for x in limits), strict=True)
         h = self._twin.timestep
         duration = np.maximum([time_to_target(*row) for row in rows], h)
-        run = self._speed * duration
-        square, cube = (3.0 * way - 2.0 * run) / duration**2, (run - 2.0 * way) / duration**3
+        coast = self._speed * duration
+        square, cube = (3.0 * way - 2.0 * coast) / duration**2, (coast - 2.0 * way) / duration**3
         if commands == "linear":
             duration, self._speed = np.full_like(way, PERIOD), way / PERIOD
             square = cube = np.zeros_like(way)

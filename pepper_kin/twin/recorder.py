@@ -226,7 +226,7 @@ def _joined(parts: list[Run], timestep: float) -> Run:
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([0.0, *(part.duration for part in parts)])
-    stacked = {
+    stacked: dict[str, Any] = {
         name: np.concatenate([getattr(p, name)[min(k, 1) :] for k, p in enumerate(parts)]) for name in SERIES
     }
     time = timestep * np.arange(len(stacked["position"]), dtype=float)

@@ -140,7 +140,7 @@ class FastChecker:
             set_margins(memory, self.exact.margin, float(margins[start]), RANGE_RADIUS)
             check_many(memory, flat, found, start, stop)
         self._prepared.named(memory, self._prepared.margins)
-        for k in np.flatnonzero(found == TIE):
+        for k in np.flatnonzero(found == TIE).tolist():
             exact = self.exact.with_margins(self.exact.margin, float(margins[k]))
             found[k] = exact.in_collision(flat[k])
         return found != 0

@@ -96,7 +96,7 @@ class Intrinsics:
         Returns:
             Points, shape (height, width, 3).
         """
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        u, v = np.meshgrid(np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64))
         image_x, image_y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
         x, y = image_x, image_y
         for _ in range(30 if lens else 0):
