@@ -64,8 +64,8 @@ def load_robot(
 
     Warns:
         ModelWarning: naming what the SRDF speaks of and the robot lacks, which is left out, and values of its
-            states that the robot's postures do not have: beyond limits, several for one joint, of followers; and each
-            limit of a joint that is narrowed by those of joints that follow it.
+            states that the robot's postures do not have: beyond limits, several for one joint, of followers;
+            and each limit of a joint that is narrowed by those of joints that follow it.
     """
     with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
