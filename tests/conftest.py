@@ -14,6 +14,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -162,19 +163,25 @@ def fuzz_results(terminalreporter: Any, outcome: str) -> Iterator[dict[str, Any]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep bytecode even where the environment says otherwise: assertions take long to rewrite."""
+    """Keep bytecode even where the environment says otherwise, and machine code apart from the user's.
+
+    Assertions take long to rewrite.  All processes share a folder of machine code that is kept from run to
+    run, from before modules of tests are imported: some compute then.  Files are named by a hash of all that
+    their code depends on, so a stale one is never read; `--cache-clear` empties the folder.
+    """
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    kept = getattr(config, "cache", None)
+    folder = Path(tempfile.mkdtemp(prefix="kernels-") if kept is None else kept.mkdir("kernels"))
+    if not hasattr(config, "workerinput"):
+        copy_code(cache_folder(), folder)
+    os.environ["PEPPER_KIN_CACHE"] = str(folder)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Make the compiled functions that are missing, once for all processes, on all cores."""
     config = session.config
-    folder = code_folder(config)
-    if folder is None or hasattr(config, "workerinput") or config.option.collectonly:
-        return
-    copy_code(cache_folder(), folder)
-    with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
+    if not hasattr(config, "workerinput") and not config.option.collectonly:
         missing = [name for name in compiled_modules() if not is_known(key_of(name))]
         if missing:
             print(f"making machine code: {len(missing)} parts", flush=True)
@@ -185,12 +192,6 @@ def key_of(name: str) -> str:
     """Return the key of the machine code of a module."""
     importlib.import_module(name)
     return unit_of(name).key()
-
-
-def code_folder(config: pytest.Config) -> Path | None:
-    """Return the folder of machine code that is kept from run to run; None where pytest keeps nothing."""
-    kept = getattr(config, "cache", None)
-    return None if kept is None else Path(kept.mkdir("kernels"))
 
 
 def copy_code(source: Path, folder: Path, names: Iterable[str] | None = None) -> Path:
@@ -219,16 +220,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         item.add_marker(pytest.mark.timeout(0))
 
 
-@pytest.fixture(scope="session", autouse=True)
-def kernel_cache(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A cache of kernels apart from the user's, shared by all processes and kept from run to run.
-
-    Files are named by a hash of all that their code depends on, so a stale one is never read; `--cache-clear`
-    empties the folder.  Tests of what a first use does have an empty folder of their own.
-    """
-    folder = code_folder(request.config) or tmp_path_factory.mktemp("kernels")
-    with mock.patch.dict(os.environ, {"PEPPER_KIN_CACHE": str(folder)}):
-        yield folder
+@pytest.fixture(scope="session")
+def kernel_cache() -> Path:
+    """The folder of machine code; tests of what a first use does have an empty one of their own."""
+    return Path(os.environ["PEPPER_KIN_CACHE"])
 
 
 @pytest.fixture(scope="session")
