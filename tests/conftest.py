@@ -256,7 +256,7 @@ def small_process() -> Iterator[None]:
     if memory_of_this_process() > forget_from[0]:
         for thing in gc.get_objects():
             if issubclass(type(thing), pk.PepperModel):  # `isinstance` would ask proxies of what is gone
-                thing.kept.clear()
+                vars(thing).get("kept", {}).clear()  # one whose construction failed has none
         gc.collect()
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:

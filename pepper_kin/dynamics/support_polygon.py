@@ -6,13 +6,10 @@ import numpy as np
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.model.kinematic_tree import placed_joints
 from pepper_kin.model.requirements import ROBOT, WHEELS, Balance, checked_distance
-from pepper_kin.model.wheels import BASE_JOINTS
-
-pinocchio = lazy_module("pinocchio")
 
 
 @kept_for_robot(most=32)
@@ -23,11 +20,13 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     """
     if not set(WHEELS) <= set(pepper.frame_names):
         return None
-    q, model, data = pepper.neutral(), pepper.inner_model, pepper.pinocchio_data
-    for joint in set(BASE_JOINTS) & set(pepper.joint_names):
-        q[pepper.joint_index(joint)] = 0.0
-    pinocchio.framesForwardKinematics(model, data, pepper.to_full(q))
-    return read_only([data.oMf[pepper.frame_id(wheel)].translation[:2] for wheel in WHEELS])
+    placed, centers = placed_joints(pepper.document), []
+    for wheel in WHEELS:
+        link, center = wheel, np.array([0.0, 0.0, 0.0, 1.0])
+        while link in placed:  # no joint that moves a wheel's center is between the base and the wheel
+            center, link = placed[link].transform_child_to_parent @ center, placed[link].joint.parent
+        centers.append(center[:2])
+    return read_only(centers)
 
 
 def checked_balance(pepper: PepperModel, balance: Balance, *, if_wheeled: bool = False) -> float | None:

@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.oracle import Oracle
 from pepper_kin.learning.policy import Floats, Policy
-from pepper_kin.learning.vector_env import PepperVectorEnv
+from pepper_kin.learning.vector_env import PepperVectorEnv, ended_values
 from pepper_kin.model.joint_vectors import check_seed, check_whole
 
 _KEPT = 12  # rounds that are learned from
@@ -85,7 +85,7 @@ def imitate(
             moves = right if student is None else np.where(acts, student.layers(observations)[-1], right)
             observations, _, terminated, truncated, infos = env.step(moves)
             ended = (terminated | truncated) & ~over
-            reached, over = reached | (ended & infos["is_success"]), over | ended
+            reached, over = reached | (ended_values(infos, "is_success", ended) > 0), over | ended
         if student is None:
             sizes = (observations.shape[1], *(check_whole("size of a layer", size) for size in hidden))
             student = _Student((*sizes, right.shape[1]), np.concatenate(seen), rng)

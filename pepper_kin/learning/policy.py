@@ -15,7 +15,7 @@ from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
 from pepper_kin.file_access.numpy_archive import read_arrays
-from pepper_kin.learning.vector_env import PepperVectorEnv
+from pepper_kin.learning.vector_env import PepperVectorEnv, ended_values
 from pepper_kin.model.joint_vectors import as_finite
 
 Floats = NDArray[np.float32]
@@ -159,6 +159,7 @@ def success_rate(env: PepperVectorEnv, policy: Callable[[Any], ArrayLike], *, se
     done, reached = np.zeros(env.num_envs, bool), np.zeros(env.num_envs, bool)
     while not done.all():
         observations, _, terminated, truncated, infos = env.step(policy(observations))
-        reached |= infos["is_success"] & (terminated | truncated) & ~done
-        done |= terminated | truncated
+        ended = (terminated | truncated) & ~done
+        reached |= ended_values(infos, "is_success", ended) > 0
+        done |= ended
     return float(reached.mean())

@@ -276,6 +276,18 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         return gymnasium.spaces.Dict(parts)
 
 
+def ended_values(infos: Mapping[str, Any], name: str, ended: np.ndarray) -> np.ndarray:
+    """Return a value of a step's infos for the robots whose episode has ended with it, else zero.
+
+    Args:
+        infos: Infos of `PepperVectorEnv.step`, in any mode of beginning again.
+        name: Name of the value, such as "is_success".
+        ended: Which robots' episodes have ended, shape (N,).
+    """
+    last = infos.get("final_info", infos)
+    return np.where(ended, last[name], 0) if name in last else np.zeros(len(ended))
+
+
 def _infos(made: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, Any]:
     """Return what some robots' steps have made, as Gymnasium's vector environments lay it out.
 

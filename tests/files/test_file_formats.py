@@ -331,7 +331,8 @@ def test_yaml_of_others_may_lack_accelerations(tmp_path):
 def test_mcap_without_its_package_says_how_to_install_it(tmp_path, monkeypatch):
     for name in ("mcap", "mcap.writer", "mcap.reader"):
         monkeypatch.setitem(sys.modules, name, None)
-    for act in (lambda: save(short(), tmp_path / "a.mcap"), lambda: load(tmp_path / "a.mcap")):
+    (tmp_path / "b.mcap").write_bytes(b"")
+    for act in (lambda: save(short(), tmp_path / "a.mcap"), lambda: load(tmp_path / "b.mcap")):
         with pytest.raises(pk.exceptions.MissingDependencyError, match=r"pip install \"pepper_kin\[mcap\]\""):
             act()
 

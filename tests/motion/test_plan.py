@@ -237,8 +237,7 @@ def test_angles_beyond_what_is_examined_are_refused_by_joint():
     turning = pk.load_pepper().with_limits(lower={"HeadYaw": -np.inf}, upper={"HeadYaw": np.inf})
     near, far = turning.posture("Stand"), turning.joint_vector({"HeadYaw": 20.0}, rest="Stand")
     expected = "HeadYaw = 20 rad, expected -16 to 16 rad, less by full turns"
-    with pytest.raises(InvalidValueError, match=f"goal: got {expected}"):
-        pk.plan(turning, near, far)
+    assert pk.plan(turning, near, far).success  # a goal is taken within half a turn
     with pytest.raises(InvalidValueError, match=f"start: got {expected}"):
         pk.plan(turning, far, near)
     assert pk.plan(turning, near, turning.joint_vector({"HeadYaw": 15.0}, rest="Stand")).success

@@ -120,7 +120,8 @@ def test_a_joint_at_rest_may_have_a_limit_of_zero(pepper, points, quantity, opti
     robot = with_limit_of_zero(pepper, "RWristYaw", quantity)
     motion = pk.retime(robot, points, **options)
     expected = pk.retime(pepper, points, **options)
-    assert motion.duration == pytest.approx(expected.duration, rel=1e-6)
+    # The search with limited jerk ends within some thousandths of the shortest duration.
+    assert motion.duration == pytest.approx(expected.duration, rel=2e-3 if "jerk" in options else 1e-6)
     found = motion.check(robot, jerk=options.get("jerk"), collisions=False)
     assert found.success, found.report()
     assert motion.active_limits(robot).share.max() == pytest.approx(

@@ -174,7 +174,12 @@ def test_other_engines_read_the_same_robot(amount, rng, tried, folder):
         made = odd_robot(rng, folder)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
-            pepper = pk.load_robot(made.text)
+            try:
+                pepper = pk.load_robot(made.text)
+            except pk.exceptions.ModelError as error:
+                if " follows " not in str(error):
+                    raise
+                continue  # limits of a leader and of its follower exclude each other
         for format, differences in READERS.items():
             asked += 1
             text = exported(made, pepper, format)
