@@ -51,13 +51,16 @@ class Copy:
     def __init__(self, folder: Path) -> None:
         self.folder, self.programs, self.tests = folder, list[str](), dict[str, list[str]]()
         self.written: set[str] = set()
-        for name in ("pepper_kin", "planners", "urdf", "tests", "docs", "examples", "benchmarks"):
+        folders = "pepper_kin planners urdf tests docs examples benchmarks findings .github"
+        for name in folders.split():
             without = shutil.ignore_patterns("__pycache__", "results")
             shutil.copytree(ROOT / name, folder / name, ignore=without, copy_function=os.symlink)
         for name in ("planners", "urdf"):  # as they are installed
             (folder / "pepper_kin" / name).symlink_to(folder / name)
-        for name in ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        for name in ("pyproject.toml", "mkdocs.yml", "CITATION.cff", "LICENSE"):
             shutil.copy(ROOT / name, folder)
+        for path in ROOT.glob("*.md"):
+            shutil.copy(path, folder)
 
     def follow(self, title: str, first: int = 1, last: int = 9, without: str = "") -> None:
         """Do what the steps of a recipe say: a block belongs to the last file named in front of it.
