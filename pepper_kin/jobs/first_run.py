@@ -46,8 +46,9 @@ def run_interpreted(arguments: Sequence[str], module: str, tell: Callable[[str],
         )
     finally:
         build.end()
+    ratio = build.progress.ratio
     tell(
-        f"{100.0 * build.progress.ratio:.0f} % of the machine code was made meanwhile. The next program makes"
-        " what it needs, once; `pepper-kin warm-up` makes all of it."
+        (f"{100.0 * ratio:.0f} % of the machine code was made meanwhile. " if ratio > 0.0 else "")
+        + "The next program makes the machine code that it needs, once; `pepper-kin warm-up` makes all of it."
     )
     return done.returncode

@@ -34,7 +34,7 @@ def test_a_demo_without_machine_code_is_interpreted_with_the_same_numbers(run, t
     )  # fmt: skip
     assert first.returncode == 0, first.stderr
     assert "Python's interpreter computes this" in first.stderr
-    assert "of the machine code was made meanwhile" in first.stderr
+    assert "The next program makes the machine code that it needs" in first.stderr
     assert run("demo", "-o", "second", cwd=tmp_path).returncode == 0
     interpreted, compiled = (
         json.loads((tmp_path / name / "summary.json").read_text()) for name in ("first", "second")
