@@ -42,7 +42,9 @@ def run_interpreted(arguments: Sequence[str], module: str, tell: Callable[[str],
     build = Build(missing, nice=True)
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _PROGRAM, *arguments], env={**os.environ, INTERPRETER: "1"}, check=False
+            [sys.executable, "-P", "-c", _PROGRAM, *arguments],
+            env={**os.environ, INTERPRETER: "1"},
+            check=False,
         )
     finally:
         build.end()

@@ -42,7 +42,7 @@ class Build:
         options = ["--only"] * only + ["--nice"] * nice + (["--wheel", wheel] if wheel else [])
         self.progress = Progress(0.0, None)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "pepper_kin.kernels.parallel_build", *options, *modules],
+            [sys.executable, "-P", "-m", "pepper_kin.kernels.parallel_build", *options, *modules],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
