@@ -112,6 +112,7 @@ class McapStorage:
             len(summary.chunk_indexes) == chunks
             and len(summary.channels) == counted.channel_count
             and len(summary.schemas) == counted.schema_count
+            and {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
         )
         return summary if complete else None
 

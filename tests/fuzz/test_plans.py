@@ -2,8 +2,8 @@
 
 Five robots among random objects.  Of a plan: its ends are start and a goal; its curve, evaluated here every
 hundredth of a radian, touches nothing, keeps the limits of joints, and can be held against gravity with what
-is carried, and inside of the wheels' triangle where that is asked for; `retime` takes it with the same
-balance and payload.  Of a failure: what its status says is so.
+is carried, and inside of the wheels' triangle where that is kept, as Pepper does by itself; `retime` takes
+it with the same balance, torque and payload.  Of a failure: what its status says is so.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from pepper_kin.motion import PlanStatus
 APART = 0.01
 """Greatest change of a joint between states of a curve that are examined [rad or m]."""
 SHARE = 0.95
-"""Share of a joint's effort that ends of a path may take, as the docs say."""
+"""Share of the effort that motions may use which ends of a path may take, as the docs say."""
+PEPPERS = (0.01, 0.9)
+"""Balance [m] and share of the effort that motions of Pepper keep by themselves, as the docs say."""
 TO_MOVE = 0.004
 """What ends keep beyond `balance`, as messages say [m]."""
 OPEN = 0.025
@@ -36,6 +38,19 @@ class Case:
         self.robot = robot = world.robot_of(name)
         self.scene = world.random_scene(rng, robot, int(rng.integers(0, 8)), holding=rng.random() < 0.2)
         self.oracle = world.World(robot, self.scene)
+        self.options = {"margin": float(rng.choice([0.0, 0.01, 0.03])), "seed": int(rng.integers(100))}
+        self.payload: dict[str, float] = {}
+        self.balance, self.scale = PEPPERS if name.startswith("pepper") else (None, 1.0)
+        self.timing: dict[str, object] = {}
+        if name == "pepper" and rng.random() < 0.4:
+            self.balance = self.timing["balance"] = [None, 0.0, 0.02][rng.integers(3)]
+        if rng.random() < 0.3:
+            self.scale = self.timing["torque_scale"] = float(rng.choice([0.7, 1.0]))
+        if name == "pepper" and rng.random() < 0.4:
+            self.payload = {str(rng.choice(HANDS)): float(rng.uniform(0.05, 0.6))}
+            self.timing["payload"] = self.payload
+        self.options |= self.timing
+        self.heeds_balance = rng.random() < 0.8
         self.start, stays = self.sound(world.random_states(rng, robot, 30)), rng.random(robot.model.n) < 0.3
         if name.startswith("pepper") and rng.random() < 0.3:
             self.start = robot.model.posture("Stand")
@@ -46,22 +61,20 @@ class Case:
             drawn[:, stays] = self.start[stays]
             goals.append(self.sound(drawn))
         self.goals = np.array(goals)
-        self.options = {"margin": float(rng.choice([0.0, 0.01, 0.03])), "seed": int(rng.integers(100))}
-        self.payload: dict[str, float] = {}
-        if name == "pepper" and rng.random() < 0.3:
-            self.options["balance"] = float(rng.choice([0.0, 0.02]))
-        if name == "pepper" and rng.random() < 0.4:
-            self.payload = {str(rng.choice(HANDS)): float(rng.uniform(0.05, 0.6))}
-            self.options["payload"] = self.payload
 
     def sound(self, states: np.ndarray) -> np.ndarray:
-        """Return the first of some states that touches nothing, or the first of all."""
-        return next((q for q in states if self.oracle.verdict(q) is False), states[0])
+        """Return the first of some states that touches nothing and mostly stands, or the first of all."""
+        open_ones = (q for q in states if self.stands(q) or not self.heeds_balance)
+        return next((q for q in open_ones if self.oracle.verdict(q) is False), states[0])
+
+    def stands(self, q: np.ndarray, room: float = TO_MOVE) -> bool:
+        """Return whether the robot keeps the balance asked for, and some room [m], where any is."""
+        return self.balance is None or self.inside(q) >= self.balance + room
 
     def overload(self, q: np.ndarray) -> float:
-        """Return the greatest torque that holding still takes, as a share of the joint's effort."""
+        """Return the greatest torque that holding still takes, as a share of what motions may use."""
         torque = self.robot.holding_torque(q, self.payload)
-        return float((np.abs(torque) / self.robot.model.effort_limits).max())
+        return float((np.abs(torque) / self.robot.model.effort_limits).max() / self.scale)
 
     def inside(self, q: np.ndarray) -> float:
         """Return how far inside of the wheels' triangle the center of mass is, with what is carried [m]."""
@@ -89,8 +102,7 @@ class Case:
             case "TORQUE_LIMIT":
                 return ["it can be held"] if self.overload(q) < SHARE - 1e-6 else []
             case "TIPS_OVER":
-                least = self.options["balance"] + TO_MOVE - 1e-6
-                return ["it stands"] if self.inside(q) > least else []
+                return ["it stands"] if self.stands(q, TO_MOVE - 1e-6) else []
         return [f"nothing was asked that {status.name} answers"]
 
     def faults(self, plan: pk.Plan) -> list[str]:
@@ -112,8 +124,9 @@ class Case:
         count = int(np.ceil(np.abs(goal - self.start).max() / 0.05)) + 1
         for x in np.linspace(0.0, 1.0, count):
             q = self.start + x * (goal - self.start)
-            leans = "balance" in self.options and self.inside(q) < self.options["balance"] + 2 * TO_MOVE
-            if leans or self.overload(q) > SHARE - 0.05 or wide.verdict(q) is not False:
+            if not self.stands(q, 2 * TO_MOVE) or self.overload(q) > SHARE - 0.05:
+                return False
+            if wide.verdict(q) is not False:
                 return False
         return True
 
@@ -133,12 +146,11 @@ class Case:
                 found.append(f"it touches something at {q.tolist()}")
             if self.overload(q) > 1.0:
                 found.append(f"it cannot be held at {q.tolist()}")
-            if "balance" in self.options and self.inside(q) < self.options["balance"] - 1e-6:
+            if not self.stands(q, -1e-6):
                 found.append(f"it tips over at {q.tolist()}")
         if self.robot.name == "pepper" and plan.curve is not None:
-            timing = {name: self.options[name] for name in ("balance", "payload") if name in self.options}
             try:
-                pk.retime(self.robot.model, plan, **timing)
+                pk.retime(self.robot.model, plan, **self.timing)
             except pk.PepperKinError as error:
                 found.append(f"retime refuses it: {error}")
         return found
