@@ -22,7 +22,7 @@ from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
-from pepper_kin.model.requirements import Balance
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory
@@ -146,6 +146,7 @@ class LiveMotion:
             where they are compared as they come in it.
         tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
         torque: Whether torques are kept within their limits.
+        torque_scale: As in `retime`; "robot" for that of `pepper.requirements`.
         balance: As in `retime` [m]; "robot" for that of `pepper.requirements`; None to leave it out.
         budget: Time that a cycle may search for a plan [s]; None for a tenth of a cycle.
 
@@ -169,6 +170,7 @@ class LiveMotion:
         delay: float = 0.0,
         tolerance: float = 0.2,
         torque: bool = True,
+        torque_scale: TorqueScale = "robot",
         balance: Balance = "robot",
         budget: float | None = None,
     ) -> None:
@@ -183,8 +185,8 @@ class LiveMotion:
         self._delay = not_negative("delay", delay)
         self._tolerance = check_positive("tolerance", tolerance, "rad or m")
         budget = self._cycle / 10.0 if budget is None else check_positive("budget", budget, "s")
-        self._balance = balance
-        self._limits: dict[str, Any] = {"torque": torque, "balance": balance}
+        self._reserve: dict[str, Any] = {"torque_scale": torque_scale, "balance": balance}
+        self._limits: dict[str, Any] = {"torque": torque, **self._reserve}
         self._world, self._seen, self._ages = self._checked(scene), math.nan, False
         self._reach = motion_bounds(pepper)
         self._bounds = limits_of(pepper, motion_limits(pepper, **self._limits))
@@ -241,7 +243,7 @@ class LiveMotion:
         if not stretch < _SLOWEST:
             return None
         slow = way.scaled(stretch)
-        found = slow.check(self.pepper, collisions=False, balance=self._balance)
+        found = slow.check(self.pepper, collisions=False, **self._reserve)
         return None if set(found.failures) - set(self._unlimited) else slow
 
     def set_scene(self, scene: Scene | None, time: float) -> None:

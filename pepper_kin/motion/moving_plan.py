@@ -118,7 +118,8 @@ def plan_in_motion(
     free = np.union1d(free_joints(pepper, joints, request.start, goals), np.flatnonzero(velocity))
     ends = goals if len(goals) else request.start[None]
     kept, kept_self = request.checks.margins(request.start, ends, free, options.margin)
-    limits: dict[str, Any] = {"balance": options.balance, "payload": options.payload}
+    names = ("torque_scale", "balance", "payload")
+    limits: dict[str, Any] = {name: getattr(options, name) for name in names}
     least = options.least_margin
     plans: list[Plan] = []
     world = request.checks.exact.scene

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
-from pepper_kin.model.requirements import Balance
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.moving_plan import way_on
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import plan
@@ -29,6 +30,7 @@ def replan(
     scene: Scene | None = None,
     *,
     torque: bool = True,
+    torque_scale: TorqueScale = "robot",
     balance: Balance = "robot",
     margin: float = 0.01,
     seed: int = 0,
@@ -49,6 +51,7 @@ def replan(
         goal: Joint positions [rad or m], shape (n,).
         scene: The world around the robot, with what it holds; None for the robot alone.
         torque: Whether to keep within the effort limits.
+        torque_scale: As in `retime`.
         balance: As in `retime` [m].
         margin: Distance that the planned path keeps to all things [m], as in `plan`.
         seed: Seed of the search.
@@ -63,12 +66,12 @@ def replan(
     world = checked_world(scene)
     goal = np.array(as_joint_vector(pepper, goal, "goal"))
     check_within_limits(pepper, goal, "goal", 1e-9)
-    kept = checked_balance(pepper, balance)
-    moving = MovingStart(pepper, trajectory, at, world, torque, kept, jerk=jerk)
-    limits = {"torque": torque, "balance": kept, "jerk": jerk}
+    reserve: dict[str, Any] = {"torque_scale": torque_scale, "balance": balance}
+    limits = {"torque": torque, "jerk": jerk, **reserve}
+    moving = MovingStart(pepper, trajectory, at, world, **limits)
 
     def search(begin: Array) -> Plan:
-        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, balance=kept)
+        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, **reserve)
 
     found, way = way_on(moving, goal[None], search, **limits)
     if found is None and way is not None and not way.success:

@@ -29,7 +29,7 @@ class SlicedSearch:
         pepper: The robot, whose limits are kept.
         margin: As in `plan` [m].
         budget: Time of a slice [s].
-        limits: `torque` and `balance`, as in `retime`.
+        limits: `torque`, `torque_scale` and `balance`, as in `retime`.
     """
 
     def __init__(self, pepper: PepperModel, margin: float, budget: float, limits: dict[str, Any]) -> None:
@@ -75,6 +75,7 @@ class SlicedSearch:
         options = PlanOptions(
             margin=self._margin, seed=seed, timeout=min(MOST_SLICES * self._budget, LONGEST),
             joints=free if seed % 2 else None, balance=self._limits["balance"],
+            torque_scale=self._limits["torque_scale"],
         )  # fmt: skip
         try:
             request = plan_request(self._pepper, start, goal, scene, options, now=self._clock.now)

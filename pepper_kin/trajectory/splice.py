@@ -21,6 +21,7 @@ from pepper_kin.core.timing.steering import bridge, steer
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.jerk_steering import steer_with_jerk
 from pepper_kin.trajectory.limits import JerkLike, jerk_limits, motion_limits
 from pepper_kin.trajectory.path import CubicPath
@@ -77,11 +78,14 @@ def replaced(
     *,
     scene: Scene | None = None,
     torque: bool = True,
-    balance: float | None = None,
+    torque_scale: TorqueScale = "robot",
+    balance: Balance = "robot",
     jerk: JerkLike | None = None,
 ) -> Splice:
     """Return a motion with a new goal from an instant on; see `Trajectory.replaced`."""
-    moving = MovingStart(pepper, trajectory, at, scene, torque, balance, jerk=jerk)
+    moving = MovingStart(
+        pepper, trajectory, at, scene, torque, torque_scale=torque_scale, balance=balance, jerk=jerk
+    )
     if isinstance(goal, type(trajectory)):
         refuse_other_joints(pepper, goal.joint_names)
         joined = moving.onto(goal)
@@ -116,6 +120,7 @@ class MovingStart:
         at: The instant [s].
         scene: The world; None: nothing is said about what touches.
         torque: Whether torque is limited.
+        torque_scale: As in `retime`.
         balance: As in `retime`.
         payload: As in `retime`.
         margins: To the scene and to the robot itself, kept by all ways on but the stop [m].
@@ -129,8 +134,9 @@ class MovingStart:
         at: float,
         scene: Scene | None,
         torque: bool = True,
-        balance: float | None = None,
         *,
+        torque_scale: TorqueScale = "robot",
+        balance: Balance = "robot",
         payload: Mapping[str, float] | None = None,
         margins: tuple[float, float] = (0.0, 0.0),
         jerk: JerkLike | None = None,
@@ -141,7 +147,9 @@ class MovingStart:
             still = "obstacles that stand, as of scene.at(time); or `motion.LiveMotion`"
             raise InvalidValueError("scene", f"{scene.movers[0].name!r} moving", still)
         self.at, self._margins = checked_instant(trajectory, at), margins
-        allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
+        allowed = motion_limits(
+            pepper, torque=torque, torque_scale=torque_scale, balance=balance, payload=payload, scene=scene
+        )
         self.limits = limits_of(pepper, allowed)
         needed, words = [self.limits.velocity, self.limits.acceleration], "velocity and acceleration"
         if jerk is not None:

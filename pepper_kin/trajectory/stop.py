@@ -28,6 +28,7 @@ from pepper_kin.core.timing.stopping import StopLimits, StopPath, cut_path, stop
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real, shown
+from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import (
     JerkLike,
@@ -94,7 +95,8 @@ def stop(
     how: str = "path",
     scene: Scene | None = None,
     torque: bool = True,
-    balance: float | None = None,
+    torque_scale: TorqueScale = 1.0,
+    balance: Balance = None,
     jerk: JerkLike | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Stop:
@@ -103,7 +105,9 @@ def stop(
     if how not in ("path", "joints"):
         raise UnknownNameError("way to stop", how, ("path", "joints"))
     at = checked_instant(trajectory, at)
-    allowed = motion_limits(pepper, torque=torque, balance=balance, payload=payload, scene=scene)
+    allowed = motion_limits(
+        pepper, torque=torque, torque_scale=torque_scale, balance=balance, payload=payload, scene=scene
+    )
     limits = limits_of(pepper, allowed)
     if jerk is not None:
         limits = replace(limits, jerk=jerk_limits(pepper, jerk))

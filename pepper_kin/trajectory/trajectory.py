@@ -363,7 +363,8 @@ class Trajectory(FrozenArrays):
             how: "path" or "joints".
             **options: `scene`, around which the clearance is measured, its obstacles moving from time 0 of
                 this motion on, and whose attached objects count with their mass; `torque`, False to leave it
-                out; `balance` [m], `jerk` and `payload` as in `retime`, None to leave them out.
+                out; `torque_scale`, `balance` [m], `jerk` and `payload` as in `retime`, but all torque and no
+                balance unless they are given, so that a stop is as short as can be.
 
         Raises:
             InvalidValueError: for joints that are not the robot's, a time outside the motion, an option out
@@ -393,9 +394,9 @@ class Trajectory(FrozenArrays):
             at: The instant [s].
             goal: Joint positions [rad or m], shape (n,); or a motion that keeps limits and touches nothing,
                 best one that begins where `stop` ends.
-            **options: `scene`, which no body may touch; `torque`, False to leave it out; `balance` [m] and
-                `jerk` as in `retime`: with `jerk` accelerations are continuous, too, but at the start of a
-                stop of a motion without jerk limits.
+            **options: `scene`, which no body may touch; `torque`, False to leave it out; `torque_scale`,
+                `balance` [m] and `jerk` as in `retime`: with `jerk` accelerations are continuous, too, but at
+                the start of a stop of a motion without jerk limits.
 
         Raises:
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the

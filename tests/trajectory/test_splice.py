@@ -283,7 +283,7 @@ def test_the_stop_of_a_splice_counts_what_the_robot_carries(pepper):
     moving = pk.retime(pepper, [away, pepper.joint_vector({"LShoulderPitch": 1.2})], scene=held)
     differ = 0
     for at in moving.duration * np.linspace(0.1, 0.9, 9):
-        start = MovingStart(pepper, moving, at, held, True, None)
+        start = MovingStart(pepper, moving, at, held, balance=None, torque_scale=1.0)
         assert start.stopped.is_close(moving.stop(pepper, at, scene=held).trajectory)
         differ += not start.stopped.is_close(moving.stop(pepper, at).trajectory)
     assert differ
@@ -357,3 +357,30 @@ def test_motions_at_their_acceleration_limits_get_new_goals_with_jerk_limits(pep
             assert found.jerk.success, found.report()
             ways.add(splice.how)
     assert "straight" in ways
+
+
+def test_a_splice_leaves_the_servos_what_the_robot_says():
+    """Torques by Pinocchio: the reserve is kept unless a call or the robot says otherwise."""
+    pepper, rng, most = pk.load_pepper(), np.random.default_rng(5), []
+    lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
+    lower[:3], upper[:3] = 0.04 * lower[:3], 0.04 * upper[:3]
+    for robot, options in (
+        (pepper, {}),
+        (pepper, {"torque_scale": 1.0}),
+        (pepper.with_requirements("limits"), {}),
+    ):
+        used = 0.0
+        for _ in range(6):
+            start, away, goal = rng.uniform(lower, upper, (3, pepper.n))
+            motion = pk.retime(robot, [start, away], **options)
+            splice = motion.replaced(robot, 0.4 * motion.duration, goal, **options).trajectory
+            state = splice(np.linspace(0.0, splice.duration, 400))
+            torque = dynamics.inverse_dynamics(
+                pepper, state.position, state.velocity, state.acceleration, solver="pinocchio"
+            )
+            used = max(used, float(np.abs(torque / pepper.effort_limits).max()))
+            found = set(splice.check(robot, collisions=False, **options).failures)
+            assert found <= ({"balance"} if robot.requirements.balance is None else set())
+        most.append(used)
+    assert most[0] <= 0.9 + 1e-6 < most[1] <= 1.0 + 1e-6
+    assert most[2] <= 1.0 + 1e-6
