@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-FORMS = ("single", "symbolic", "batch")
-"""Pinocchio state by state, the CasADi function, and the compiled kernel."""
+FORMS = ("pinocchio", "compiled", "symbolic", "batch")
+"""One state at a time by Pinocchio and by machine code; the CasADi function, and its compiled kernel."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class DynamicsCheck:
         widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
         table = [
             "  ".join(
-                text.rjust(width) if 0 < k < 5 else text.ljust(width)
+                text.rjust(width) if 0 < k <= len(FORMS) + 1 else text.ljust(width)
                 for k, (text, width) in enumerate(zip(line, widths, strict=True))
             ).rstrip()
             for line in lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from pepper_kin import batch, dynamics, kinematics, symbolic
 from pepper_kin.arrays import Array
 from pepper_kin.dynamics import newton_euler
+from pepper_kin.dynamics.tree_tables import SOLVERS
 from pepper_kin.exceptions import ModelError
 from pepper_kin.jobs.dynamics_check import DynamicsCheck, DynamicsCheckRow
 from pepper_kin.model import PepperModel
@@ -50,7 +52,8 @@ def check_dynamics(
 
     Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
     by itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order;
-    all of them in three forms: single (Pinocchio, one state at a time), symbolic (CasADi), batch (kernels).
+    all of them in four forms: Pinocchio and machine code, one state at a time each, symbolic (CasADi) and
+    batch (its kernels); Jacobians of one state are Pinocchio's alone.
     Accelerations are judged by the torques that they need according to Newton and Euler, so that light
     fingers on a heavy arm do not turn rounding into failures.  And the change of energy over a second of
     motion under random torques against the work that these do.
@@ -110,16 +113,22 @@ def _deepest_frame(pepper: PepperModel) -> str:
 def _forms(
     pepper: PepperModel, single: Callable[..., Any], inputs: tuple[Array, ...], *args: str
 ) -> dict[str, Array]:
-    """Evaluate a quantity at each state in every form, each of shape (states, ...)."""
+    """Evaluate a quantity at each state in every form that it has, each of shape (states, ...)."""
     name = single.__name__
+    by_solver = {solver: {"solver": solver} for solver in SOLVERS}
+    ways = by_solver if "solver" in signature(single).parameters else {"pinocchio": {}}
+    one_by_one = {
+        form: np.array([single(pepper, *state, *args, **options) for state in zip(*inputs, strict=True)])
+        for form, options in ways.items()
+    }
     function = symbolic.function(pepper, name, *args)
     compiled = batch.kernel(pepper, name, *args)(*inputs)
-    singles = np.array([single(pepper, *state, *args) for state in zip(*inputs, strict=True)])
     results = [_plain(function(*state)) for state in zip(*inputs, strict=True)]
     batched = np.stack(compiled, axis=1) if isinstance(compiled, tuple) else compiled
+    shape = one_by_one["pinocchio"].shape
     return {
-        "single": singles,
-        "symbolic": np.array(results).reshape(singles.shape),
+        **one_by_one,
+        "symbolic": np.array(results).reshape(shape),
         "batch": np.asarray(batched),
     }
 
@@ -263,19 +272,21 @@ def _energy_row(pepper: PepperModel, rng: np.random.Generator) -> DynamicsCheckR
     hold = dynamics.gravity_torque(pepper, start)
     size = np.diag(dynamics.mass_matrix(pepper, start)) * rng.normal(size=n) * 5
     pace, phase = rng.uniform(2, 10, n), rng.uniform(0, 2 * np.pi, n)
-
-    def rate(time: float, y: Array) -> Array:
-        q, v = y[:n], y[n : 2 * n]
-        tau = hold + size * np.sin(pace * time + phase)
-        return np.concatenate([v, dynamics.forward_dynamics(pepper, q, v, tau), [tau @ v]])
-
     begin = np.concatenate([start, 0.1 * rng.normal(size=n), [0.0]])
-    run = solve_ivp(rate, (0.0, 1.0), begin, method="DOP853", rtol=1e-11, atol=1e-12)
-    if not run.success:
-        return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": np.inf}, str(run.message))
-    kinetic = np.array([dynamics.kinetic_energy(pepper, y[:n], y[n : 2 * n]) for y in run.y.T])
-    potential = np.array([dynamics.potential_energy(pepper, y[:n]) for y in run.y.T])
-    gain = kinetic + potential - kinetic[0] - potential[0]
-    turned_over = (kinetic + np.abs(potential - potential[0])).max()
-    difference = float(np.abs(gain - run.y[-1]).max() / turned_over)
-    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {"single": difference})
+    errors = {}
+    for solver in SOLVERS:
+
+        def rate(time: float, y: Array, solver: str = solver) -> Array:
+            q, v = y[:n], y[n : 2 * n]
+            tau = hold + size * np.sin(pace * time + phase)
+            return np.concatenate([v, dynamics.forward_dynamics(pepper, q, v, tau, solver=solver), [tau @ v]])
+
+        run = solve_ivp(rate, (0.0, 1.0), begin, method="DOP853", rtol=1e-11, atol=1e-12)
+        if not run.success:
+            return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, {solver: np.inf}, str(run.message))
+        kinetic = np.array([dynamics.kinetic_energy(pepper, y[:n], y[n : 2 * n]) for y in run.y.T])
+        potential = np.array([dynamics.potential_energy(pepper, y[:n]) for y in run.y.T])
+        gain = kinetic + potential - kinetic[0] - potential[0]
+        turned_over = (kinetic + np.abs(potential - potential[0])).max()
+        errors[solver] = float(np.abs(gain - run.y[-1]).max() / turned_over)
+    return DynamicsCheckRow(quantity, against, ENERGY_LIMIT, errors)

@@ -1,5 +1,6 @@
 import functools
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -43,6 +44,11 @@ def arm(mass=1.0):
     return pk.load_robot(ARM.format(mass=mass))
 
 
+def calls(module):
+    """Return whether a module of the library calls Pinocchio by that name."""
+    return getattr(module, "__name__", "").startswith("pepper_kin.") and "pinocchio" in vars(module)
+
+
 def failing(check):
     return {name.rsplit(" (", 1)[0] for name in check.failures}
 
@@ -55,9 +61,11 @@ def test_a_sound_robot_passes():
     assert check.frame == "lower"
     assert [row.quantity for row in check.rows] == QUANTITIES
     for row in check.rows[:-1]:
-        assert tuple(row.errors) == ("single", "symbolic", "batch")
+        by_one = {"pinocchio"} if "Jacobian" in row.quantity else {"pinocchio", "compiled"}
+        assert set(row.errors) == by_one | {"symbolic", "batch"}
         assert 0 < max(row.errors.values()) <= row.limit
-    assert 0 < check.rows[-1].errors["single"] < 1e-9
+    assert set(check.rows[-1].errors) == {"pinocchio", "compiled"}
+    assert 0 < max(check.rows[-1].errors.values()) < 1e-9
 
 
 def test_the_same_seed_gives_the_same_numbers():
@@ -91,18 +99,38 @@ def test_a_wrong_mass_in_the_symbolic_form_is_named(monkeypatch):
     assert " !" in check.report()
 
 
-def test_a_wrong_mass_in_the_single_form_is_named_and_keeps_its_energy(monkeypatch):
+@pytest.mark.parametrize(
+    "called",
+    ["rnea", "crba", "aba", "computeFrameJacobian", "jacobianCenterOfMass", "computeRNEADerivatives"],
+)
+def test_the_column_of_pinocchio_calls_it(monkeypatch, called):
+    """Each function of Pinocchio by itself is missed where it gives something else."""
+
+    def broken(*args):
+        raise RuntimeError(f"{called} was called")
+
+    robot = arm()
+    users = {id(vars(m)["pinocchio"]): vars(m)["pinocchio"] for m in list(sys.modules.values()) if calls(m)}
+    for user in users.values():
+        monkeypatch.setattr(user, called, broken)
+    with pytest.raises(RuntimeError, match=f"{called} was called"):
+        check_dynamics(robot, states=2)
+
+
+def test_a_wrong_mass_in_one_state_at_a_time_is_named_and_keeps_its_energy(monkeypatch):
     """One state at a time with another mass is wrong; as a mechanism it is still sound."""
     heavy = arm(1.001)
 
     def of_the_heavy_arm(function):
-        return functools.wraps(function)(lambda pepper, *state: function(heavy, *state))
+        return functools.wraps(function)(lambda pepper, *state, **options: function(heavy, *state, **options))
 
     for name in ("inverse_dynamics", "forward_dynamics", "kinetic_energy", "potential_energy"):
         monkeypatch.setattr(pk.dynamics, name, of_the_heavy_arm(getattr(pk.dynamics, name)))
     check = check_dynamics(arm(), states=10)
-    assert set(check.failures) == {"inverse dynamics (single)", "forward dynamics (single)"}
-    assert 1e-4 < check.rows[0].errors["single"] < 1e-2
+    forms = ("pinocchio", "compiled")
+    names = ("inverse dynamics", "forward dynamics")
+    assert set(check.failures) == {f"{name} ({form})" for name in names for form in forms}
+    assert all(1e-4 < check.rows[0].errors[form] < 1e-2 for form in forms)
     assert check.rows[-1].success
 
 
@@ -117,12 +145,13 @@ def test_torques_that_make_energy_are_named(monkeypatch):
     """A motor that gives one part in a million more than it is told breaks the balance, and nothing else."""
     forward = pk.dynamics.forward_dynamics
 
-    def forward_dynamics(pepper, q, v, tau):
-        return forward(pepper, q, v, np.asarray(tau) * (1 + 1e-6))
+    def forward_dynamics(pepper, q, v, tau, *, solver="compiled"):
+        return forward(pepper, q, v, np.asarray(tau) * (1 + 1e-6), solver=solver)
 
     monkeypatch.setattr(pk.dynamics, "forward_dynamics", forward_dynamics)
     check = check_dynamics(arm(), states=5)
-    assert set(check.failures) == {"forward dynamics (single)", "energy over one second (single)"}
+    names = ("forward dynamics", "energy over one second")
+    assert set(check.failures) == {f"{name} ({form})" for name in names for form in ("pinocchio", "compiled")}
 
 
 @pytest.mark.parametrize("wrong", ["frame_jacobian", "frame_jacobian_rate"])
@@ -135,7 +164,7 @@ def test_a_wrong_jacobian_is_named(monkeypatch, wrong):
     off.__name__ = wrong
     monkeypatch.setattr(pk.kinematics, wrong, off)
     check = check_dynamics(arm(), states=5)
-    assert f"{wrong.replace('_', ' ').replace('jacobian', 'Jacobian')} (single)" in check.failures
+    assert f"{wrong.replace('_', ' ').replace('jacobian', 'Jacobian')} (pinocchio)" in check.failures
 
 
 def test_a_joint_without_mass_is_a_note():
@@ -150,12 +179,12 @@ def test_a_joint_without_mass_is_a_note():
 
 
 def test_a_number_that_is_none_fails():
-    row = DynamicsCheckRow("x", "y", 1e-9, {"single": float("nan"), "batch": 1e-10})
-    assert row.failed_forms == ("single",)
+    row = DynamicsCheckRow("x", "y", 1e-9, {"compiled": float("nan"), "batch": 1e-10})
+    assert row.failed_forms == ("compiled",)
     check = jobs.DynamicsCheck("r", 1, "f", 1, 0, (row,))
     summary = json.loads(json.dumps(check.as_dict(), allow_nan=False))
-    assert summary["rows"][0]["errors"] == {"single": None, "batch": 1e-10}
-    assert summary["failures"] == ["x (single)"]
+    assert summary["rows"][0]["errors"] == {"compiled": None, "batch": 1e-10}
+    assert summary["failures"] == ["x (compiled)"]
 
 
 def test_numbers_of_states_that_are_none_are_refused():
@@ -177,14 +206,14 @@ def test_the_command_checks_a_file(run, tmp_path):
 def test_the_command_fails_where_the_check_does(run, tmp_path, monkeypatch):
     right = pk.dynamics.mass_matrix
 
-    def mass_matrix(pepper, q):
-        return right(pepper, q) * 1.01
+    def mass_matrix(pepper, q, *, solver="compiled"):
+        return right(pepper, q, solver=solver) * (1.01 if solver == "compiled" else 1.0)
 
     monkeypatch.setattr(pk.dynamics, "mass_matrix", mass_matrix)
     (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
     done = run("check", "dynamics", "arm.urdf", "--states", "4", cwd=tmp_path)
     assert done.returncode == 1
-    assert done.stdout.splitlines()[-1].startswith("Beyond the limit: mass matrix (single)")
+    assert done.stdout.splitlines()[-1].startswith("Beyond the limit: mass matrix (compiled)")
 
 
 @pytest.mark.parametrize(
