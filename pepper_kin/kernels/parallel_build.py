@@ -36,6 +36,9 @@ WORKER = "PEPPER_KIN_BUILDS"
 _POLL = 0.1
 """Interval of looking for names that are asked for [s]."""
 
+_LOOK = 2.0
+"""Interval of looking whether the process that sends work is alive [s]."""
+
 _MOST = 8
 """Number of processes at most: each takes some 0.4 GB, and units wait for what they share."""
 
@@ -82,6 +85,11 @@ class _Schedule:
         self._planned: set[str] = set()
         self._compiled: set[str] = set()
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits to be made."""
+        return not self._waiting
+
     def add(self, name: str, priority: int) -> None:
         """Add a module unless its machine code is there; a smaller priority is made earlier."""
         self._priority[name] = min(priority, self._priority.get(name, priority))
@@ -120,14 +128,15 @@ class _Schedule:
 
 
 def _work(jobs: Connection, target: Target | None) -> None:
-    """Make the units whose modules and keys arrive, until the connection ends."""
+    """Make the units whose modules and keys arrive, until the process that sends them is gone."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that has started all this
+    sender = multiprocessing.parent_process()
     while True:
-        try:
-            name, key = jobs.recv()
-        except EOFError:
-            return
+        while not jobs.poll(_LOOK):  # the connection does not end: processes that were forked later hold it
+            if sender is None or not sender.is_alive():
+                return
+        name, key = jobs.recv()
         importlib.import_module(name)
         make_ahead(key, unit_of(name).build, target)
         jobs.send(name)
@@ -138,11 +147,26 @@ def _run(schedule: _Schedule, count: int) -> None:
     context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     gc.freeze()
     idle: list[Connection] = []
-    for _ in range(count):
-        ours, theirs = context.Pipe()
-        context.Process(target=_work, args=(theirs, schedule.target), daemon=True).start()
-        theirs.close()
-        idle.append(ours)
+    processes = []
+    try:
+        for _ in range(count):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_work, args=(theirs, schedule.target), daemon=True)
+            process.start()
+            processes.append(process)
+            theirs.close()
+            idle.append(ours)
+        _hand_out(schedule, idle)
+    finally:
+        # Whatever they do: a file is written whole or not at all.  A gentler signal is lost by a process that
+        # has just been forked, and this one would wait for it for ever.
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def _hand_out(schedule: _Schedule, idle: list[Connection]) -> None:
+    """Send work to processes, which are idle at first, until there is none or standard input ends."""
     begin = printed = time.monotonic()
     busy: set[Connection] = set()
     while True:
@@ -203,7 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     schedule.add(name, 1)
                 for name in () if options.only else compiled_modules():
                     schedule.add(name, 2)
-                _run(schedule, min(os.cpu_count() or 1, _MOST))
+                if not schedule.is_empty:
+                    _run(schedule, min(os.cpu_count() or 1, _MOST))
                 return
         if _ended():
             return

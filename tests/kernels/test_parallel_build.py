@@ -1,5 +1,7 @@
 """Processes that make machine code: what is made, in which order, and how they end."""
 
+import subprocess
+import sys
 import time
 
 import pytest
@@ -94,3 +96,12 @@ def test_what_is_asked_for_comes_first_and_what_is_shared_counts_once(schedule):
         schedule.finish(name)
     assert order == ["two", "three", "one"]
     assert schedule.done == pytest.approx(schedule.total)
+
+
+def test_processes_end_that_were_never_given_work():
+    """One that had just been forked lost the signal to end, and was waited for without end."""
+    program = (
+        "from pepper_kin.kernels.parallel_build import _run, _Schedule\n"
+        "for _ in range(20):\n    _run(_Schedule(None), 6)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120)
