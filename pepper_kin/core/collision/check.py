@@ -363,11 +363,13 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
     """Write the margins into a block, without allowances.
 
     Args:
-        memory: The block, shape (s,).
+        memory: The block, shape (s,); an empty one, where coal is asked about every state, stays empty.
         margin: To the scene [m].
         self_margin: Between two parts of the robot [m].
         radius: About how far from their joint neighboring bodies meet: turns that into an angle [m].
     """
+    if memory.size == 0:
+        return
     numbers = section(memory, at.NUMBERS)
     numbers[at.MARGIN], numbers[at.SELF_MARGIN] = margin, self_margin
     numbers[at.RANGE_MARGIN] = self_margin / radius
