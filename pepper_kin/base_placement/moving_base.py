@@ -79,7 +79,7 @@ def wrapped(angle: Array) -> Array:
 def _on_wheels(pepper: PepperModel) -> PepperModel:
     """Return the robot with the base's joints between the world and its root link."""
     moving = on_planar_base(pepper.document, "placement", FAR, {})
-    robot = PepperModel(moving, pepper.semantics, pepper.sphere_set, requirements=pepper.requirements)
+    robot = pepper.with_parts(document=moving, changed=None)
     changed = pepper.dynamics_model.changed()
     if changed is not None:  # what the document does not hold: payloads, other masses, placements, gravity
         model = robot.pinocchio_model
@@ -95,4 +95,5 @@ def _on_wheels(pepper: PepperModel) -> PepperModel:
         for frame in changed.frames:
             if model.existFrame(frame.name, frame.type):
                 model.frames[model.getFrameId(frame.name, frame.type)].placement = frame.placement
+        robot = robot.with_pinocchio_model(model)
     return robot

@@ -39,5 +39,4 @@ def touches_obstacles(robot: PepperModel, q: Array, scene: Scene) -> np.ndarray:
 def _without_self(robot: PepperModel) -> PepperModel:
     """Return the robot without self-collision pairs."""
     semantics = replace(robot.semantics, disabled_pairs=without_self_pairs(robot))
-    changed = robot.dynamics_model.changed()
-    return PepperModel(robot.document, semantics, changed=changed, requirements=robot.requirements)
+    return robot.with_parts(semantics=semantics, sphere_set=None)

@@ -103,7 +103,7 @@ def all_over_states(
         function: Takes one (n,) vector per quantity and returns new arrays.
         shapes: Shape of each result for one state.
         quantity: Name of the same function in `symbolic.QUANTITIES`, and what it takes besides the robot;
-            None where there is no kernel for it.
+            None where there is no kernel for it.  Of a robot with `solvers` "reference" none is used.
         **quantities: Joint vectors with leading batch axes, shape (..., n), by the name used in messages;
             their batch axes broadcast against one another.
 
@@ -121,7 +121,7 @@ def all_over_states(
         return _exact(function(*_finite(pepper, arrays, quantities)), shapes)
     batch = _batch_axes(arrays, quantities)
     count = math.prod(batch)
-    if quantity is not None and count >= KERNEL_FROM:
+    if quantity is not None and count >= KERNEL_FROM and pepper.solvers == "fast":
         return _by_kernel(pepper, quantity, shapes, arrays, batch, quantities)
     flat = [_rows(a, batch) for a in arrays]
     results = [np.empty((count, *shape)) for shape in shapes]

@@ -15,6 +15,7 @@ from pepper_kin.cli.terminal import (
     Json,
     Output,
     Seed,
+    Solvers,
     complete_posture,
     one_of,
     print_json,
@@ -33,19 +34,24 @@ Point = tuple[float, float, float]
 
 
 @app.command()
-def demo(output: Output = Path("pepper-kin-demo"), seed: Seed = 0, as_json: Json = False) -> None:
+def demo(
+    output: Output = Path("pepper-kin-demo"),
+    seed: Seed = 0,
+    solvers: Solvers = "fast",
+    as_json: Json = False,
+) -> None:
     """Reach over a table's edge, look at the spot, and report.
 
     Example: pepper-kin demo -o demo
     """
     check_folder(output)
-    options = ["-o", str(output), "--seed", str(seed), *["--json"] * as_json]
+    pepper = pk.load_pepper().with_solvers(solvers)
+    options = ["-o", str(output), "--seed", str(seed), "--solvers", solvers, *["--json"] * as_json]
     code = first_run.run_interpreted(
         ["demo", *options], "pepper_kin.jobs.demo", lambda text: print(text, file=sys.stderr, flush=True)
     )
     if code is not None:
         raise typer.Exit(code)
-    pepper = pk.load_pepper()
     with stages(as_json) as on_stage:
         outcome = pk.jobs.run_demo(pepper, seed=seed, on_stage=on_stage)
     _finish_reach(pepper, outcome, output, as_json)
@@ -70,6 +76,7 @@ def reach(
     *,
     seed: Seed = 0,
     timeout: Annotated[float, typer.Option(help="Time budget of IK and planning, in seconds.")] = 10.0,
+    solvers: Solvers = "fast",
     as_json: Json = False,
 ) -> None:
     """Reach with a hand and look at a point, without collisions and within all limits.
@@ -77,7 +84,7 @@ def reach(
     Example: pepper-kin reach --hand left --at 0.38 0.22 0.82 -o out
     """
     check_folder(output)
-    pepper = pk.load_pepper()
+    pepper = pk.load_pepper().with_solvers(solvers)
     begin = None if start_from is None else pepper.posture(start_from)
     scene = _scene(avoid_box or [])
     with stages(as_json) as on_stage:

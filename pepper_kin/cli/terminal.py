@@ -29,6 +29,7 @@ HEAD_LIMITS = ("urdf", "documented")
 VIEWS = ("three-quarter", "front", "side", "top")
 FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 SIDES = ("left", "right")
+SOLVERS = ("fast", "reference")
 
 Completer = Callable[[str], list[str]]
 
@@ -62,6 +63,12 @@ HeadLimits = Annotated[
     typer.Option(
         help="urdf or documented: the head's pitch ends at 36.5 or 25.5 degrees.",
         autocompletion=one_of(HEAD_LIMITS),
+    ),
+]
+Solvers = Annotated[
+    str,
+    typer.Option(
+        help="fast, or reference: by Pinocchio, placo, coal and toppra.", autocompletion=one_of(SOLVERS)
     ),
 ]
 SceneFile = Annotated[

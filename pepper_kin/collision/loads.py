@@ -102,6 +102,21 @@ def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
     return tuple(loads)
 
 
+@kept_for_robot(most=8)
+def carrying(pepper: PepperModel, loads: Loads) -> PepperModel:
+    """Return the robot with what it carries added to Pinocchio's model of it."""
+    if not loads:
+        return pepper
+    import pinocchio
+
+    model = pepper.pinocchio_model
+    for load in loads:
+        frame = model.frames[pepper.frame_id(load.frame)]
+        inertia = pinocchio.Inertia(load.mass, np.array(load.center), load.tensor)
+        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    return pepper.with_pinocchio_model(model)
+
+
 def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
     """Return what loads add to the torques of the joints.
 

@@ -15,7 +15,7 @@ from pepper_kin.core.fixed_mass import wrench_about_origin
 from pepper_kin.dynamics.center_of_mass import share_of_moving
 from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_while_private
+from pepper_kin.model import PepperModel, once_for_robot
 
 pinocchio = lazy_module("pinocchio")
 
@@ -59,7 +59,7 @@ def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Arr
     return wrench
 
 
-@kept_while_private
+@once_for_robot
 def _balance(pepper: PepperModel) -> Callable[[Array, Array], None]:
     weight = mass_of_some(pepper) * np.array(pepper.inner_model.gravity.linear)
     share, still = share_of_moving(pepper)

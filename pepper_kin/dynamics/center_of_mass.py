@@ -13,7 +13,7 @@ from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import center_of_all
 from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_while_private
+from pepper_kin.model import PepperModel, once_for_robot
 
 pinocchio = lazy_module("pinocchio")
 
@@ -49,7 +49,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
     return over_states(pepper, one, (3,), ("center_of_mass",), q=q)
 
 
-@kept_while_private
+@once_for_robot
 def _extension(pepper: PepperModel) -> Callable[[Array], None]:
     share, still = share_of_moving(pepper)
     if share > 0.0:
@@ -57,7 +57,7 @@ def _extension(pepper: PepperModel) -> Callable[[Array], None]:
     return lambda center: np.copyto(center, still)  # no mass moves: Pinocchio's center is NaN
 
 
-@kept_while_private
+@once_for_robot
 def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
     """Return the moving links' share of the mass, and what those fixed to the floor add to the center [m].
 
@@ -69,7 +69,7 @@ def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
     return 1.0 - part, part * np.array(still.lever)
 
 
-@kept_while_private
+@once_for_robot
 def _share(pepper: PepperModel) -> Array:
     return np.array(share_of_moving(pepper)[0])  # an array multiplies arrays quicker than a number does
 

@@ -12,7 +12,7 @@ from pepper_kin.batch import all_over_states
 from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
-from pepper_kin.dynamics.tree_tables import TABLES, one_state
+from pepper_kin.dynamics.tree_tables import TABLES, by_kernel, one_state
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -48,7 +48,7 @@ class ForwardDynamicsDerivatives(NamedTuple):
 
 
 def inverse_dynamics_derivatives(
-    pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, solver: str = "compiled"
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, solver: str = "robot"
 ) -> InverseDynamicsDerivatives:
     """Return the derivatives of tau = M(q) a + C(q, v) v + g(q).
 
@@ -60,7 +60,7 @@ def inverse_dynamics_derivatives(
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         dtau_dq, dtau_dv and dtau_da, each of shape (..., n, n).
@@ -70,13 +70,13 @@ def inverse_dynamics_derivatives(
             solver.
     """
     compute, n = tree_dynamics.inverse_dynamics_derivatives, pepper.n
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty((3, n, n))
             if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
                 return InverseDynamicsDerivatives(found[0], found[1], found[2])
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def one(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
         found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, a)))
@@ -87,12 +87,12 @@ def inverse_dynamics_derivatives(
         full = pinocchio.computeRNEADerivatives(pepper.inner_model, data, *state)
         return tuple(full_map.T @ by @ full_map if pepper.is_coupled else by.copy() for by in full)
 
-    quantity = None if solver == "pinocchio" else ("inverse_dynamics_derivatives",)
+    quantity = by_kernel(pepper, solver, "inverse_dynamics_derivatives")
     return InverseDynamicsDerivatives(*all_over_states(pepper, one, ((n, n),) * 3, quantity, q=q, v=v, a=a))
 
 
 def forward_dynamics_derivatives(
-    pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike, *, solver: str = "compiled"
+    pepper: PepperModel, q: ArrayLike, v: ArrayLike, tau: ArrayLike, *, solver: str = "robot"
 ) -> ForwardDynamicsDerivatives:
     """Return the derivatives of a = M(q)^-1 (tau - C(q, v) v - g(q)).
 
@@ -104,7 +104,7 @@ def forward_dynamics_derivatives(
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         da_dq, da_dv and da_dtau, each of shape (..., n, n).
@@ -115,13 +115,13 @@ def forward_dynamics_derivatives(
         ModelError: naming joints that move no mass.
     """
     compute, n = tree_dynamics.forward_dynamics_derivatives, pepper.n
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty((3, n, n))
             if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
                 return ForwardDynamicsDerivatives(found[0], found[1], found[2])
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def one(q: Array, v: Array, tau: Array) -> tuple[Array, ...]:
         found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, tau)))
@@ -137,7 +137,7 @@ def forward_dynamics_derivatives(
         torque = inverse_dynamics_derivatives(pepper, q, v, a, solver=solver)
         return -inverse @ torque.dtau_dq, -inverse @ torque.dtau_dv, inverse
 
-    quantity = None if solver == "pinocchio" else ("forward_dynamics_derivatives",)
+    quantity = by_kernel(pepper, solver, "forward_dynamics_derivatives")
     return ForwardDynamicsDerivatives(
         *all_over_states(pepper, one, ((n, n),) * 3, quantity, q=q, v=v, tau=tau)
     )

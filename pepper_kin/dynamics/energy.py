@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.batch import over_states, state_data
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_while_private
+from pepper_kin.model import PepperModel, once_for_robot
 
 pinocchio = lazy_module("pinocchio")
 
@@ -71,7 +71,7 @@ def _potential(pepper: PepperModel, data: Any, q: Array) -> Array:
     return np.array(0.0 if weight is None else center.dot(weight))
 
 
-@kept_while_private
+@once_for_robot
 def _weight(pepper: PepperModel) -> Array | None:
     """Return -m g of the moving links [N], shape (3,); None where they have no mass, and so no center."""
     model = pepper.inner_model

@@ -26,7 +26,7 @@ def forward_dynamics(
     tau: ArrayLike,
     forces: Mapping[str, ArrayLike] | None = None,
     *,
-    solver: str = "compiled",
+    solver: str = "robot",
 ) -> Array:
     """Return a = M(q)^-1 (tau + sum_k J_k^T f_k - C(q, v) v - g(q)).
 
@@ -40,7 +40,7 @@ def forward_dynamics(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
         forces: Forces from outside by frame, as `external_torque` takes them.
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
@@ -55,13 +55,13 @@ def forward_dynamics(
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
         return forward_dynamics(pepper, q, v, driven, solver=solver)
     compute, shape = tree_dynamics.forward_dynamics, (pepper.n,)
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty(shape)
             if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
                 return found
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def reference(q: Array, v: Array, tau: Array) -> Array:
         model, data, full_map = pepper.inner_model, pepper.pinocchio_data, pepper.full_map

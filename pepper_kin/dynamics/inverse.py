@@ -24,7 +24,7 @@ def inverse_dynamics(
     a: ArrayLike,
     forces: Mapping[str, ArrayLike] | None = None,
     *,
-    solver: str = "compiled",
+    solver: str = "robot",
 ) -> Array:
     """Return tau = M(q) a + C(q, v) v + g(q) - sum_k J_k^T f_k by the recursive Newton-Euler algorithm.
 
@@ -37,7 +37,7 @@ def inverse_dynamics(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         forces: Forces from outside by frame, as `external_torque` takes them.
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
@@ -50,13 +50,13 @@ def inverse_dynamics(
     if forces:
         return inverse_dynamics(pepper, q, v, a, solver=solver) - external_torque(pepper, q, forces)
     compute, shape = tree_dynamics.inverse_dynamics, (pepper.n,)
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty(shape)
             if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
                 return found
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def reference(q: Array, v: Array, a: Array) -> Array:
         rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
@@ -66,25 +66,25 @@ def inverse_dynamics(
     return all_states(compute, pepper, solver, shape, reference, "inverse_dynamics", q=q, v=v, a=a)
 
 
-def gravity_torque(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
+def gravity_torque(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> Array:
     """Return g(q), the torques that hold the robot still [N m or N], shape (..., n).
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
     compute, shape = tree_dynamics.gravity_torque, (pepper.n,)
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty(shape)
             if compute.native(pepper.kept[TABLES].tables, q, found):
                 return found
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def reference(q: Array) -> Array:
         model, data = pepper.inner_model, pepper.pinocchio_data

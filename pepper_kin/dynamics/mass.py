@@ -10,7 +10,7 @@ from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.tree_tables import TABLES, all_states
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_for_robot, kept_while_private
+from pepper_kin.model import PepperModel, kept_for_robot, once_for_robot
 from pepper_kin.model.moving_tree import moving_tree
 
 pinocchio = lazy_module("pinocchio")
@@ -35,7 +35,7 @@ def joint_masses(pepper: PepperModel) -> Array:
     return read_only(masses)
 
 
-@kept_while_private
+@once_for_robot
 def total_mass(pepper: PepperModel) -> float:
     """Return the mass of all links, those fixed to the floor included [kg]."""
     model = pepper.inner_model
@@ -54,7 +54,7 @@ def mass_of_some(pepper: PepperModel) -> float:
     return mass
 
 
-def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
+def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> Array:
     """Return M(q), symmetric and positive definite, by the composite-rigid-body algorithm.
 
     Featherstone (2008), table 6.2.  With mimic joints M = E^T M_full E.
@@ -62,7 +62,7 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         M, shape (..., n, n) [kg m^2, kg m or kg].
@@ -71,13 +71,13 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") 
         InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
     compute, shape = tree_dynamics.mass_matrix, (pepper.n, pepper.n)
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty(shape)
             if compute.native(pepper.kept[TABLES].tables, q, found):
                 return found
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
     full_map = pepper.full_map
 
     def reference(q: Array) -> Array:
@@ -87,7 +87,7 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") 
     return all_states(compute, pepper, solver, shape, reference, "mass_matrix", q=q)
 
 
-def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "compiled") -> Array:
+def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> Array:
     """Return M(q)^-1, symmetric: column j is the motion that a unit torque of joint j causes.
 
     From the factors of M, as `forward_dynamics`; by Pinocchio's recursion (Carpentier, Analytical inverse of
@@ -96,7 +96,7 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "com
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "compiled", or "pinocchio" as the reference.
+        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         M^-1, shape (..., n, n).
@@ -106,13 +106,13 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "com
         ModelError: naming joints that move no mass: M has no inverse.
     """
     compute, shape = tree_dynamics.inverse_mass_matrix, (pepper.n, pepper.n)
-    if solver == "compiled" and not pepper.dynamics_model.handed_out:
+    if solver == "robot":
         try:
             found = np.empty(shape)
             if compute.native(pepper.kept[TABLES].tables, q, found):
                 return found
         except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, or no such arrays
+            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
 
     def reference(q: Array) -> Array:
         if not pepper.is_coupled:

@@ -14,7 +14,7 @@ from pepper_kin.batch import over_states, state_data
 from pepper_kin.core.fixed_mass import momentum_about_center_of_all
 from pepper_kin.dynamics.mass import mass_of_some
 from pepper_kin.lazy_names import lazy_module
-from pepper_kin.model import PepperModel, kept_while_private
+from pepper_kin.model import PepperModel, once_for_robot
 
 pinocchio = lazy_module("pinocchio")
 
@@ -115,7 +115,7 @@ def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
     return momentum
 
 
-@kept_while_private
+@once_for_robot
 def _shift(pepper: PepperModel) -> Callable[[Array, Array], None]:
     still = pepper.inner_model.inertias[0]
     part, center = still.mass / mass_of_some(pepper), np.array(still.lever)

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import KERNEL_FROM, over_states
-from pepper_kin.core import tree_dynamics
 from pepper_kin.core.tree_dynamics import JOINT, LINK, TreeTables, work_size
 from pepper_kin.kernels.compiled_function import INTERPRETED, CompiledFunction
 from pepper_kin.model import PepperModel, dynamics_model, kept_for_robot
@@ -19,7 +18,7 @@ from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.moving_tree import MovingTree, moving_tree
 
 TABLES = "tree tables"
-"""Where `pepper.kept` has the tables of each thread, of a robot whose `pinocchio_model` nobody was handed.
+"""Where `pepper.kept` has the tables of each thread, of a robot that Pinocchio does not compute.
 
 The functions of this package look there first, and pass them to machine code with what they are given: the
 frequent case is (n,) arrays of floats within range.  All else is for `all_states`."""
@@ -27,21 +26,32 @@ frequent case is (n,) arrays of floats within range.  All else is for `all_state
 SOLVERS = ("compiled", "pinocchio")
 """What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""
 
-QUICK = {tree_dynamics.inverse_dynamics, tree_dynamics.gravity_torque, tree_dynamics.mass_matrix}
-"""What Pinocchio computes sooner than a model that somebody may have changed is compared with its tables."""
+
+def _by_pinocchio(pepper: PepperModel, solver: str) -> bool:
+    """Return whether Pinocchio is to compute: by name, or since the robot's `solvers` say so.
+
+    Raises:
+        InvalidValueError: for an unknown solver.
+    """
+    if solver == "robot":
+        return pepper.solvers == "reference"
+    check_choice("solver", solver, ("robot", *SOLVERS))
+    return solver == "pinocchio"
 
 
-def _tables_for(function: CompiledFunction, pepper: PepperModel, solver: str) -> TreeTables | None:
+def by_kernel(pepper: PepperModel, solver: str, quantity: str) -> tuple[str] | None:
+    """Return the quantity whose kernel computes many states; None where Pinocchio does, one by one."""
+    return None if _by_pinocchio(pepper, solver) else (quantity,)
+
+
+def _tables_for(pepper: PepperModel, solver: str) -> TreeTables | None:
     """Return the tables of a robot; None where Pinocchio is to compute.
 
     Raises:
         InvalidValueError: for an unknown solver.
     """
-    if solver != "compiled":
-        check_choice("solver", solver, SOLVERS)
+    if _by_pinocchio(pepper, solver):
         return None
-    if pepper.dynamics_model.handed_out:
-        return None if function in QUICK else _with_memory(_tables(pepper))
     kept = pepper.kept.setdefault(TABLES, threading.local())
     try:
         found: TreeTables | None = kept.tables
@@ -63,7 +73,7 @@ def one_state(
     Returns:
         The result; None where its arguments must be converted or refused, or Pinocchio is to compute.
     """
-    tables = _tables_for(function, pepper, solver)
+    tables = _tables_for(pepper, solver)
     if tables is None:
         return None
     result = np.empty(shape)
@@ -84,7 +94,7 @@ def _few_states(
     size: tuple[int, ...] = states[0].shape if isinstance(states[0], np.ndarray) else ()
     if len(size) != 2 or not 0 < size[0] < KERNEL_FROM:
         return None
-    tables = _tables_for(function, pepper, solver)
+    tables = _tables_for(pepper, solver)
     if tables is None or not all(type(array) is np.ndarray and array.shape == size for array in states):
         return None
     results = np.empty((size[0], *shape))
@@ -126,8 +136,7 @@ def all_states(
         found = one_state(function, pepper, solver, shape, *map(np.ascontiguousarray, state))
         return reference(*state) if found is None else found
 
-    by_kernel = None if solver == "pinocchio" else (quantity,)
-    return over_states(pepper, one, shape, by_kernel, **quantities)
+    return over_states(pepper, one, shape, by_kernel(pepper, solver, quantity), **quantities)
 
 
 @kept_for_robot(most=1)

@@ -36,7 +36,7 @@ from pepper_kin.ik.solve import (
     standing,
     turns_left_out,
 )
-from pepper_kin.ik.solvers import ALL_SOLVERS
+from pepper_kin.ik.solvers import chosen_solver
 from pepper_kin.ik.standing import stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.frame_position import FramePosition
@@ -45,7 +45,6 @@ from pepper_kin.ik.tasks.task import Task, TaskGroup, words_for_length
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vectors,
-    check_choice,
     check_seed,
     check_whole,
     check_within_limits,
@@ -189,7 +188,7 @@ def solve_batch(
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
     start: ArrayLike | None = None,
     *,
-    solver: str = "fast",
+    solver: str = "robot",
     scene: Scene | None = None,
     collisions: bool = True,
     margin: float = 0.0,
@@ -219,7 +218,7 @@ def solve_batch(
         tasks: The tasks; those with a single target have the same one in every row.
         start: Where to begin and what to stay near [rad or m], shape (n,) or (N, n); None for
             `pepper.neutral()`.
-        solver: "fast", "placo" or "proxsuite".
+        solver: "fast", "placo" or "proxsuite"; "robot" as its `solvers` say, which are "fast" by default.
         scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m].
@@ -242,7 +241,7 @@ def solve_batch(
         LimitError: for a start outside the joint limits.
         MissingDependencyError: for "proxsuite" where its library cannot be loaded.
     """
-    check_choice("solver", solver, ALL_SOLVERS)
+    solver = chosen_solver(pepper, solver)
     world = Collisions(pepper, *checked_scene(scene, collisions, margin))
     parts = tuple(with_loads(flatten_tasks(pepper, tasks, batch=True), world.loads))
     q0 = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")

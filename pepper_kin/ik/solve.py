@@ -39,7 +39,7 @@ from pepper_kin.ik.priorities import (
 from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
-from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
+from pepper_kin.ik.solvers import chosen_solver, make_solver
 from pepper_kin.ik.standing import over_wheels, stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.expression import Expression
@@ -48,7 +48,6 @@ from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vector,
-    check_choice,
     check_positive,
     check_seed,
     check_whole,
@@ -68,7 +67,7 @@ def solve(
     tasks: Task | TaskGroup | Iterable[Task | TaskGroup],
     start: ArrayLike | None = None,
     *,
-    solver: str = "fast",
+    solver: str = "robot",
     scene: Scene | None = None,
     collisions: bool = True,
     margin: float = 0.0,
@@ -94,7 +93,7 @@ def solve(
         pepper: The robot.
         tasks: What to fulfill, such as `HandPosition` and `LookAt`.
         start: Where to begin and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
-        solver: "fast", "placo" or "proxsuite".
+        solver: "fast", "placo" or "proxsuite"; "robot" as its `solvers` say, which are "fast" by default.
         scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.  The
             mass of attached objects counts for what motors hold, and for the center of mass.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
@@ -119,7 +118,7 @@ def solve(
         LimitError: for a start outside the joint limits.
         MissingDependencyError: for "proxsuite" where its library cannot be loaded.
     """
-    check_choice("solver", solver, ALL_SOLVERS)
+    solver = chosen_solver(pepper, solver)
     world, apart = checked_scene(scene, collisions, margin)
     around = Collisions(pepper, world, apart)
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))

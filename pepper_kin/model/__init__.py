@@ -9,7 +9,7 @@
     audit, Audit, Fault                       what is wrong in any URDF
     compare, Comparison, Difference           what two URDFs have not in common
     limits_table, LimitsTable, LimitRow       joint limits beside those of the paper
-    robot_digest, RobotMemory, kept_for_robot, kept_while_private     for caches of what belongs to a robot
+    robot_digest, RobotMemory, kept_for_robot, once_for_robot     for caches of what belongs to a robot
 
 A `PepperModel` is a value: what changes it returns another one.
 """
@@ -22,7 +22,7 @@ from pepper_kin.lazy_names import lazily
 
 if TYPE_CHECKING:
     from pepper_kin.model.comparison import Comparison, Difference, compare
-    from pepper_kin.model.digest import RobotMemory, kept_for_robot, kept_while_private, robot_digest
+    from pepper_kin.model.digest import RobotMemory, kept_for_robot, once_for_robot, robot_digest
     from pepper_kin.model.export_formats import FORMATS, export
     from pepper_kin.model.load import load_pepper, pepper_urdf
     from pepper_kin.model.mesh_names import mesh_files
@@ -67,11 +67,11 @@ __all__ = [
     "compare",
     "export",
     "kept_for_robot",
-    "kept_while_private",
     "limits_table",
     "load_pepper",
     "load_robot",
     "mesh_files",
+    "once_for_robot",
     "pepper_urdf",
     "pose",
     "quaternion_from_rotation",
@@ -85,7 +85,7 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "comparison": "Comparison Difference compare",
-        "digest": "RobotMemory kept_for_robot kept_while_private robot_digest",
+        "digest": "RobotMemory kept_for_robot once_for_robot robot_digest",
         "export_formats": "FORMATS export",
         "tolerant_urdf": "Fault",
         "load": "load_pepper pepper_urdf",

@@ -6,7 +6,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, UnknownNameError
 from pepper_kin.model.follower_limits import followers_of
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_finite, check_positive, shown
 from pepper_kin.model.semantics import changed_states
 from pepper_kin.model.urdf_document import parse_urdf
 from pepper_kin.model.xml_source import MOST
@@ -111,8 +111,8 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
 def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
-            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, the new one would not be; "
-            "change limits and masses first, then the pinocchio_model"
+            f"robot {pepper.name!r}: it was given another pinocchio_model, which the new one would not have; "
+            "change limits and masses first, then call with_pinocchio_model"
         )
     old = pepper.document
     document = parse_urdf(ET.tostring(root, encoding="unicode"), old.package_dirs)
@@ -121,7 +121,20 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
         if sentence not in before:
             warnings.warn(f"SRDF: {sentence}", ModelWarning, stacklevel=4)
     made = replace(document, wheels=old.wheels)
-    return type(pepper)(made, pepper.semantics, pepper.sphere_set, requirements=pepper.requirements)
+    return pepper.with_parts(document=made)
+
+
+def with_pinocchio_model(pepper: PepperModel, model: Any) -> PepperModel:
+    """Return the model of `PepperModel.with_pinocchio_model`, which describes arguments and errors."""
+    own = pepper.inner_model
+    if not isinstance(model, type(own)):
+        raise InvalidValueError("model", shown(model), "a pinocchio.Model, such as a changed pinocchio_model")
+    if list(model.names) != list(own.names) or model.nq != own.nq:
+        expected = f"the joints of robot {pepper.name!r}: {', '.join(list(own.names)[1:])}"
+        raise InvalidValueError("model", f"joints {', '.join(list(model.names)[1:])}", expected)
+    # Pinocchio's comparison leaves out what is fixed to the world.
+    same = model == own and model.inertias[0] == own.inertias[0]
+    return pepper if same else pepper.with_parts(changed=model.copy())
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:

@@ -1,4 +1,4 @@
-"""One digest of a robot, and memories that forget what belongs to a robot as it was."""
+"""One digest of a robot, and memories of what belongs to it."""
 
 from __future__ import annotations
 
@@ -16,35 +16,21 @@ Arguments = ParamSpec("Arguments")
 
 
 def robot_digest(pepper: PepperModel) -> str:
-    """Return a hash of the URDF text and of what has been changed in `pepper.inner_model`.
-
-    A payload, another mass, rotor inertias, limits, placements or gravity change it; looking at a model, or
-    building it, does not.  It costs a comparison of two models in C++, and nothing where nobody has asked for
-    `pepper.pinocchio_model`.
-    """
+    """Return a hash of the URDF text, and of the model that `with_pinocchio_model` has put in its place."""
     return pepper.dynamics_model.digest()
 
 
 class RobotMemory(Generic[Key, Value]):
-    """A dictionary for each robot, emptied once `pepper.pinocchio_model` has been changed.
+    """A dictionary for each robot.
 
     The dictionaries are attributes of the robots: one that is no longer used takes what was kept for it
     along, also where that refers to the robot.
     """
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-
-    def of(self, pepper: PepperModel) -> dict[Key, Value]:
-        """Return the dictionary of a robot as it is now."""
-        digest = pepper.dynamics_model.digest()
-        found: tuple[str, OrderedDict[Key, Value]] | None = pepper.kept.get(self)
-        if found is None or found[0] != digest:
-            with self._lock:
-                found = pepper.kept.get(self)
-                if found is None or found[0] != digest:
-                    found = pepper.kept[self] = digest, OrderedDict()
-        return found[1]
+    def of(self, pepper: PepperModel) -> OrderedDict[Key, Value]:
+        """Return the dictionary of a robot."""
+        found: OrderedDict[Key, Value] = pepper.kept.setdefault(self, OrderedDict())
+        return found
 
 
 def kept_for_robot(
@@ -69,7 +55,7 @@ def kept_for_robot(
 
         @wraps(build)
         def call(pepper: PepperModel, *arguments: Hashable) -> Value:
-            known: OrderedDict[Hashable, tuple[Value, int]] = memory.of(pepper)  # type: ignore[assignment]
+            known = memory.of(pepper)
             with lock:
                 if arguments in known:
                     known.move_to_end(arguments)
@@ -88,16 +74,11 @@ def kept_for_robot(
     return decorate
 
 
-def kept_while_private(build: Callable[[PepperModel], Value]) -> Callable[[PepperModel], Value]:
-    """Keep what a function returns for a robot whose `pinocchio_model` has not been handed out.
-
-    For what takes less time to compute than a comparison of two models does.
-    """
+def once_for_robot(build: Callable[[PepperModel], Value]) -> Callable[[PepperModel], Value]:
+    """Keep what a function returns for a robot, which is its only argument; looked up without a lock."""
 
     @wraps(build)
     def call(pepper: PepperModel) -> Value:
-        if pepper.dynamics_model.handed_out:
-            return build(pepper)
         try:
             value: Value = pepper.kept[build]
         except KeyError:

@@ -36,18 +36,14 @@ def working_memory(model: Any) -> Any:
 
 
 class DynamicsModel:
-    """Builds `pinocchio.Model` of a checked document once, and detects changes made to it since.
+    """Builds `pinocchio.Model` of a checked document once, unless another one takes its place.
 
-    Importing Pinocchio takes longer than reading the description, and many programs do without it.  A model
-    that was never handed out to a user cannot have been changed, which spares comparing it.
+    Importing Pinocchio takes longer than reading the description, and many programs do without it.
 
     Args:
         document: The robot.
         joint_names: All moving joints, those that follow others included, in Pinocchio's order.
-        changed: A model to use in place of that of the document, if there is one.
-
-    Attributes:
-        handed_out: Whether somebody outside may change the model.
+        changed: A model to use in place of that of the document, if there is one, which nobody changes.
     """
 
     def __init__(
@@ -55,12 +51,8 @@ class DynamicsModel:
     ) -> None:
         self._document, self._joint_names = document, joint_names
         self._lock = threading.RLock()
-        self._model = changed
-        self._pristine: Any = None if changed is None else self._build()
-        self.handed_out = changed is not None
-        self._hashed_model: Any = None
-        self._hashed_digest = ""
-        self._text_digest = ""
+        self._model = self._changed = changed
+        self._digest = ""
 
     def get(self) -> Any:
         """Return the model to read it; all callers share it.
@@ -74,39 +66,16 @@ class DynamicsModel:
                     self._model = self._build()
         return self._model
 
-    def hand_out(self) -> Any:
-        """Return the model to somebody who may change it.
-
-        Raises:
-            ModelError: where Pinocchio refuses the document.
-        """
-        with self._lock:
-            if self._pristine is None:
-                self._pristine = self.get().copy()
-                self.handed_out = True
-        return self._model
-
     def changed(self) -> Any | None:
-        """Return the model if it differs from what the document says."""
-        return None if not self.handed_out or _same(self._model, self._pristine) else self._model
+        """Return the model that takes the place of that of the document, or None."""
+        return self._changed
 
     def digest(self) -> str:
-        """Return a hash of the document and of what has been changed in the model since it was built.
-
-        A comparison in C++ (5 us) shows whether there is anything new to hash, and not even that is needed
-        while the model has not been handed out.
-        """
-        if not self.handed_out or _same(self._model, self._pristine):
-            if not self._text_digest:
-                self._text_digest = _hash(self._document.text)
-            return self._text_digest
-        if self._hashed_model is None or not _same(self._model, self._hashed_model):
-            with self._lock:
-                assert self._model is not None
-                snapshot = self._model.copy()
-                self._hashed_digest = _hash(f"{self._document.text}\n{snapshot.saveToString()}")
-                self._hashed_model = snapshot
-        return self._hashed_digest
+        """Return a hash of the document, and of the model that takes its place."""
+        if not self._digest:
+            own = "" if self._changed is None else f"\n{self._changed.saveToString()}"
+            self._digest = _hash(f"{self._document.text}{own}")
+        return self._digest
 
     def _build(self) -> Any:
         import pinocchio
@@ -128,18 +97,13 @@ def described(pepper: PepperModel) -> None:
     """Refuse a robot whose description does not hold all there is to know of it.
 
     Raises:
-        ModelError: where its `pinocchio_model` was changed by hand.
+        ModelError: where it was given another model by `with_pinocchio_model`.
     """
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
-            f"robot {pepper.name!r}: its pinocchio_model was changed by hand, which its description does not "
+            f"robot {pepper.name!r}: it was given another pinocchio_model, which its description does not "
             "hold; change limits and masses by with_limits() and with_masses(), placements in the URDF"
         )
-
-
-def _same(first: Any, second: Any) -> bool:
-    """Whether two models are equal; Pinocchio's comparison leaves out what is fixed to the world."""
-    return bool(first == second and first.inertias[0] == second.inertias[0])
 
 
 def _hash(text: str) -> str:

@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError, suspect_d
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.dynamics_model import DynamicsModel, working_memory
 from pepper_kin.model.follower_limits import coupled_limits
-from pepper_kin.model.joint_vectors import as_finite, check_within_limits
+from pepper_kin.model.joint_vectors import as_finite, check_choice, check_within_limits
 from pepper_kin.model.requirements import NAMED, WHEELS, MotionRequirements, as_requirements
 from pepper_kin.model.semantics import Semantics
 from pepper_kin.model.tree_order import depth_first, frame_ids, mimic_map
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from pepper_kin.model.wheels import Wheels
 
 changed_model = lazy_module("pepper_kin.model.changed_model")
+
+SOLVERS = ("fast", "reference")
+"""Whose code computes: this library's own, or Pinocchio's, placo's, proxsuite's, coal's and toppra's."""
 export_formats = lazy_module("pepper_kin.model.export_formats")
 
 
@@ -71,6 +74,7 @@ class PepperModel:
         is_direct: Whether what Pinocchio returns is what this library does: nothing follows, and there is
             more than one joint, since Pinocchio's matrices of one column are vectors.
         requirements: What its motions keep in reserve unless a call says otherwise.
+        solvers: "fast", this library's own; or "reference", the field's: see `with_solvers`.
         kept: What the packages keep for this robot, by `RobotMemory`; it goes when the robot does.
     """
 
@@ -93,6 +97,7 @@ class PepperModel:
     is_coupled: bool
     is_direct: bool
     requirements: MotionRequirements
+    solvers: str
     kept: dict[Any, Any]
     _frame_ids: dict[str, int]
     _local: threading.local
@@ -104,6 +109,7 @@ class PepperModel:
         sphere_set: Callable[[UrdfDocument], tuple[Shape, ...]] | None = None,
         changed: Any = None,
         requirements: MotionRequirements | None = None,
+        solvers: str = "fast",
     ) -> None:
         joints = {joint.name: joint for joint in document.joints if joint.type != "fixed"}
         order = depth_first(document)
@@ -130,6 +136,7 @@ class PepperModel:
             is_coupled=len(full_names) != len(names),
             is_direct=len(full_names) == len(names) > 1,
             requirements=requirements,
+            solvers=solvers,
             kept={},
             _frame_ids=frame_ids(document, order),
             _local=threading.local(),
@@ -140,26 +147,29 @@ class PepperModel:
         return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the document: Pinocchio's data do not travel; what was changed in its model does."""
-        changed = self.dynamics_model.changed()
-        own = None if changed is None else changed.copy()  # so that a copy can be changed by itself
-        return (PepperModel, (self.document, self.semantics, self.sphere_set, own, self.requirements))
+        """Rebuild from the document: Pinocchio's data do not travel; a model that was given does."""
+        return (PepperModel, self._parts())
 
-    @cached_property
+    def _parts(self) -> tuple[Any, ...]:
+        changed = self.dynamics_model.changed()
+        return (self.document, self.semantics, self.sphere_set, changed, self.requirements, self.solvers)
+
+    def with_parts(self, **parts: Any) -> PepperModel:
+        """Return the robot built from other parts, by the names of this class's arguments; the rest stays."""
+        names = ("document", "semantics", "sphere_set", "changed", "requirements", "solvers")
+        return PepperModel(**dict(zip(names, self._parts(), strict=True)) | parts)
+
+    @property
     def pinocchio_model(self) -> Any:
-        """`pinocchio.Model` of the moving tree, built at the first use.
+        """A copy of the robot's `pinocchio.Model`, which is the caller's: see `with_pinocchio_model`.
 
         Where hands are driven by mimic joints it has more coordinates than the robot: see `full_map`.
-
-        Masses, inertias, placements and gravity that are changed in it hold for all that is computed from
-        then on, and for copies, other processes and `place_base`.  Limits in it are not read: see
-        `with_limits`.
         """
-        return self.dynamics_model.hand_out()
+        return self.inner_model.copy()
 
     @cached_property
     def inner_model(self) -> Any:
-        """The same as `pinocchio_model`, for this library itself, which reads it and changes nothing."""
+        """`pinocchio.Model` of the moving tree, built at the first use; it is read, and never changed."""
         return self.dynamics_model.get()
 
     @property
@@ -393,7 +403,7 @@ class PepperModel:
             UnknownNameError: for a joint or group that the robot lacks.
             InvalidValueError: naming joint and limit, for a lower limit above the upper one, another limit
                 that is not above zero, one that a joint that follows does not allow, a wrong shape, or NaN.
-            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
+            ModelError: after `with_pinocchio_model`, whose model the new one would lose.
         """
         changes = {"lower": lower, "upper": upper, "velocity": velocity}
         return changed_model.with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
@@ -417,9 +427,48 @@ class PepperModel:
             UnknownNameError: for another name, listing the names.
             InvalidValueError: for another type.
         """
-        build, arguments = self.__reduce__()
-        made: PepperModel = build(*arguments[:-1], as_requirements(requirements))
-        return made
+        return self.with_parts(requirements=as_requirements(requirements))
+
+    def with_solvers(self, solvers: str) -> PepperModel:
+        """Return the robot that others' libraries, or this one, compute; this one stays as it is.
+
+            by_the_field = pepper.with_solvers("reference")
+
+        "reference": Pinocchio computes dynamics and the twin, placo (proxsuite where it is not installed)
+        inverse kinematics, coal every collision, toppra the timing; machine code of this library searches
+        and compares.  A call's own `solver` comes first.
+
+        Args:
+            solvers: "fast" or "reference".
+
+        Returns:
+            A new model.
+
+        Raises:
+            InvalidValueError: for another name.
+        """
+        return self.with_parts(solvers=check_choice("solvers", solvers, SOLVERS))
+
+    def with_pinocchio_model(self, model: Any) -> PepperModel:
+        """Return the robot with another model of Pinocchio's; this one stays as it is.
+
+            heavier = pepper.pinocchio_model
+            heavier.inertias[4].mass += 0.3
+            pepper = pepper.with_pinocchio_model(heavier)
+
+        Its masses, inertias, placements, rotors and gravity hold for all that is computed, and for copies and
+        other processes.  Limits in it are not read: see `with_limits`.
+
+        Args:
+            model: A `pinocchio.Model` with the joints of `pinocchio_model`, in its order; it is copied.
+
+        Returns:
+            A new model.
+
+        Raises:
+            InvalidValueError: for another type, or other joints.
+        """
+        return changed_model.with_pinocchio_model(self, model)
 
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
         """Return the robot with other masses of some links; this one stays as it is.
@@ -436,7 +485,7 @@ class PepperModel:
         Raises:
             UnknownNameError: for a link that the robot lacks, or that has no mass, listing those that have.
             InvalidValueError: for a mass that is not above zero.
-            ModelError: where `pinocchio_model` was changed by hand, which the new model would lose.
+            ModelError: after `with_pinocchio_model`, whose model the new one would lose.
         """
         return changed_model.with_masses(self, masses)
 

@@ -127,7 +127,7 @@ def _farness(request: PlanRequest) -> float:
 def _at_once(request: PlanRequest) -> TaskGoals | None:
     """Return what meets an alternative, if that is found soon."""
     options = request.options
-    if options.least_margin > 0.0 or not are_known_to_fast(request.goal):
+    if options.least_margin > 0.0 or not are_known_to_fast(request.checks.pepper, request.goal):
         return None
     return clear_goals(
         request.checks, request.start, request.goal, options.joints, options.margin, request.seed, _SOON,

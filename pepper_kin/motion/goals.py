@@ -68,7 +68,7 @@ def ends_of(request: PlanRequest) -> Ends | Plan:
     checks, start, goal, ended = request.checks, request.start, request.goal, request.ended
     least = request.options.least_margin
     tasks = are_tasks(goal)
-    fast = tasks and are_known_to_fast(goal)
+    fast = tasks and are_known_to_fast(checks.pepper, goal)
     sound = None if least > 0.0 or tasks else _sound(request)
     if sound is not None:
         return sound
@@ -170,7 +170,7 @@ def _far_enough(
 def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
     """Return what `goals_of` does, for a goal that is tasks."""
     tasks, checks, scene = request.goal, request.checks, request.checks.exact.scene
-    more, fast = checks.statics.tasks(), are_known_to_fast(request.goal)
+    more, fast = checks.statics.tasks(), are_known_to_fast(checks.pepper, request.goal)
     for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
         begin = request.now()
         load_tasks(checks.pepper, flatten_tasks(checks.pepper, sought))
@@ -178,10 +178,11 @@ def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
         clear = _clear_goals(request, sought)
         if clear is not None:
             return clear.goals, clear.ik, None
+    solver = OTHER_SOLVER if checks.pepper.solvers == "fast" and not fast else "robot"
     scenes = (scene,) if fast else (scene.padded(request.options.margin), scene)
     for scene in scenes:
         ik = solve(
-            checks.pepper, tasks, start=request.start, solver="fast" if fast else OTHER_SOLVER, scene=scene,
+            checks.pepper, tasks, start=request.start, solver=solver, scene=scene,
             seed=request.seed, joints=request.options.joints, balance=checks.statics.balance,
             timeout=request.left() / (1 if scene is scenes[-1] else 3),
         )  # fmt: skip

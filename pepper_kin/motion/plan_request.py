@@ -213,8 +213,10 @@ def are_tasks(goal: object) -> bool:
     return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
 
 
-def are_known_to_fast(tasks: Sequence[Any]) -> bool:
-    """Return whether the fast solver of inverse kinematics has code for tasks."""
+def are_known_to_fast(pepper: PepperModel, tasks: Sequence[Any]) -> bool:
+    """Return whether the fast solver of inverse kinematics has code for tasks, and is wanted."""
+    if pepper.solvers != "fast":
+        return False
     parts = [part for task in tasks for part in (task.parts if isinstance(task, TaskGroup) else [task])]
     return known_structures(parts) is not None
 
@@ -234,7 +236,7 @@ def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
     if not are_tasks(goal):
         return
     tasks = flatten_tasks(checks.pepper, cast("Sequence[Task]", goal))
-    if are_known_to_fast(tasks):
+    if are_known_to_fast(checks.pepper, tasks):
         load_tasks(checks.pepper, tasks)
 
 

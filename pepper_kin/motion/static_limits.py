@@ -16,6 +16,7 @@ from pepper_kin.batch import kernel
 from pepper_kin.collision.fast import StaticLoads
 from pepper_kin.collision.loads import (
     LoadParameters,
+    carrying,
     load_parameters,
     load_torque,
     loads_of,
@@ -139,6 +140,14 @@ class StaticLimits:
             q: The postures.
             margin: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
         """
+        if self.pepper.solvers != "fast":
+            still, torque = np.zeros_like(q), gravity_torque(carrying(self.pepper, self.carrying), q)
+            held = (np.abs(torque) <= self.effort_limits).all(axis=1)
+            polygon = support_polygon(self.pepper)
+            if self.balance is not None and polygon is not None:
+                inside = balance_margin(self.pepper, polygon, q, still, still, self.carrying)
+                held &= inside >= self.balance + margin
+            return np.asarray(held)
         n, inputs, carried = self.pepper.n, np.ascontiguousarray(q), self._parameters.static
         if carried.size:
             inputs = np.empty((len(q), n + carried.size))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -186,8 +185,9 @@ class Body:
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Let another gravity act on the links [m/s^2], shape (3,); the base stays on the floor."""
         with self.time.lock:
-            self.pepper = copy.copy(self.pepper)  # the model is shared with others
-            self.pepper.pinocchio_model.gravity.linear = np.asarray(gravity, dtype=float)
+            model = self.pepper.pinocchio_model
+            model.gravity.linear = np.asarray(gravity, dtype=float)
+            self.pepper = self.pepper.with_pinocchio_model(model)
             self._set_strength()
 
     def do(self, task: Task) -> Task:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision.loads import load_wrench
+from pepper_kin.collision.loads import carrying, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import inward_normals
@@ -96,6 +96,8 @@ def floor_wrench(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads
     Returns:
         Force [N], then moment [N m], shape (..., 6).
     """
+    if pepper.solvers != "fast":
+        return base_wrench(carrying(pepper, loads), q, v, a)
     wrench = base_wrench(pepper, q, v, a)
     return wrench + load_wrench(pepper, loads, q, v, a) if loads else wrench
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from pepper_kin import kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.collision.loads import AtFrames
+from pepper_kin.collision.loads import AtFrames, carrying
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.core.certificates.polynomials import evaluate
+from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.dynamics.support_polygon import checked_balance
@@ -99,7 +100,10 @@ def check(
         torque_scale=torque_scale, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene,
     )  # fmt: skip
     examined = _examined(pepper, trajectory, limits.loads)
-    torque = newton_euler_of_motion(pepper, *examined.state, limits.loads)
+    if pepper.solvers == "fast":
+        torque = newton_euler_of_motion(pepper, *examined.state, limits.loads)
+    else:
+        torque = inverse_dynamics(carrying(pepper, limits.loads), *examined.state)
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     polygon = None if kept is None else support_polygon(pepper)
     allowed = limits.of(pepper, pepper.acceleration_limits, drives=True)

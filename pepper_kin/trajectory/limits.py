@@ -12,15 +12,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import HANDS, AtFrames, at_frames, load_torque, load_wrench, loads_of
+from pepper_kin.collision.loads import (
+    HANDS,
+    AtFrames,
+    at_frames,
+    carrying,
+    load_torque,
+    load_wrench,
+    loads_of,
+)
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.excess import EffectKernel
 from pepper_kin.core.timing.tables import StateEffects
 from pepper_kin.core.timing.whole_timing import TorqueKernel
+from pepper_kin.dynamics import inverse_dynamics
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNameError
 from pepper_kin.kernels import Kernel, compile_function, source_digest
+from pepper_kin.kinematics import frame_velocity
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_numbers, shown
@@ -313,9 +323,11 @@ class LimitedQuantities:
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Return torques and accelerations of wheels, shape (T, n or 0, + k or 0): see `torque_limit`."""
         torque, wheels = np.zeros((len(q), 0)), self._limits.wheels
-        if self._joint_torques:
+        held = self._limits.loads
+        if self._joint_torques and self._pepper.solvers != "fast":
+            torque = inverse_dynamics(carrying(self._pepper, held), q, v, a)
+        elif self._joint_torques:
             torque = _evaluated(kernel(self._pepper, "inverse_dynamics"), q, v, a)
-            held = self._limits.loads
             torque = torque + load_torque(self._pepper, held, q, v, a) if held else torque
         if wheels is not None:
             torque = np.concatenate([torque, wheels.accelerations(q, v, a)], axis=1)
@@ -326,7 +338,7 @@ class LimitedQuantities:
         if self._polygon is None or self._limits.balance is None:
             return np.zeros((len(q), 0))
         held = self._limits.loads
-        if self._moment_of_wrench is None:
+        if self._moment_of_wrench is None or self._pepper.solvers != "fast":
             moments = edge_moments(self._pepper, self._polygon, q, v, a, self._limits.balance, held)
             return np.ascontiguousarray(moments)
         wrench = _evaluated(kernel(self._pepper, "base_wrench"), q, v, a)
@@ -340,7 +352,11 @@ class LimitedQuantities:
         """Return speeds of frames, wheels and base over their limits, shape (T, frames)."""
         shares = np.empty((len(q), self.frames))
         for k, (frame, limit) in enumerate(self._limits.speed):
-            velocity = _evaluated(kernel(self._pepper, "frame_velocity", frame), q, v)
+            velocity = (
+                _evaluated(kernel(self._pepper, "frame_velocity", frame), q, v)
+                if self._pepper.solvers == "fast"
+                else frame_velocity(self._pepper, q, v, frame)
+            )
             linear_speed_share(velocity, limit, k, shares)
         if self._limits.wheels is not None:
             shares[:, len(self._limits.speed) :] = self._limits.wheels.shares(q, v)

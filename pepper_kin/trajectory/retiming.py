@@ -79,7 +79,7 @@ def retime(
     acceleration_limits: LimitsLike | None = None,
     duration: float | None = None,
     gridpoints: int = 200,
-    solver: str = "fast",
+    solver: str = "robot",
     scene: Scene | None = None,
     path_speed: float | None = None,
     start_velocity: ArrayLike | None = None,
@@ -110,7 +110,8 @@ def retime(
             takes the same once for all.
         duration: The duration asked for [s]: the fastest motion is made slower evenly, which keeps limits.
         gridpoints: Least number of intervals of the grid, 2 to 50,000.
-        solver: "fast", this library's own, or "toppra", the package of that name, as reference.
+        solver: "fast", this library's own, or "toppra", the package of that name, as reference; "robot" as
+            its `solvers` say.
         scene: The scene whose attached objects count with their mass; None: that in which a plan was made.
         path_speed: Greatest rate of the parameter of a curve [1/s], as [m/s] where it is a way in meters;
             None for any. Not with `jerk`, nor by "toppra".
@@ -136,7 +137,8 @@ def retime(
             `start_velocity` too great to keep limits, naming the share that is not; or for a plan that
             failed, with its reason.
     """
-    check_choice("solver", solver, SOLVERS)
+    if check_choice("solver", solver, ("robot", *SOLVERS)) == "robot":
+        solver = "fast" if pepper.solvers == "fast" else "toppra"
     requested = None if duration is None else check_positive("duration", duration, "s")
     greatest = pepper.acceleration_limits
     if acceleration_limits is not None:

@@ -42,6 +42,7 @@ from pepper_kin.symbolic.vectors import (
     times,
     transpose,
 )
+from pepper_kin.twin.pinocchio_step import PythonKernel, pinocchio_steps
 
 if TYPE_CHECKING:
     import casadi
@@ -259,12 +260,16 @@ def mass_places(pepper: PepperModel) -> tuple[Place, ...]:
     return tuple(sorted(coupled_entries(state, mass_entries(state))))
 
 
-def step_kernels(pepper: PepperModel, variant: Variant, robots: int) -> tuple[Kernel, Kernel]:
-    """Return `step_function` and `solve_function` as machine code, from disk if it is there.
+def step_kernels(
+    pepper: PepperModel, variant: Variant, robots: int
+) -> tuple[Kernel | PythonKernel, Kernel | PythonKernel]:
+    """Return `step_function` and `solve_function` as machine code, from disk if it is there, or by Pinocchio.
 
     Both have the same number of lanes.  Many robots are worth the widest vectors of the processor; for one,
     the width that comes with the package will do.
     """
+    if pepper.solvers != "fast":
+        return pinocchio_steps(pepper, variant, parameters(variant), mass_places(pepper))
     width = host_target().vector_bytes if robots > 1 else _PACKAGE_VECTOR_BYTES
 
     def compiled(function: Callable[[], casadi.Function], what: str) -> Kernel:

@@ -1,7 +1,5 @@
 """What a robot carries is part of verdicts on its balance: against Pinocchio with it as part of a link."""
 
-import copy
-
 import numpy as np
 import pinocchio
 import pytest
@@ -28,11 +26,10 @@ def held(mass, frame="l_gripper"):
 
 def loaded(mass, frame="l_gripper", pepper=PEPPER):
     """Return a robot with the object as part of a link."""
-    other = copy.deepcopy(pepper)
-    model = other.pinocchio_model
+    model = pepper.pinocchio_model
     place = model.frames[pepper.frame_id(frame)]
     model.appendBodyToJoint(place.parentJoint, pinocchio.Inertia.FromBox(mass, *SIZE), place.placement * POSE)
-    return other
+    return pepper.with_pinocchio_model(model)
 
 
 def stiff():

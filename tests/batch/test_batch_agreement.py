@@ -139,8 +139,9 @@ def test_batch_axes_broadcast(panda, states, count):
 def test_a_model_that_was_given_a_payload_gets_kernels_of_its_own():
     plain = pk.load_pepper()
     dynamics.gravity_torque(plain, np.zeros((50, plain.n)))  # its kernel is on disk now
-    loaded = pk.load_robot(plain.urdf)
-    loaded.pinocchio_model.inertias[loaded.pinocchio_model.getJointId("LWristYaw")].mass += 0.5
+    model = plain.pinocchio_model
+    model.inertias[model.getJointId("LWristYaw")].mass += 0.5
+    loaded = plain.with_pinocchio_model(model)
     q = np.random.default_rng(0).uniform(-0.5, 0.5, (50, plain.n))
     light, heavy = dynamics.gravity_torque(plain, q), dynamics.gravity_torque(loaded, q)
     assert np.abs(heavy - light).max() > 0.1

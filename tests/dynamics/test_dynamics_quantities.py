@@ -177,6 +177,7 @@ def test_newton_euler_counts_what_was_changed_by_hand(options):
     model.gravity.linear = np.array([1.0, 2.0, -3.7])
     model.armature = np.linspace(0.1, 0.3, model.nv)
     model.frames[model.getFrameId("LArm_effector")].placement *= turn
+    robot = robot.with_pinocchio_model(model)
     rng = np.random.default_rng(3)
     q, v, a = rng.uniform(-1.0, 1.0, (3, 20, robot.n))
     expected = pk.dynamics.inverse_dynamics(robot, q, v, a)

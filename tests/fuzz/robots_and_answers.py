@@ -3,7 +3,7 @@
     python robots_and_answers.py NAME...
 
 prints the answers for these robots one after the other, in one process, as JSON lines.  A name with "later "
-before it stands for a robot that is used as it is first and changed in place then.
+before it stands for a robot that is made of one that is used first.
 """
 
 import json
@@ -209,7 +209,9 @@ def main(kinds, *names):
             robot = ROBOTS["as it is"]()
             if short != name:
                 answers(robot, kinds.split())
-            IN_PLACE[short](robot.pinocchio_model)
+            model = robot.pinocchio_model
+            IN_PLACE[short](model)
+            robot = robot.with_pinocchio_model(model)
         print(json.dumps(answers(robot, kinds.split())), flush=True)
 
 

@@ -22,6 +22,7 @@ for change in sys.argv[2:]:
     if change == "changed":
         model = pepper.pinocchio_model
         model.inertias[model.getJointId("LWristYaw")].mass += 3.0
+        pepper = pepper.with_pinocchio_model(model)
     result = pk.ik.solve(pepper, pk.ik.CenterOfMass((0.045, 0.02), tolerance=1e-4), collisions=False)
     answers.append((result.success, result.q.tolist()))
 print(json.dumps(answers))
@@ -30,14 +31,13 @@ print(json.dumps(answers))
 
 def new_pepper(heavy):
     pepper = pickle.loads(pickle.dumps(pk.load_pepper()))
-    if heavy:
-        make_heavy(pepper)
-    return pepper
+    return make_heavy(pepper) if heavy else pepper
 
 
 def make_heavy(pepper):
     model = pepper.pinocchio_model
     model.inertias[model.getJointId("LWristYaw")].mass += 3.0
+    return pepper.with_pinocchio_model(model)
 
 
 def center(q, heavy):
@@ -70,6 +70,7 @@ def test_one_robot_changed_between_two_calls(first):
     np.testing.assert_allclose(center(result.q, first), POINT, atol=2e-4)
     model = pepper.pinocchio_model
     model.inertias[model.getJointId("LWristYaw")].mass += -3.0 if first else 3.0
+    pepper = pepper.with_pinocchio_model(model)
     again = pk.ik.solve(pepper, TASK, collisions=False)
     assert again.success, again.report()
     np.testing.assert_allclose(center(again.q, not first), POINT, atol=2e-4)
@@ -85,8 +86,7 @@ def test_one_robot_changed_between_two_calls(first):
 def test_reference_solvers(solver):
     pepper = new_pepper(False)
     for heavy in (False, True):
-        if heavy:
-            make_heavy(pepper)
+        pepper = make_heavy(pepper) if heavy else pepper
         result = pk.ik.solve(pepper, TASK, solver=solver, collisions=False)
         assert result.success, result.report()
         np.testing.assert_allclose(center(result.q, heavy), POINT, atol=2e-4)
@@ -101,6 +101,7 @@ def test_reference_solvers_know_changed_placements(solver, what):
     joint, frame = model.getJointId("LElbowYaw"), model.frames[model.getFrameId("LArm_effector")]
     place = model.jointPlacements[joint] if what == "joint" else frame.placement
     place.translation = place.translation + np.array([0.05, 0.0, 0.01])
+    pepper = pepper.with_pinocchio_model(model)
     result = pk.ik.solve(pepper, pk.ik.HandPosition("left", point), solver=solver, collisions=False)
     assert result.success, result.report()
     data = model.createData()

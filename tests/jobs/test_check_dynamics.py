@@ -136,9 +136,10 @@ def test_a_wrong_mass_in_one_state_at_a_time_is_named_and_keeps_its_energy(monke
 
 def test_a_robot_with_a_changed_model_is_checked_as_it_is_now():
     """Newton-Euler takes the masses that the model has, in every form."""
-    changed = arm()
-    changed.pinocchio_model.inertias[2].mass *= 1.5
-    assert check_dynamics(changed, states=10).success
+    robot = arm()
+    model = robot.pinocchio_model
+    model.inertias[2].mass *= 1.5
+    assert check_dynamics(robot.with_pinocchio_model(model), states=10).success
 
 
 def test_torques_that_make_energy_are_named(monkeypatch):

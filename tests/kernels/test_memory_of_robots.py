@@ -10,7 +10,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin import base_placement, batch, collision, dynamics, ik, kinematics, motion, symbolic
 from pepper_kin.collision.fast import fast_checker_for
-from pepper_kin.model import RobotMemory, kept_for_robot
+from pepper_kin.model import kept_for_robot
 from pepper_kin.trajectory import OnlineMotion
 from pepper_kin.twin import Twin, TwinBatch
 from pepper_kin.twin.base import BalanceMonitor
@@ -151,10 +151,3 @@ def test_a_memory_is_bounded_in_bytes(pepper):
     for size in (400, 500, 300, 5000, 5000, 300):
         build(pepper, size)
     assert calls == [400, 500, 300, 5000, 300]
-
-
-def test_a_memory_of_a_changed_robot_starts_anew(pepper):
-    robot, memory = pickle.loads(pickle.dumps(pepper)), RobotMemory()
-    memory.of(robot)["x"] = 1
-    robot.pinocchio_model.inertias[3].mass += 0.5
-    assert memory.of(robot) == {}

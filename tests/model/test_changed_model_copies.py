@@ -32,8 +32,9 @@ def changed():
 def by_hand():
     robot = pk.load_robot(PEPPER.urdf)
     heavy = pinocchio.Inertia(2.0, np.zeros(3), 0.01 * np.eye(3))
-    robot.pinocchio_model.inertias[4] = robot.pinocchio_model.inertias[4] + heavy
-    return robot
+    model = robot.pinocchio_model
+    model.inertias[4] = model.inertias[4] + heavy
+    return robot.with_pinocchio_model(model)
 
 
 OTHER_PROCESS = """

@@ -54,8 +54,9 @@ def loaded(name):
     if name in OTHERS:
         return load_example(OTHERS[name])
     odd = pk.load_robot(ODD)
-    odd.pinocchio_model.armature[:] = [0.1, 0.2, 0.05, 0.3, 0.15, 0.25]
-    return odd
+    model = odd.pinocchio_model
+    model.armature[:] = [0.1, 0.2, 0.05, 0.3, 0.15, 0.25]
+    return odd.with_pinocchio_model(model)
 
 
 NAMES = (*PEPPERS, *OTHERS, "odd")

@@ -234,6 +234,7 @@ def test_a_robot_changed_by_hand_is_certified_as_it_is_now():
     assert check(robot, plain, collisions=False).success
     model = robot.pinocchio_model
     model.inertias[model.getJointId("LWristYaw")].mass += 1.5
+    robot = robot.with_pinocchio_model(model)
     found = check(robot, plain, collisions=False)
     assert "torque" in found.failures
     time = np.linspace(0.0, plain.duration, 2001)

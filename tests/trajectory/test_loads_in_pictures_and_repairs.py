@@ -3,8 +3,6 @@
 The reference is Pinocchio's model with the object's inertia appended to the joint that carries its frame.
 """
 
-import copy
-
 import numpy as np
 import pinocchio
 import pytest
@@ -22,11 +20,10 @@ HELD = CUP.attach("cup", "l_gripper", POSE.homogeneous, mass=MASS)
 
 def loaded(mass=MASS):
     """Return a robot with the object as part of a link."""
-    other = copy.deepcopy(PEPPER)
-    model = other.pinocchio_model
+    model = PEPPER.pinocchio_model
     place = model.frames[PEPPER.frame_id("l_gripper")]
     model.appendBodyToJoint(place.parentJoint, pinocchio.Inertia.FromBox(mass, *SIZE), place.placement * POSE)
-    return other
+    return PEPPER.with_pinocchio_model(model)
 
 
 def lines(*points):

@@ -23,7 +23,7 @@ def append(pepper, inertia, placement):
     model = pepper.pinocchio_model
     frame = model.frames[pepper.frame_id("l_gripper")]
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement * placement)
-    return pepper
+    return pepper.with_pinocchio_model(model)
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ class FastChecker:
         self.pepper = pepper
         self.exact = checker_for(pepper, scene, float(margin), float(self_margin))
         self._prepared = prepare(self.exact)
-        self._supported = self._prepared.structure.moving.supported
+        self._supported = self._prepared.structure.moving.supported and pepper.solvers == "fast"
         self._decided = self._supported and self._prepared.structure.decided
         self._resting = self._supported and resting_contact(self._prepared, float(margin))
         self._one = (pepper.n,) if self._supported and not self._resting else None
@@ -77,7 +77,7 @@ class FastChecker:
 
     @property
     def supported(self) -> bool:
-        """Whether the compiled check covers the robot's shapes; if not, all is left to coal."""
+        """Whether the compiled check covers the robot's shapes and is wanted; else all is left to coal."""
         return self._supported
 
     @property

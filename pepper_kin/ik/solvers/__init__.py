@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 from pepper_kin.ik.fast.search import FastSolver
 from pepper_kin.ik.problem import Problem
 from pepper_kin.ik.solver import TaskSolver
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
 
 SOLVERS = ("placo", "proxsuite")
 ALL_SOLVERS = ("fast", *SOLVERS)
 
-__all__ = ["ALL_SOLVERS", "SOLVERS", "TaskSolver", "make_solver"]
+__all__ = ["ALL_SOLVERS", "SOLVERS", "TaskSolver", "chosen_solver", "make_solver"]
+
+
+def chosen_solver(pepper: PepperModel, solver: str) -> str:
+    """Return a solver's name, that of the robot's `solvers` for "robot".
+
+    Of the field's, placo where it is installed and can follow the robot's mimic joints, else proxsuite.
+
+    Raises:
+        InvalidValueError: for an unknown name, listing those there are.
+    """
+    if check_choice("solver", solver, ("robot", *ALL_SOLVERS)) != "robot":
+        return solver
+    if pepper.solvers == "fast":
+        return "fast"
+    return "placo" if find_spec("placo") and not pepper.full_offset.any() else "proxsuite"
 
 
 def make_solver(name: str, problem: Problem) -> TaskSolver:

@@ -231,7 +231,7 @@ def robot_of(pepper: PepperModel) -> Any:
 
 
 def _change(model: Any, changed: Any) -> None:
-    """Bring what was changed in a robot's `pinocchio_model` to placo's, which begins with a floating base."""
+    """Bring what another model of a robot changes to placo's, which begins with a floating base."""
     for joint, inertia in enumerate(changed.inertias):
         model.inertias[joint + 1] = inertia
         if joint > 0:
