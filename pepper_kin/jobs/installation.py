@@ -41,8 +41,12 @@ PURPOSES: Mapping[str, str] = {
     "typer": "commands",
     "packaging": "`pepper-kin doctor`",
     "rich": "progress bars and tables of commands",
-    "placo": 'IK by `solver="placo"`, to compare with',
-    "toppra": 'timing by `solver="toppra"`, to compare with',
+    "placo": 'IK by `solver="placo"`',
+    "toppra": 'timing by `solver="toppra"`',
+    "cmeel-urdfdom": "what placo is built against",
+    "cmeel-tinyxml2": "what placo is built against",
+    "example-robot-data": "other robots to try",
+    "pandas": "tables",
     "matplotlib": "plots",
     "av": "films as MP4",
     "pillow": "films as GIF",
@@ -60,8 +64,8 @@ PURPOSES: Mapping[str, str] = {
 }
 """What each dependency is for, by its name in `pyproject.toml`."""
 
-DEVELOPMENT = ("test", "docs", "dev", "dask")
-"""Extras of developers, and one that is made of others."""
+DEVELOPMENT = ("test", "docs", "dev", "dask", "full")
+"""Extras of developers, and those that are made of others."""
 
 
 class Package(NamedTuple):

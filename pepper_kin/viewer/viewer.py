@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,7 @@ from pepper_kin.viewer.touching import touch_spans
 from pepper_kin.viewer.video import check_video, save_video
 
 if TYPE_CHECKING:
+    from pepper_kin.viewer.meshcat_scene import MeshcatScene
     from pepper_kin.viewer.server import ViewerServer
     from pepper_kin.viewer.server.board import Board
     from pepper_kin.viewer.server.session import Session
@@ -276,6 +277,29 @@ class Viewer:
         """
         self._live().call(lambda session: do(session.board))
         return self
+
+    def in_meshcat(self, visualizer: Any) -> MeshcatScene:
+        """Draw robot, scene and targets into a `meshcat.Visualizer` that is open, in a notebook as well.
+
+            visualizer = meshcat.Visualizer()
+            scene = pk.Viewer(pepper).add_scene(table).in_meshcat(visualizer["pepper"])
+            scene.display(q)
+            scene.play(trajectory)
+
+        Args:
+            visualizer: The visualizer, or a part of it, which is emptied.
+
+        Returns:
+            What shows joint positions and motions there.
+
+        Raises:
+            InvalidValueError: for something else than a visualizer.
+            FileFormatError: A mesh of the robot cannot be read.
+        """
+        from pepper_kin.viewer.meshcat_scene import MeshcatScene
+
+        drawn = (*self._robot, *self._surroundings.values(), *self._targets.values())
+        return MeshcatScene(visualizer, self._pepper, drawn, self._drawn_links)
 
     def save_html(
         self,
