@@ -548,7 +548,7 @@ class Scene:
             attached={**self.attached, name: hanging},
         )
 
-    def release(self, name: str, pepper: PepperModel, q: ArrayLike) -> Scene:
+    def release(self, pepper: PepperModel, name: str, q: ArrayLike) -> Scene:
         """Return a scene in which an attached object stands where the robot has it at q, shape (n,).
 
         Raises:

@@ -57,9 +57,9 @@ def cubic_pieces(
 
 def from_positions(
     kind: type[Trajectory],
+    pepper: PepperModel | None,
     times: ArrayLike,
     positions: ArrayLike,
-    pepper: PepperModel | None,
     *,
     joints: str | Sequence[str] | None,
     rest: ArrayLike | None,
@@ -172,4 +172,4 @@ def _warn(trajectory: Trajectory, found: list[tuple[float, int, str]], interpola
     named = "; ".join(sentence for _, _, sentence in found[:_NAMED])
     more = f"; {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     outside = "" if interpolation == "monotone" else "; interpolation='monotone' stays between the samples"
-    warnings.warn(f"positions between samples: {named}{more}{outside}", OvershootWarning, stacklevel=4)
+    warnings.warn(f"positions between samples: {named}{more}{outside}", OvershootWarning, stacklevel=5)
