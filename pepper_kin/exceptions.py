@@ -143,6 +143,11 @@ def suspect_degrees(value: float, unit: str = "rad") -> str:
     return "; degrees? use numpy.radians" if unit == "rad" and 2 * math.pi < abs(value) <= 360 else ""
 
 
+def suspect_millimeters(length: float) -> str:
+    """Return a question about a length beyond 50 m; empty for others."""
+    return "positions are in meters; millimeters?" if abs(length) > 50.0 else ""
+
+
 class LimitError(PepperKinError, ValueError):
     """A joint's value lies outside its limits.
 

@@ -107,6 +107,7 @@ class IKCertificate:
     proof: str
     balance: float | None = None
     stands: bool = True
+    note: str = ""
 
 
 class SearchResult(NamedTuple):
@@ -296,7 +297,8 @@ class IKResult(FrozenArrays):
             lines += self._extent()
         if self.clearance is not None:
             touching = "; it touches" if self.in_collision else ""
-            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}")
+            note = f".  {self.certificate.note}" if self.certificate.note else ""
+            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}{note}")
         else:
             lines.append(NOT_EXAMINED)
         lines.append(self._torque())

@@ -17,7 +17,7 @@ from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.dynamics.support_polygon import checked_balance
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_millimeters
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.closest import closest
 from pepper_kin.ik.collisions import Collisions
@@ -44,7 +44,7 @@ from pepper_kin.ik.standing import over_wheels, stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.expression import Expression
 from pepper_kin.ik.tasks.joint_posture import JointPosture
-from pepper_kin.ik.tasks.task import Task, TaskGroup
+from pepper_kin.ik.tasks.task import PointTask, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vector,
@@ -304,6 +304,9 @@ def _hint(status: IKStatus, request: Request, solver: str) -> str:
         return why_beyond_reach(request.problem())
     if status is IKStatus.CLOSEST_COLLISION:
         return what_is_in_the_way(request.problem(), request.collisions, request.budget)
+    targets = [task.target for task in request.tasks if isinstance(task, PointTask)]
+    if question := suspect_millimeters(max((np.abs(target).max() for target in targets), default=0.0)):
+        return question
     freed = request.movable is None or request.movable.all()
     if freed or status not in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE):
         return ""

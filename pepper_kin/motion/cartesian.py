@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pepper_kin import ik
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, checker_for
+from pepper_kin.exceptions import suspect_millimeters
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -162,6 +163,7 @@ def cartesian_path(
     fraction = float(done[-1] / route.length) if route.length else 1.0
     if status not in (CartesianStatus.DONE, CartesianStatus.START_INVALID):
         message = f"{hand} hand stops after {100 * done[-1]:.1f} of {100 * route.length:.1f} cm: {message}"
+        message += f" {suspect_millimeters(route.length)}".rstrip()
     hands = frame_pose(pepper, path, frame)[:, :3, 3]
     return CartesianPath(
         status=status,

@@ -11,7 +11,7 @@ from pepper_kin import ik
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import loads_of
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_millimeters
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
@@ -110,4 +110,5 @@ class TaskPath:
         blocked = ", ".join(far.blocking_limits)
         said = "; ".join(error.shortfall for error in far.errors if not error.met)
         status = FollowStatus.BLOCKED_BY_LIMITS if blocked else FollowStatus.OUT_OF_REACH
-        return status, said + (f", {blocked} at a limit." if blocked else ".")
+        question = f" {suspect_millimeters(self.length)}".rstrip() if self.is_route else ""
+        return status, said + (f", {blocked} at a limit." if blocked else ".") + question
