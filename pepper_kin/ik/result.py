@@ -108,6 +108,7 @@ class IKCertificate:
     balance: float | None = None
     stands: bool = True
     note: str = ""
+    aside: tuple[str, ...] = ()
 
 
 class SearchResult(NamedTuple):
@@ -301,6 +302,8 @@ class IKResult(FrozenArrays):
             lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}{note}")
         else:
             lines.append(NOT_EXAMINED)
+        if self.certificate.aside:
+            lines.append(f"no task moves {listed(self.certificate.aside)}: to keep clear, or in balance")
         lines.append(self._torque())
         if self.balance is not None and not self.certificate.stands:
             lines.append(self._standing(self.balance))

@@ -36,7 +36,15 @@ from pepper_kin.ik.priorities import (
     is_ordered,
     solve_with_priorities,
 )
-from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.problem import (
+    OUT_OF_THE_WAY,
+    Problem,
+    SearchBudget,
+    flatten_tasks,
+    joints_used,
+    make_problem,
+    movable_joints,
+)
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import ALL_SOLVERS, make_solver
@@ -139,8 +147,10 @@ def solve(
     if found.status is not IKStatus.SOLVED:
         found = search_on(request, solver, found)
         conflict, hint = reasons(found.status, request, solver)
-    elif kept is not None and not stands(pepper, found.q, kept, around.loads):
-        found = standing(request, solver, found, kept)
+    if found.status is IKStatus.SOLVED:
+        found = found if world is None else with_idle_at_rest(request, solver, found)
+        if kept is not None and not stands(pepper, found.q, kept, around.loads):
+            found = standing(request, solver, found, kept)
     return IKResult(
         status=found.status,
         q=read_only(found.q + turns),
@@ -168,6 +178,33 @@ def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) 
     ready.spare.append(buffers)
 
 
+def _with_idle_held(request: Request, solver: str) -> Request:
+    """Return the request in which joints that none of its tasks depends on keep still."""
+    if solver == "fast":
+        used = np.zeros(request.pepper.n, bool)
+        used[compiled_tasks(request.pepper, request.tasks).index] = True
+    else:
+        used = joints_used(request.pepper, request.tasks)
+    movable = used if request.movable is None else used & request.movable
+    return request._replace(movable=movable, budget=request.budget._replace(closest=False))
+
+
+def with_idle_at_rest(request: Request, solver: str, found: SearchResult) -> SearchResult:
+    """Return a solution in which joints that no task depends on rest, in place of one that moved them far."""
+    held = _with_idle_held(request, solver)
+    if not ((np.abs(found.q - request.q0) > OUT_OF_THE_WAY) & ~held.movable).any():  # type: ignore[operator]
+        return found
+    return _after(found, _search(held, solver))
+
+
+def _after(found: SearchResult, other: SearchResult) -> SearchResult:
+    """Return the other result where it is solved, else the first, with the steps of both."""
+    met = other if other.status is IKStatus.SOLVED else found
+    return met._replace(
+        iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
+    )
+
+
 def standing(request: Request, solver: str, found: SearchResult, balance: float) -> SearchResult:
     """Return a solution on which the robot stands in place of one on which it does not, if one is found.
 
@@ -184,11 +221,12 @@ def standing(request: Request, solver: str, found: SearchResult, balance: float)
     budget = request.budget._replace(
         closest=False, deadline=request.budget.deadline + time.perf_counter() - begin
     )
-    other = _search(request._replace(tasks=tasks, budget=budget), solver)
-    met = other if other.status is IKStatus.SOLVED else found
-    return met._replace(
-        iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
-    )
+    for one in (_with_idle_held(request, solver), request):
+        other = _search(one._replace(tasks=tasks, budget=budget), solver)
+        found = _after(found, other)
+        if other.status is IKStatus.SOLVED:
+            break
+    return found
 
 
 class Request(NamedTuple):

@@ -127,7 +127,7 @@ def follow(
     best: Followed | None = None
     for weights, posture in itertools.product(_weights(pepper.n), path.starts() if q is None else [q]):
         try:
-            found = whole.followed(posture, weights, ramps=ramps, laps=laps)
+            found = whole.followed(posture, weights, ramps=ramps, laps=laps, deadline=begin + allowed_time)
         except NotFollowedError as error:
             found = error.result
         if best is None or found.success or found.reached > best.reached:
@@ -139,6 +139,9 @@ def follow(
     if best is None:
         status, reason = path.unreachable(pepper.neutral(), path.at_one(0.0))
         best = Followed(status, f"No posture begins the path: {reason}")
+    if not best.success and best.status is not FollowStatus.IN_COLLISION:
+        lacking = path.lacking_joints(pepper.neutral() if q is None else q, best.reached)
+        best = replace(best, message=f"{best.message} {lacking}".rstrip())
     return replace(best, time=time.perf_counter() - begin)
 
 
