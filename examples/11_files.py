@@ -27,7 +27,7 @@ for suffix in ("npz", "json", "csv", "yaml", "py", "mcap"):
     except pk.exceptions.MissingDependencyError as error:
         print(error)
         continue
-    again = load(path, pepper)
+    again = load(path, pepper=pepper)
     at = np.arange(0.0, min(motion.duration, again.duration), 0.04)
     worst[suffix] = float(np.abs(again(at).position - motion(at).position).max())
     print(f"{path}: {path.stat().st_size / 1000:6.1f} kB, off by {worst[suffix]:.1e} rad")
@@ -36,7 +36,7 @@ for suffix in ("npz", "json", "csv", "yaml", "py", "mcap"):
 cut = folder / "cut.yaml"
 cut.write_text((folder / "beat.yaml").read_text()[:2000])
 try:
-    load(cut, pepper)
+    load(cut, pepper=pepper)
 except FileFormatError as error:
     refused = error
     print(f"refused: {error}")

@@ -6,6 +6,7 @@ never raised: it is a status in a result.
 
     PepperKinError                            the base of all errors
     InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
+    CallError                                 an argument that a function does not take, a module called
     ModelError, FileFormatError, InfeasibleError, MissingDependencyError
     ModelWarning, OvershootWarning, FileFormatWarning
 """
@@ -17,6 +18,7 @@ from collections.abc import Iterable
 from typing import Any
 
 __all__ = [
+    "CallError",
     "FileFormatError",
     "FileFormatWarning",
     "InfeasibleError",
@@ -122,9 +124,28 @@ class UnknownNameError(PepperKinError, KeyError):
         return str(self.args[0])
 
 
+class CallError(PepperKinError, TypeError):
+    """A function does not take an argument of this name, or what is called is no function.
+
+    Attributes:
+        name: The unknown name; of a module, its own.
+        available: What could be given, or called.
+    """
+
+    def __init__(self, reason: str, name: str, available: Iterable[str]) -> None:
+        self.name, self.available = name, tuple(available)
+        hint = did_you_mean(name, self.available)
+        super().__init__(f"{reason}{hint}; available: {', '.join(self.available) or '(none)'}")
+
+
 def suspect_degrees(value: float, unit: str = "rad") -> str:
     """Return a question about an angle beyond a whole turn [rad]; empty for others."""
     return "; degrees? use numpy.radians" if unit == "rad" and 2 * math.pi < abs(value) <= 360 else ""
+
+
+def suspect_millimeters(length: float) -> str:
+    """Return a question about a length beyond 50 m; empty for others."""
+    return "positions are in meters; millimeters?" if abs(length) > 50.0 else ""
 
 
 class LimitError(PepperKinError, ValueError):

@@ -10,6 +10,8 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
+from pepper_kin.call_errors import name_options, with_named_options
+
 
 def lazily(
     package: str, names_of: Mapping[str, str] | None = None
@@ -34,13 +36,18 @@ def lazily(
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         home = homes()[name]
         module = importlib.import_module(home if home.startswith("pepper_kin.") else f"{package}.{home}")
-        value = module if home == name else getattr(module, name)
+        value = module if home == name else with_named_options(getattr(module, name), package)
         setattr(sys.modules[package], name, value)
+        for other, where in homes().items():  # classes of values that functions return
+            kind = vars(sys.modules[where]).get(other) if where in sys.modules else None
+            if isinstance(kind, type):
+                with_named_options(kind, package)
         return value
 
     def listed() -> list[str]:
         return sorted({*vars(sys.modules[package]), *homes()})
 
+    name_options(package)
     return get, listed
 
 

@@ -19,6 +19,8 @@
 A state is a vector of n numbers; a checker decides whether it is valid.
 """
 
+from pepper_kin.call_errors import name_options
+
 from .aorrtc import aorrtc
 from .car_connect import CarResult, car_connect
 from .car_curves import CarCurve, car_curve
@@ -85,3 +87,5 @@ __all__ = [
     "smooth",
     "transition_rrt",
 ]
+
+name_options(__name__)

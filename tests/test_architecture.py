@@ -15,7 +15,7 @@ from pepper_kin import __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "arrays", "lazy_names", "forked_children", "exceptions", "status", "file_access", "servers",
+    "arrays", "exceptions", "call_errors", "lazy_names", "forked_children", "status", "file_access", "servers",
     "proxsuite_library", "plugins", "ros_messages",
     "model",
     "symbolic",
@@ -30,12 +30,13 @@ APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planne
 ONLY = {
     "kernels": {"exceptions", "file_access"},
     "core": {"exceptions", "kernels"},
-    "planners": {"exceptions", "status", "kernels", "core"},
+    "planners": {"exceptions", "call_errors", "status", "kernels", "core"},
     "urdf": {"exceptions"},
     "exceptions": set(),
     "status": set(),
     "arrays": set(),
-    "lazy_names": set(),
+    "lazy_names": {"call_errors"},
+    "call_errors": {"exceptions"},
     "plugins": set(),
     "forked_children": set(),
     "file_access": {"exceptions"},
@@ -167,12 +168,12 @@ run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
 assert np.abs(run.position[-1] - trajectory.end).max() < 0.01
 for name in ("motion.json", "motion.csv", "motion.yaml", "motion.py"):
     pk.files.save(trajectory, name, scene=scene)
-    again = pk.files.load(name, pepper)
+    again = pk.files.load(name, pepper=pepper)
     assert abs(again.duration - trajectory.duration) < 0.01
 for refused in (
     lambda: pk.files.save(trajectory, "motion.mcap"),
     lambda: pk.files.load("motion.mcap"),
-    lambda: pk.files.read_joint_states("motion.mcap", pepper),
+    lambda: pk.files.read_joint_states(pepper, "motion.mcap"),
 ):
     try:
         refused()
@@ -293,7 +294,8 @@ ASKS_WHAT_IS_IMPORTED = {
     "pepper_kin/kernels/compiled_function.py",  # the file of a function's own module
     "pepper_kin/forked_children.py",  # the locks of what is imported
     "pepper_kin/kernels/signatures.py",  # the names of a class's own module
-    "pepper_kin/lazy_names.py",  # a package's own module
+    "pepper_kin/call_errors.py",  # a package's own module
+    "pepper_kin/lazy_names.py",
     "pepper_kin/naoqi/scripts.py",  # the modules that a script of NAOqi's imports, put back after it
     "pepper_kin/qibullet/programs.py",  # those of qiBullet's programs
 }

@@ -106,6 +106,13 @@ def test_help_begins_with_a_list_of_all_names_that_fits_on_a_screen():
         assert not [name for name in module.__all__ if name not in module.__doc__], module
 
 
+def test_the_robot_comes_first_or_by_name():
+    for path, parameters in callables():
+        for place, parameter in enumerate(parameters):
+            if parameter.name == "pepper":
+                assert place == 0 or parameter.kind is inspect.Parameter.KEYWORD_ONLY, path
+
+
 def test_a_scene_of_none_means_the_robot_alone_everywhere():
     """A scene is left out or a Scene; what may leave collisions out says so by `collisions`."""
     for path, parameters in callables():

@@ -11,6 +11,7 @@ from pepper_kin.base_placement.place_base import place_base
 from pepper_kin.base_placement.placement_map import PlacementMap, placement_map
 from pepper_kin.base_placement.result import Placement, PlacementResult, PlacementStatus
 from pepper_kin.base_placement.score import PlacementTerms, PlacementWeights
+from pepper_kin.call_errors import name_options
 
 __all__ = [
     "Placement",
@@ -22,3 +23,5 @@ __all__ = [
     "place_base",
     "placement_map",
 ]
+
+name_options(__name__)

@@ -14,6 +14,7 @@ from pepper_kin.batch.states import (
     over_states,
     state_data,
 )
+from pepper_kin.call_errors import name_options
 
 __all__ = [
     "KERNEL_FROM",
@@ -22,3 +23,5 @@ __all__ = [
     "over_states",
     "state_data",
 ]
+
+name_options(__name__)

@@ -58,7 +58,7 @@ def plot(
     Example: pepper-kin plot demo/trajectory.csv demo/run.csv -o demo/both.pdf
     """
     pepper = pk.load_pepper(base, hands, head_limits=head_limits)
-    motions = {name: pk.jobs.load_motion(file, pepper) for name, file in _named(files).items()}
+    motions = {name: pk.jobs.load_motion(pepper, file) for name, file in _named(files).items()}
     check_file(output)
     held = None if scene is None else pk.Scene.load(scene)
     if len(files) == 1 and isinstance(only := next(iter(motions.values())), pk.Trajectory):
@@ -121,7 +121,7 @@ def render(
     )
     pixels = None if size is None else _size(size)
     pepper = pk.load_pepper(base=base, hands=hands)
-    motion = pk.jobs.load_motion(file, pepper)
+    motion = pk.jobs.load_motion(pepper, file)
     around = scene_of(file, scene, no_scene)
     check_file(output)
     if not as_json:

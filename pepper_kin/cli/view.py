@@ -58,6 +58,6 @@ def view(
         access,
         port,
         scene=scene_of(file, scene, no_scene),
-        motion=None if file is None else pk.files.load(file, pepper),
+        motion=None if file is None else pk.files.load(file, pepper=pepper),
         on_start=announce,
     )

@@ -15,6 +15,7 @@
 against itself.  Functions that can ignore collisions take `collisions=False`, and their reports state it.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.least_clearance import LeastClearance, approach_speed, least_clearance
@@ -51,3 +52,5 @@ __all__ = [
     "near_pairs",
     "without_robot",
 ]
+
+name_options(__name__)

@@ -8,6 +8,13 @@ from pepper_kin.exceptions import InvalidValueError
 ROBOT_ALONE = Scene()
 """What `scene=None` stands for: nothing around the robot, which is checked against itself all the same."""
 
+LEFT_EMPTY = "The scene is empty: `add_box` and the like return a new one."
+
+
+def is_left_empty(scene: Scene | None) -> bool:
+    """Whether a scene was given and holds nothing, as where results of `add_box` are dropped."""
+    return not (scene is None or scene is ROBOT_ALONE or scene.objects or scene.attached or scene.movers)
+
 
 def checked_world(scene: Scene | None, collisions: bool = True) -> Scene | None:
     """Return the scene in which collisions are checked; None where they are left out.

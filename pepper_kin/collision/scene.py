@@ -24,6 +24,7 @@ from pepper_kin.collision.scene_object import (
     checked_pairs,
     grown,
     number_of,
+    placed,
     same_item,
     sorted_pair,
 )
@@ -40,7 +41,7 @@ from pepper_kin.collision.urdf_object import objects_of_urdf
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_numbers
-from pepper_kin.model.shapes import rotation_to_axis, transform
+from pepper_kin.model.shapes import rotation_to_axis
 
 VOXEL = 0.02
 """Edge of the cubes to which clouds are thinned by default [m]."""
@@ -131,11 +132,12 @@ class Scene:
         Raises:
             InvalidValueError: for a name that is taken, a pose or velocity with NaN or of wrong length, an
                 uncertainty below 0, or a half-space that moves.
+
+        Warns:
+            UserWarning: for a position beyond 50 m, as millimeters are.
         """
         self._check_new(name)
-        pose = transform(
-            as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
-        )
+        pose = placed(name, position, rpy)
         chosen = PALETTE[len(self.objects) % len(PALETTE)] if color is None else color
         return self._and_one(SceneObject(name, geometry, pose, chosen, **motion))
 
@@ -329,9 +331,7 @@ class Scene:
         Warns:
             ModelWarning: naming shapes of size zero, which are left out.
         """
-        place = transform(
-            as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
-        )
+        place = placed(name, position, rpy)
         grown = self
         self._check_new(name)
         for item in objects_of_urdf(name, urdf, place, meshes, package_dirs):
@@ -360,9 +360,7 @@ class Scene:
             InvalidValueError: for an object that hangs on the robot.
         """
         self._check_standing(name)
-        pose = transform(
-            as_finite(position, f"position of {name!r}", (3,)), as_finite(rpy, f"rpy of {name!r}", (3,))
-        )
+        pose = placed(name, position, rpy)
         return self._replaced({name: replace(self.objects[name], transform_object_to_world=pose)})
 
     def moved(
@@ -548,7 +546,7 @@ class Scene:
             attached={**self.attached, name: hanging},
         )
 
-    def release(self, name: str, pepper: PepperModel, q: ArrayLike) -> Scene:
+    def release(self, pepper: PepperModel, name: str, q: ArrayLike) -> Scene:
         """Return a scene in which an attached object stands where the robot has it at q, shape (n,).
 
         Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,9 +24,10 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.collision.uniform_solid import uniform_solid
 from pepper_kin.dynamics.load import Load
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_millimeters
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
-from pepper_kin.model.joint_vectors import as_finite, check_positive
+from pepper_kin.model.joint_vectors import as_finite, check_positive, refuse_degrees
+from pepper_kin.model.shapes import transform
 
 Color = tuple[float, float, float, float]
 WOOD: Color = (0.72, 0.53, 0.36, 1.0)
@@ -315,6 +317,22 @@ def checked_pairs(allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 def sorted_pair(a: str, b: str) -> tuple[str, str]:
     """Return two names in their order."""
     return (a, b) if a <= b else (b, a)
+
+
+def placed(name: str, position: ArrayLike, rpy: ArrayLike) -> NDArray[np.float64]:
+    """Return the transform to the world, shape (4, 4), of an object's position [m] and rpy [rad].
+
+    Raises:
+        InvalidValueError: for NaN, another shape, or angles of more than a whole turn.
+
+    Warns:
+        UserWarning: for a position beyond 50 m, as millimeters are.
+    """
+    refuse_degrees(angles := as_finite(rpy, f"rpy of {name!r}", (3,)), f"rpy of {name!r}")
+    found = transform(as_finite(position, f"position of {name!r}", (3,)), angles)
+    if question := suspect_millimeters(float(np.abs(found[:3, 3]).max())):
+        warnings.warn(f"position of {name!r}: {question}", UserWarning, stacklevel=4)
+    return found
 
 
 def number_of(name: str, what: str, value: float) -> float:

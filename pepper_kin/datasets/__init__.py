@@ -12,6 +12,7 @@
 `pepper-kin dataset make | check | show | resume` does the same from a job's file.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.exceptions import MissingDependencyError
 
 try:
@@ -50,3 +51,5 @@ __all__ = [
     "resume",
     "run_shard",
 ]
+
+name_options(__name__)

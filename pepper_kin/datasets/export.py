@@ -95,7 +95,7 @@ def _to_lerobot(dataset: Dataset, store: Store) -> None:
             uneven = max(uneven, float(np.abs(row["time"] - even).max()))
     if uneven > 0.5 / fps:
         text = f"lerobot: frames are stated every {1.0 / fps:g} s; their times differ by up to {uneven:.3g} s"
-        warnings.warn(text, FileFormatWarning, stacklevel=3)
+        warnings.warn(text, FileFormatWarning, stacklevel=4)
 
 
 def _known_joints(dataset: Dataset, state: Column, action: Column) -> Array:
@@ -115,7 +115,7 @@ def _known_joints(dataset: Dataset, state: Column, action: Column) -> Array:
     if not known.all():
         lacking = ", ".join(name for name, good in zip(state.names, known, strict=True) if not good)
         words = f"lerobot: joints that not every log has at all times are left out: {lacking}"
-        warnings.warn(words, FileFormatWarning, stacklevel=4)
+        warnings.warn(words, FileFormatWarning, stacklevel=5)
     return known
 
 

@@ -11,6 +11,7 @@
 Functions that save take the object first and the path last; every file is written whole or not at all.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.files.choregraphe import naoqi_timeline, read_choregraphe, read_naoqi_export
 from pepper_kin.files.formats import load, save
 from pepper_kin.files.joint_states import read_joint_states
@@ -34,3 +35,5 @@ __all__ = [
     "save",
     "save_table",
 ]
+
+name_options(__name__)

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import CallError, InvalidValueError
 from pepper_kin.files.motion_points import (
     MotionPoints,
     points_at,
@@ -104,13 +104,13 @@ def examination(
     Raises:
         InvalidValueError: for joints of no robot that is known; or for an `unchecked` that is neither True
             nor False.
-        TypeError: for another option.
+        CallError: for another option.
     """
     checked_trajectory(trajectory)
     if not isinstance(unchecked, bool):
         raise InvalidValueError("unchecked", shown(unchecked), "True or False")
     if unknown := set(conditions) - set(Conditions.__annotations__):
-        raise TypeError(f"unexpected keyword argument {min(unknown)!r}")
+        raise CallError(f"no argument {min(unknown)!r}", min(unknown), Conditions.__annotations__)
     if unchecked:
         return None
     robot = pepper_with_joints(trajectory.joint_names) if pepper is None else pepper

@@ -98,7 +98,7 @@ def save(
     return chosen.write(path, certified_points(trajectory, chosen.step, dt, examined, chosen.bezier))
 
 
-def load(path: PathName, pepper: PepperModel | None = None, *, format: str | None = None) -> Trajectory:
+def load(path: PathName, *, pepper: PepperModel | None = None, format: str | None = None) -> Trajectory:
     """Read a trajectory that `save` wrote.
 
     Args:

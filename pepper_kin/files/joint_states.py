@@ -47,8 +47,8 @@ class StateMessage(NamedTuple):
 
 
 def read_joint_states(
-    path: PathName,
     pepper: PepperModel,
+    path: PathName,
     *,
     topic: str | None = None,
     ignore: Sequence[str] = IGNORED,
@@ -66,8 +66,8 @@ def read_joint_states(
     are used unless all are zero.  Joints may be in any order, and some may be missing: these stay at `rest`.
 
     Args:
-        path: The file.
         pepper: The robot.
+        path: The file.
         topic: Which topic of a recording to read; the only one with joint states if omitted.
         ignore: Joints that may be in the file though the robot lacks them.
         rest: Where joints stay that the file lacks [rad or m], shape (n,); Stand, or neutral, if omitted.
@@ -110,9 +110,9 @@ def read_joint_states(
     try:
         return from_positions(
             Trajectory,
+            pepper,
             time,
             np.column_stack([columns[name] for name in known]),
-            pepper,
             joints=known,
             rest=others,
             interpolation=interpolation,

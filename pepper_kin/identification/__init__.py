@@ -13,6 +13,7 @@
 How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.identification.command import LogCheck, check_logs
 from pepper_kin.identification.estimates import (
     Estimate,
@@ -58,3 +59,5 @@ __all__ = [
     "save_replay_picture",
     "without_person",
 ]
+
+name_options(__name__)

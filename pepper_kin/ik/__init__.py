@@ -17,6 +17,7 @@ The differential-IK controller and the search for a place to stand are separate 
 and `pepper_kin.base_placement`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.ik.batch import BatchResult, solve_batch
 from pepper_kin.ik.pointing import straight_pointing
 from pepper_kin.ik.result import IKResult, IKStatus, TaskError, TorqueUse
@@ -76,3 +77,5 @@ __all__ = [
     "solve_batch",
     "straight_pointing",
 ]
+
+name_options(__name__)

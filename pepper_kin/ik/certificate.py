@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision.checked_world import LEFT_EMPTY, is_left_empty
+from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.ik.collisions import Collisions, torque_ratios
-from pepper_kin.ik.problem import Problem, make_problem
+from pepper_kin.ik.problem import OUT_OF_THE_WAY, Problem, joints_used, make_problem, moved_aside
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.standing import distance_inside, stands
@@ -83,15 +85,24 @@ def certify(
         blocking[:] = False
     ratios = torque_ratios(pepper, q, collisions.loads)
     hardest = int(np.argmax(ratios))
+    way, aside = np.where(problem.movable, np.abs(q - problem.q0), 0.0), tuple[str, ...]()
+    if collisions.considered and (way > OUT_OF_THE_WAY).any():
+        aside = moved_aside(pepper, ~joints_used(pepper, problem.tasks), way)
+    in_collision = None if not collisions.considered else not collisions.free(q)
+    note = LEFT_EMPTY if is_left_empty(collisions.scene) else ""
+    if in_collision:
+        note = note or advice_on_own_links(pepper)
     return IKCertificate(
         errors=errors,
         active_limits=_names(problem, at_lower | at_upper),
         blocking_limits=_names(problem, blocking),
         clearance=collisions.clearance(q),
-        in_collision=None if not collisions.considered else not collisions.free(q),
+        in_collision=in_collision,
         torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
         proof="" if met else why_beyond_reach(problem),
         balance=None if balance is None else float(distance_inside(pepper, q, collisions.loads)),
+        note=note,
+        aside=aside,
         stands=balance is None or bool(stands(pepper, q, balance, collisions.loads)),
     )
 

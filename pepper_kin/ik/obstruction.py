@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_kin.arrays import read_only
 from pepper_kin.collision.checker import checker_for
+from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import alternatives, search_compiled
 from pepper_kin.ik.problem import Problem, SearchBudget
@@ -91,9 +92,11 @@ def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchB
     names, found = max(depths.items(), key=lambda item: len(item[1]))
     known = [depth for depth in found if depth is not None]
     deep = f", {words_for_length(float(np.median(known)))} deep on the median" if known else ""
+    advice = advice_on_own_links(pepper, names)
+    said = f"; {advice}" if advice else ""
     return (
         f"of {len(postures)} postures that reach it, all collisions aside, {len(found)} have {names[0]} and "
-        f"{names[1]} {'too near' if collisions.margin else 'touching'}{deep}"
+        f"{names[1]} {'too near' if collisions.margin else 'touching'}{deep}{said}"
     )
 
 

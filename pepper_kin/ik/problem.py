@@ -20,6 +20,9 @@ from pepper_kin.model import PepperModel
 POSTURE_WEIGHT = 1e-3
 """eps of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometers."""
 
+OUT_OF_THE_WAY = 0.1
+"""How far a joint that nothing is asked of goes unsaid [rad or m]."""
+
 
 class SearchBudget(NamedTuple):
     """How much to search.
@@ -163,6 +166,18 @@ def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
         for task in tasks:
             used |= np.abs(task.dependence(pepper, q)).max(axis=0) > 1e-9
     return used
+
+
+def moved_aside(pepper: PepperModel, idle: np.ndarray, way: Array) -> tuple[str, ...]:
+    """Return which idle joints go farther than `OUT_OF_THE_WAY`, in words: "HeadYaw by 0.12 rad".
+
+    Args:
+        pepper: The robot.
+        idle: Which joints nothing is asked of, shape (n,).
+        way: How far each joint goes [rad or m], shape (n,).
+    """
+    far = np.flatnonzero(idle & (way > OUT_OF_THE_WAY))
+    return tuple(f"{pepper.joint_names[j]} by {way[j]:.2f} {pepper.joint_units[j]}" for j in far)
 
 
 def motion_scale(pepper: PepperModel, q: Array) -> Array:

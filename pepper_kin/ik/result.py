@@ -107,6 +107,8 @@ class IKCertificate:
     proof: str
     balance: float | None = None
     stands: bool = True
+    note: str = ""
+    aside: tuple[str, ...] = ()
 
 
 class SearchResult(NamedTuple):
@@ -296,9 +298,12 @@ class IKResult(FrozenArrays):
             lines += self._extent()
         if self.clearance is not None:
             touching = "; it touches" if self.in_collision else ""
-            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}")
+            note = f".  {self.certificate.note}" if self.certificate.note else ""
+            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}{note}")
         else:
             lines.append(NOT_EXAMINED)
+        if self.certificate.aside:
+            lines.append(f"no task moves {listed(self.certificate.aside)}: to keep clear, or in balance")
         lines.append(self._torque())
         if self.balance is not None and not self.certificate.stands:
             lines.append(self._standing(self.balance))

@@ -17,7 +17,7 @@ from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.dynamics.support_polygon import checked_balance
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_millimeters
 from pepper_kin.ik.certificate import CertificateInputs
 from pepper_kin.ik.closest import closest
 from pepper_kin.ik.collisions import Collisions
@@ -36,7 +36,15 @@ from pepper_kin.ik.priorities import (
     is_ordered,
     solve_with_priorities,
 )
-from pepper_kin.ik.problem import Problem, SearchBudget, flatten_tasks, make_problem, movable_joints
+from pepper_kin.ik.problem import (
+    OUT_OF_THE_WAY,
+    Problem,
+    SearchBudget,
+    flatten_tasks,
+    joints_used,
+    make_problem,
+    movable_joints,
+)
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import chosen_solver, make_solver
@@ -44,7 +52,7 @@ from pepper_kin.ik.standing import over_wheels, stands
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.expression import Expression
 from pepper_kin.ik.tasks.joint_posture import JointPosture
-from pepper_kin.ik.tasks.task import Task, TaskGroup
+from pepper_kin.ik.tasks.task import PointTask, Task, TaskGroup
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vector,
@@ -138,8 +146,10 @@ def solve(
     if found.status is not IKStatus.SOLVED:
         found = search_on(request, solver, found)
         conflict, hint = reasons(found.status, request, solver)
-    elif kept is not None and not stands(pepper, found.q, kept, around.loads):
-        found = standing(request, solver, found, kept)
+    if found.status is IKStatus.SOLVED:
+        found = found if world is None else with_idle_at_rest(request, solver, found)
+        if kept is not None and not stands(pepper, found.q, kept, around.loads):
+            found = standing(request, solver, found, kept)
     return IKResult(
         status=found.status,
         q=read_only(found.q + turns),
@@ -167,6 +177,33 @@ def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) 
     ready.spare.append(buffers)
 
 
+def _with_idle_held(request: Request, solver: str) -> Request:
+    """Return the request in which joints that none of its tasks depends on keep still."""
+    if solver == "fast":
+        used = np.zeros(request.pepper.n, bool)
+        used[compiled_tasks(request.pepper, request.tasks).index] = True
+    else:
+        used = joints_used(request.pepper, request.tasks)
+    movable = used if request.movable is None else used & request.movable
+    return request._replace(movable=movable, budget=request.budget._replace(closest=False))
+
+
+def with_idle_at_rest(request: Request, solver: str, found: SearchResult) -> SearchResult:
+    """Return a solution in which joints that no task depends on rest, in place of one that moved them far."""
+    held = _with_idle_held(request, solver)
+    if not ((np.abs(found.q - request.q0) > OUT_OF_THE_WAY) & ~held.movable).any():  # type: ignore[operator]
+        return found
+    return _after(found, _search(held, solver))
+
+
+def _after(found: SearchResult, other: SearchResult) -> SearchResult:
+    """Return the other result where it is solved, else the first, with the steps of both."""
+    met = other if other.status is IKStatus.SOLVED else found
+    return met._replace(
+        iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
+    )
+
+
 def standing(request: Request, solver: str, found: SearchResult, balance: float) -> SearchResult:
     """Return a solution on which the robot stands in place of one on which it does not, if one is found.
 
@@ -183,11 +220,12 @@ def standing(request: Request, solver: str, found: SearchResult, balance: float)
     budget = request.budget._replace(
         closest=False, deadline=request.budget.deadline + time.perf_counter() - begin
     )
-    other = _search(request._replace(tasks=tasks, budget=budget), solver)
-    met = other if other.status is IKStatus.SOLVED else found
-    return met._replace(
-        iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
-    )
+    for one in (_with_idle_held(request, solver), request):
+        other = _search(one._replace(tasks=tasks, budget=budget), solver)
+        found = _after(found, other)
+        if other.status is IKStatus.SOLVED:
+            break
+    return found
 
 
 class Request(NamedTuple):
@@ -303,6 +341,9 @@ def _hint(status: IKStatus, request: Request, solver: str) -> str:
         return why_beyond_reach(request.problem())
     if status is IKStatus.CLOSEST_COLLISION:
         return what_is_in_the_way(request.problem(), request.collisions, request.budget)
+    targets = [task.target for task in request.tasks if isinstance(task, PointTask)]
+    if question := suspect_millimeters(max((np.abs(target).max() for target in targets), default=0.0)):
+        return question
     freed = request.movable is None or request.movable.all()
     if freed or status not in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE):
         return ""

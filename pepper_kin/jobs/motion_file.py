@@ -17,13 +17,13 @@ SCENE_FILE = "scene.json"
 """The scene of the motions in the same folder."""
 
 
-def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
+def load_motion(pepper: PepperModel, path: str | Path) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
+        pepper: The robot whose joints it must have.
         path: A file that `pepper_kin.files.save` or `Run.save` wrote (in a table, columns of torque tell a
             run), or the folder of a `Recorder`.
-        pepper: The robot whose joints it must have.
 
     Returns:
         A trajectory or a run.
@@ -41,8 +41,8 @@ def load_motion(path: str | Path, pepper: PepperModel) -> Trajectory | Run:
     suffix = Path(path).suffix.lower()
     columns = ",".join(column_names(path)) if suffix == ".parquet" else ""
     if _RUN_COLUMN in (_first_line(path) if suffix == ".csv" else columns):
-        return load_run(path, pepper)
-    return load(path, pepper)
+        return load_run(pepper, path)
+    return load(path, pepper=pepper)
 
 
 def scene_beside(path: str | Path) -> Path | None:

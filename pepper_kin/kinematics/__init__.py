@@ -10,6 +10,7 @@
 Functions of joint vectors take shape (..., n); frames are named as in `pepper.frame_names`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.kinematics.axes import NamedAxis, named_axes
 from pepper_kin.kinematics.frames import frame_pose, frame_poses, link_poses
 from pepper_kin.kinematics.jacobian import frame_jacobian, frame_jacobian_rate
@@ -31,3 +32,5 @@ __all__ = [
     "named_axes",
     "reach_map",
 ]
+
+name_options(__name__)

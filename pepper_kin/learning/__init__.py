@@ -16,6 +16,7 @@ Importing it registers `PepperReach-v0` and the others of `TASKS`, for `gymnasiu
 `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.exceptions import MissingDependencyError
 
 try:
@@ -70,3 +71,5 @@ for _name in TASKS:
             vector_entry_point="pepper_kin.learning.vector_env:PepperVectorEnv",
             kwargs={"task": _name},
         )
+
+name_options(__name__)

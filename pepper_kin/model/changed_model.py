@@ -119,7 +119,7 @@ def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
     before = set(changed_states(pepper.semantics.states, old))
     for sentence in changed_states(pepper.semantics.states, document):
         if sentence not in before:
-            warnings.warn(f"SRDF: {sentence}", ModelWarning, stacklevel=4)
+            warnings.warn(f"SRDF: {sentence}", ModelWarning, stacklevel=5)
     made = replace(document, wheels=old.wheels)
     return pepper.with_parts(document=made)
 

@@ -98,7 +98,7 @@ def warn_of_followers(pepper: PepperModel) -> None:
         ]
         if changed:
             message = f"joint {name}: {followers_of(pepper, name)} bind it: {', '.join(changed)}"
-            warnings.warn(f"URDF: {message}", ModelWarning, stacklevel=4)
+            warnings.warn(f"URDF: {message}", ModelWarning, stacklevel=5)
 
 
 def followers_of(pepper: PepperModel, name: str) -> str:

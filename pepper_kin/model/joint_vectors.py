@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError, LimitError, did_you_mean
+from pepper_kin.exceptions import InvalidValueError, LimitError, did_you_mean, suspect_degrees
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -155,6 +155,17 @@ def _holds_truth(value: list[Any] | tuple[Any, ...]) -> bool:
         _holds_truth(item) if isinstance(item, list | tuple) else getattr(item, "dtype", None) == np.bool_
         for item in value
     )
+
+
+def refuse_degrees(angles: ArrayLike, quantity: str) -> None:
+    """Refuse angles of more than a whole turn [rad], as degrees are.
+
+    Raises:
+        InvalidValueError: with the greatest of them.
+    """
+    greatest = float(np.abs(np.asarray(angles, float)).max(initial=0.0))
+    if question := suspect_degrees(greatest):
+        raise InvalidValueError(quantity, f"{greatest:.6g} rad", f"at most a whole turn, 2 pi{question}")
 
 
 def _gradient_advice(value: object) -> str:

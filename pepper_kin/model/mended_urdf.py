@@ -21,13 +21,14 @@ def mend(root: ET.Element, text: str) -> list[str]:
 
     Calls of macros that nothing defines are left out, as are shapes of kinds that URDF has not, scales that
     are not three numbers with their shapes, and mimic elements of unknown joints; limits in the wrong order
-    change places; negative velocities and efforts, which some write for none, are no limits.
+    change places; negative velocities and efforts, which some write for none, are no limits; of materials of
+    one name the first stays.
 
     Raises:
         ModelError: for xacro sources: without what their macros stand for they would be another robot.
     """
     calls = _left_over_calls(root) if XACRO in text else ()
-    return [*calls, *_joints(root), *_shapes(root)]
+    return [*calls, *_materials(root), *_joints(root), *_shapes(root)]
 
 
 def _left_over_calls(root: ET.Element) -> Iterator[str]:
@@ -40,6 +41,16 @@ def _left_over_calls(root: ET.Element) -> Iterator[str]:
                 raise ModelError(f"URDF: holds <xacro:{tag}>; expand it first: xacro FILE > robot.urdf")
             parent.remove(element)
             yield f"<xacro:{shortened(tag)}> is a call of a macro that nothing defines; it is left out"
+
+
+def _materials(root: ET.Element) -> Iterator[str]:
+    names = set()
+    for material in root.findall("material"):
+        name = material.get("name")
+        if name in names:
+            root.remove(material)
+            yield f"<material name={shortened(repr(name))}> stands twice; the first is used"
+        names.add(name)
 
 
 def _joints(root: ET.Element) -> Iterator[str]:

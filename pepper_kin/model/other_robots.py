@@ -89,7 +89,7 @@ def _warn_of_what_does_not_fit(srdf: str | Path, semantics: Semantics) -> None:
     file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
     unknown = [semantics.unknown_names()] if semantics.unknown else []
     for sentence in (*unknown, *semantics.changed):
-        warnings.warn(f"{file}SRDF: {sentence}", ModelWarning, stacklevel=3)
+        warnings.warn(f"{file}SRDF: {sentence}", ModelWarning, stacklevel=4)
 
 
 def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
@@ -142,4 +142,4 @@ def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
     tensor = tensor_of(values)
     message = impossible_inertia(np.linalg.eigvalsh(tensor))
     if message and tensor.any():  # without any inertia it is a mass at a point
-        warnings.warn(f"URDF: {link}: {message}", ModelWarning, stacklevel=6)
+        warnings.warn(f"URDF: {link}: {message}", ModelWarning, stacklevel=7)

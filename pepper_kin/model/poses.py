@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, suspect_degrees
-from pepper_kin.model.joint_vectors import as_batch, check_choice
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.model.joint_vectors import as_batch, check_choice, refuse_degrees
 from pepper_kin.model.shapes import rotation_rpy
 
 ORDERS = ("xyzw", "wxyz")
@@ -65,9 +65,7 @@ def pose(
     origin = as_batch(position, "position", (3,))
     if rpy is not None:
         turn = rotation_from_rpy(rpy)
-        greatest = float(np.abs(np.asarray(rpy, float)).max(initial=0.0))
-        if question := suspect_degrees(greatest):
-            raise InvalidValueError("rpy", f"{greatest:.6g} rad", f"at most a whole turn, 2 pi{question}")
+        refuse_degrees(rpy, "rpy")
     elif quaternion_xyzw is not None:
         turn = rotation_from_quaternion(quaternion_xyzw, order="xyzw")
     elif quaternion_wxyz is not None:

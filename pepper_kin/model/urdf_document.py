@@ -140,7 +140,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
     rewritten = to_version_1_0(root)
     mended = mend(root, text)
     for what in mended:
-        warnings.warn(f"URDF: {what}", ModelWarning, stacklevel=3)
+        warnings.warn(f"URDF: {what}", ModelWarning, stacklevel=4)
     if mended or rewritten:
         text = ET.tostring(root, encoding="unicode")
     links = tuple(attribute_of(element, "name", "link") for element in root.findall("link"))

@@ -22,6 +22,7 @@
 Where nothing is found, `status` and `message` say why, and `report()` says what to try.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.motion.batch_planning import PlanBatch, PlanProblem, plan_batch
 from pepper_kin.motion.cartesian import CartesianPath, CartesianStatus, cartesian_path
 from pepper_kin.motion.constrained_plan import plan_constrained
@@ -107,3 +108,5 @@ __all__ = [
     "simplify_path",
     "validate",
 ]
+
+name_options(__name__)

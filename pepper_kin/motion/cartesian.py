@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from pepper_kin import ik
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, checker_for
+from pepper_kin.exceptions import suspect_millimeters
+from pepper_kin.ik.problem import joints_used, moved_aside
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -21,6 +23,7 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.motion.curves import HandCurve, Route
+from pepper_kin.motion.follow_result import words_for_aside
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.problem import checked_margin
 from pepper_kin.motion.static_limits import static_limits
@@ -160,8 +163,10 @@ def cartesian_path(
     first = np.clip(q, pepper.lower_limits, pepper.upper_limits)
     path, done, status, message = follower.follow(first, route.stops(step), route)
     fraction = float(done[-1] / route.length) if route.length else 1.0
+    message += words_for_aside(moved_aside(pepper, follower.idle, np.ptp(path, axis=0)))
     if status not in (CartesianStatus.DONE, CartesianStatus.START_INVALID):
         message = f"{hand} hand stops after {100 * done[-1]:.1f} of {100 * route.length:.1f} cm: {message}"
+        message += f" {suspect_millimeters(route.length)}".rstrip()
     hands = frame_pose(pepper, path, frame)[:, :3, 3]
     return CartesianPath(
         status=status,
@@ -210,12 +215,18 @@ class _Follower:
         self.direction, self.joints = direction, joints
         self.tolerance, self.least_step = tolerance, least_step
         arm_only = joints is None and f"{hand}_arm" in pepper.group_names
-        # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later.
-        self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(joints, None)]
-        if arm_only:
-            self.ways.append((f"{hand}_arm", None))
         margin = checked_margin(margin)
-        self.ways.append((joints, (scene or Scene()).padded(margin)))
+        world = (scene or Scene()).padded(margin)
+        asked: list[ik.Task] = [ik.HandPosition(hand, np.zeros(3))]
+        asked += [] if direction is None else [ik.Point(hand, direction)]
+        self.idle = ~joints_used(pepper, asked)
+        names = pepper.resolve_joints(joints)
+        used = [name for name in names if not self.idle[pepper.joint_index(name)]]
+        # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later;
+        # joints that do not move the hand rest, as long as that will do.
+        self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(used, None)]
+        self.ways += [(f"{hand}_arm", None)] if arm_only else []
+        self.ways += [(used, world), (joints, world)]
         self.checker = checker_for(pepper, scene, margin)
         self.exact = checker_for(pepper, scene)
         self.statics = static_limits(pepper, "robot", None, scene)

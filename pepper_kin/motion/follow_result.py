@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,6 +41,7 @@ class Followed:
         slowest: Least speed, as a share of the one asked for, between the places where it is first and last
             reached on a stretch from rest to rest; 1.0 where none was asked for, or a stretch is too short.
         reached: How much of the way can be followed, 0 to 1; all of it at less speed where that is too fast.
+        aside: Joints that no task moves and that go out of the way, such as "HeadYaw by 0.12 rad".
         time: Wall time [s].
     """
 
@@ -53,6 +55,7 @@ class Followed:
     slowest: float = 1.0
     reached: float = 0.0
     time: float = 0.0
+    aside: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -70,6 +73,12 @@ class Followed:
         for name, error in zip(self.tasks, self.errors, strict=True):
             lines.append(f"{name}: at most {error:.2g} off" + (" (relaxed)" if name in self.relaxed else ""))
         return "\n".join([*lines, self.advice])
+
+
+def words_for_aside(aside: Iterable[str]) -> str:
+    """Return a sentence on `Followed.aside`, after a blank; empty where all joints rest."""
+    named = ", ".join(aside)
+    return f" No task moves {named}: out of the way." if named else ""
 
 
 class NotFollowedError(Exception):

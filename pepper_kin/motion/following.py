@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import time
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from pepper_kin import ik
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import CallError, InvalidValueError
 from pepper_kin.ik.problem import movable_joints
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kinematics import frame_pose
@@ -97,7 +98,8 @@ def follow(
     begin = time.perf_counter()
     unknown = sorted(set(limits) - set(_OF_RETIME))
     if unknown:
-        raise TypeError(f"follow() got an unexpected keyword argument {unknown[0]!r}")
+        known = [*inspect.signature(follow).parameters][:-1] + list(_OF_RETIME)
+        raise CallError(f"follow() takes no argument {unknown[0]!r}", unknown[0], known)
     if not ramps and speed is None:
         raise InvalidValueError("speed", "None", "a number, without ramps")
     asked = None if speed is None else check_positive("speed", speed)
@@ -125,7 +127,7 @@ def follow(
     best: Followed | None = None
     for weights, posture in itertools.product(_weights(pepper.n), path.starts() if q is None else [q]):
         try:
-            found = whole.followed(posture, weights, ramps=ramps, laps=laps)
+            found = whole.followed(posture, weights, ramps=ramps, laps=laps, deadline=begin + allowed_time)
         except NotFollowedError as error:
             found = error.result
         if best is None or found.success or found.reached > best.reached:
@@ -137,6 +139,9 @@ def follow(
     if best is None:
         status, reason = path.unreachable(pepper.neutral(), path.at_one(0.0))
         best = Followed(status, f"No posture begins the path: {reason}")
+    if not best.success and best.status is not FollowStatus.IN_COLLISION:
+        lacking = path.lacking_joints(pepper.neutral() if q is None else q, best.reached)
+        best = replace(best, message=f"{best.message} {lacking}".rstrip())
     return replace(best, time=time.perf_counter() - begin)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import CollisionChecker
+from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, solve
 from pepper_kin.ik.problem import flatten_tasks
@@ -53,7 +54,9 @@ def fault_of(
         names = checker.contacts(q)
         depth = f", {-pair.distance * 1000:.1f} mm deep" if pair is not None and pair.distance < 0 else ""
         status = PlanStatus.START_IN_COLLISION if start else PlanStatus.GOAL_IN_COLLISION
-        return status, f"The {what} is in collision: {' and '.join(names[0])} overlap{depth}."
+        advice = advice_on_own_links(pepper, names[0])
+        said = f"; {advice}" if advice else ""
+        return status, f"The {what} is in collision: {' and '.join(names[0])} overlap{depth}{said}."
     statics = StaticLimits(pepper) if statics is None else statics
     heavy, sentence = statics.weakest(q) is not None, statics.violation(q, what)
     if not sentence:

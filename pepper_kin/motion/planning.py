@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin import planners
 from pepper_kin.collision import Scene
+from pepper_kin.collision.checked_world import LEFT_EMPTY, is_left_empty
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -168,8 +169,8 @@ def _free_path(
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
     message += relaxation_sentence(problem, way.curve, options.margin)
-    if scene is not None and not (scene.objects or scene.attached or scene.movers):
-        message += " The scene is empty: `add_box` and the like return a new one."
+    if is_left_empty(scene):
+        message += f" {LEFT_EMPTY}"
     return ended.solved(checks.exact, way.points, message, way.curve, **more)
 
 

@@ -574,7 +574,7 @@ def _timed(
     begin: float,
 ) -> Retargeted:
     """Return the motion through joint positions q [rad], shape (F, n), within all limits."""
-    raw = Trajectory.from_positions(person.times, q, pepper, interpolation="monotone")
+    raw = Trajectory.from_positions(pepper, person.times, q, interpolation="monotone")
     period = float(person.times[1])
     try:
         kept = motion_limits(pepper, balance=ROBOT, torque_scale=ROBOT, payload=payload, scene=scene)

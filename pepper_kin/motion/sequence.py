@@ -24,7 +24,7 @@ from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
 from pepper_kin.motion.curves import HandCurve, Route
-from pepper_kin.motion.follow_result import Followed, FollowStatus
+from pepper_kin.motion.follow_result import Followed, FollowStatus, words_for_aside
 from pepper_kin.motion.following import follow
 from pepper_kin.motion.validation import validate
 from pepper_kin.trajectory import Trajectory, retime
@@ -89,7 +89,7 @@ def sequence(
         raise InvalidValueError("moves", repr(moves), "PTP, LIN, CIRC, Arc or SPLINE, one or more")
     q, parts, slowest, done = np.array(as_joint_vector(pepper, start, "start")), list[Trajectory](), 1.0, 0
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
-    errors: dict[str, float] = {}
+    errors, aside = dict[str, float](), dict[str, None]()
     for is_curve, group in groupby(moves, lambda move: isinstance(move, HandCurve)):
         commands: list[Any] = list(group)
         if is_curve:
@@ -99,7 +99,7 @@ def sequence(
                 pepper, q, along, route, speed=speed, scene=scene, margin=margin, timeout=timeout, **limits
             )
             if found.success:
-                slowest = min(slowest, found.slowest)
+                slowest, aside = min(slowest, found.slowest), aside | dict.fromkeys(found.aside)
                 for name, error in zip(found.tasks, found.errors, strict=True):
                     errors[name] = max(errors.get(name, 0.0), float(error))
             runs = [found]
@@ -121,9 +121,9 @@ def sequence(
             done += len(commands) if is_curve else 1
     whole = functools.reduce(Trajectory.then, parts)
     return Followed(
-        FollowStatus.DONE, f"{len(moves)} commands in {whole.duration:.2f} s.", whole, tasks=tuple(errors),
-        errors=np.array(list(errors.values())), slowest=slowest, reached=1.0,
-        time=time.perf_counter() - begin,
+        FollowStatus.DONE, f"{len(moves)} commands in {whole.duration:.2f} s.{words_for_aside(aside)}", whole,
+        tasks=tuple(errors), errors=np.array(list(errors.values())), slowest=slowest, reached=1.0,
+        time=time.perf_counter() - begin, aside=tuple(aside),
     )  # fmt: skip
 
 

@@ -11,8 +11,9 @@ from pepper_kin import ik
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import loads_of
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, suspect_millimeters
 from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.ik.result import listed
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -25,6 +26,7 @@ TasksAlong: TypeAlias = Callable[[Array], Task | TaskGroup | Iterable[Task | Tas
 _NODE_EVERY = 0.04  # [m] on routes
 _LEAST_NODES = 16
 _START_COUNT = 8
+_LOOKS = 5  # places that are looked at for a lack of joints
 
 
 class TaskPath:
@@ -94,6 +96,23 @@ class TaskPath:
         tasks = self.at_one(0.0)
         return ik.solutions(self.pepper, tasks, count=_START_COUNT, scene=self.scene, joints=self.joints)
 
+    def lacking_joints(self, start: Array, reached: float) -> str:
+        """Return which tasks the joints that may move cannot meet, and what would; empty where they can.
+
+        Args:
+            start: Where the others stay [rad or m], shape (n,).
+            reached: Where on the way it failed, 0 to 1: from there on is looked.
+        """
+        if self.joints is None:
+            return ""
+        for s in np.linspace(reached, 1.0, _LOOKS) * self.length:
+            found = ik.solve(self.pepper, self.at_one(s), start=start, joints=self.joints, collisions=False)
+            if not found.success:
+                unmet = found.conflict or found.unmet
+                help_of = f": {found.hint}" if found.hint else ", nor would all joints"
+                return f"The joints that may move cannot meet {listed(unmet)} {self.words(s)}{help_of}."
+        return "The joints that may move reach all of it, but not from this start: let more joints move."
+
     def unreachable(self, before: Array, tasks: Sequence[Task]) -> tuple[FollowStatus, str]:
         """Return why no posture near another one, shape (n,), meets tasks, those of a place."""
         pepper = self.pepper
@@ -110,4 +129,5 @@ class TaskPath:
         blocked = ", ".join(far.blocking_limits)
         said = "; ".join(error.shortfall for error in far.errors if not error.met)
         status = FollowStatus.BLOCKED_BY_LIMITS if blocked else FollowStatus.OUT_OF_REACH
-        return status, said + (f", {blocked} at a limit." if blocked else ".")
+        question = f" {suspect_millimeters(self.length)}".rstrip() if self.is_route else ""
+        return status, said + (f", {blocked} at a limit." if blocked else ".") + question

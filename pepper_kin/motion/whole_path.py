@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -15,11 +16,12 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik.fast.task_rows import TaskRows
+from pepper_kin.ik.problem import moved_aside
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
-from pepper_kin.motion.follow_result import Followed, FollowStatus, NotFollowedError
+from pepper_kin.motion.follow_result import Followed, FollowStatus, NotFollowedError, words_for_aside
 from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.least_acceleration import PathNodes, PathProblem
 from pepper_kin.motion.path_barriers import PathBarriers
@@ -44,8 +46,7 @@ _STILL = 5e-3  # [rad or m] of a step that changes little
 _WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # [rad or m] that nodes stay within the position limits
 _FAR = 5e-3  # [rad or m] outside of a limit, at nodes
 _NEARNESS = 0.1
-_IDLE = 1e4  # nearness of joints that no task moves to where they are
-_OUT_OF_THE_WAY = 0.1  # [rad or m]: what an idle joint moves beyond it is said
+_IDLE = 1.0  # nearness of joints that no task moves to where they are: more lets them give way in jerks
 _DRAWN = (30.0, 1e3, 1e5)  # nearness to postures that touch nothing, in turn
 _PREFERRED, _RELAXED = (
     3.0,
@@ -93,8 +94,11 @@ class WholePath:
         self._barriers: PathBarriers | None = None
         self._relaxed, self._fast = set[int](), list[float]()
         self._scale, self._idle = np.ones(self.pepper.n), np.zeros(self.pepper.n, bool)
+        self._start = self.pepper.neutral()
 
-    def followed(self, start: Array, weights: Array, *, ramps: bool, laps: int) -> Followed:
+    def followed(
+        self, start: Array, weights: Array, *, ramps: bool, laps: int, deadline: float = np.inf
+    ) -> Followed:
         """Return the motion from a start.
 
         Args:
@@ -102,6 +106,7 @@ class WholePath:
             weights: How much each joint may accelerate beside the others, shape (n,).
             ramps: See `follow`.
             laps: See `follow`.
+            deadline: Time of `perf_counter` after which a motion that is too fast is not bent otherwise [s].
 
         Raises:
             NotFollowedError: with the reason.
@@ -112,7 +117,7 @@ class WholePath:
         if fault is not None or off:
             message = fault[1] if fault is not None else f"The start does not meet the tasks: {off[0]}."
             raise NotFollowedError(FollowStatus.START_INVALID, message)
-        top = self.pepper.acceleration_limits
+        self._start, top = start, self.pepper.acceleration_limits
         self._scale, self._fast = weights * np.where(np.isfinite(top) & (top > 0), top, 1.0), []
         curve = self._prioritized(start, tasks)
         first: NotFollowedError | None = None
@@ -124,17 +129,19 @@ class WholePath:
                 slowest = self._slowest(whole, motion) if ramps and self.speed is not None else 1.0
             except NotFollowedError as error:
                 first = first or error
-                if error.joint is None:
+                if error.joint is None or time.perf_counter() > deadline:
                     raise first from None
                 self._scale[error.joint] *= _SLOWER
                 self._fast.append(error.reached * laps % 1.0)
             else:
                 relaxed = tuple(tasks[k].name for k in sorted(self._relaxed))
                 said = f" {' and '.join(relaxed)} only as well as can be." if relaxed else ""
-                said += self._moved_aside(curve)
+                aside = self._moved_aside(curve)
+                said += words_for_aside(aside)
                 return Followed(
                     FollowStatus.DONE, f"The whole path in {motion.duration:.2f} s.{said}", motion, whole,
                     tuple(task.name for task in tasks), self._errors(curve), relaxed, slowest, 1.0,
+                    aside=aside,
                 )  # fmt: skip
             nodes = curve.breaks[: len(curve.breaks) - self.path.closed]
             try:
@@ -144,17 +151,10 @@ class WholePath:
         assert first is not None
         raise first
 
-    def _moved_aside(self, curve: CubicPath) -> str:
-        """Return a sentence on joints that no task moves and that go out of the way; empty without."""
+    def _moved_aside(self, curve: CubicPath) -> tuple[str, ...]:
+        """Return `Followed.aside`."""
         way = np.ptp(_points(curve, np.arange(_POINTS) / _POINTS)[1], axis=0)
-        far = [
-            f"{name} by {way[j]:.2f} {unit}"
-            for j, (name, unit) in enumerate(
-                zip(self.pepper.joint_names, self.pepper.joint_units, strict=True)
-            )
-            if self._idle[j] and way[j] > _OUT_OF_THE_WAY
-        ]
-        return f" No task moves {', '.join(far)}: out of the way." if far else ""
+        return moved_aside(self.pepper, self._idle, way)
 
     def _prioritized(self, start: Array, tasks: list[Task]) -> CubicPath:
         """Return the curve, with as many of the last tasks relaxed as it takes."""
@@ -255,7 +255,7 @@ class WholePath:
         path, tasks = self.path, self.path.at(s)
         equations = self._equations(tasks)
         tolerances = [task.tolerance for task in equations]
-        rows = TaskRows(self.pepper, equations, len(s), [1.0 / tolerance for tolerance in tolerances])
+        rows = self._rows(s, [1.0 / tolerance for tolerance in tolerances])
         others, preferences = [task for task in tasks if task not in equations], None
         if others:
             factors = [t.weight * (_RELAXED if np.isfinite(t.tolerance) else _PREFERRED) for t in others]
@@ -273,6 +273,19 @@ class WholePath:
         q = problem.solved(q, steps, _STILL, _MET)
         missed = (rows.errors(q) > tolerances).any(axis=1)
         return q, int(np.argmax(missed)) if missed.any() else None
+
+    def _rows(self, s: Array, factors: list[float]) -> TaskRows:
+        """Return what has to vanish at values of the parameter, shape (K,), with a factor for each equation.
+
+        The start meets tasks to their tolerances alone: what it is off dies out along the first half.
+        """
+        path, pepper = self.path, self.pepper
+        begin = self._equations(path.at(np.zeros(1)))
+        off = TaskRows(pepper, begin, 1, [1.0] * len(begin))(self._start[None])[0]
+        away = 2.0 * (np.minimum(s, path.length - s) if path.closed else s) / path.length
+        left = np.clip(1.0 - away, 0.0, 1.0)
+        share = left**3 * (10.0 - 15.0 * left + 6.0 * left**2)
+        return TaskRows(pepper, self._equations(path.at(s)), len(s), factors, share[:, None] * off)
 
     def _equations(self, tasks: list[Task]) -> list[Task]:
         """Return those of all tasks that have to be met."""
@@ -360,7 +373,7 @@ class WholePath:
         """Return in which pieces equations are not met between nodes, or a hand's speed is not even, (m,)."""
         s, q = _points(curve, np.array([0.25, 0.5, 0.75]))
         firm = self._equations(self.path.at(s))
-        rows = TaskRows(self.pepper, firm, len(s), [1.0] * len(firm))
+        rows = self._rows(s, [1.0] * len(firm))
         missed = (rows.errors(q) > _BETWEEN * np.array([t.tolerance for t in firm])).any(axis=1)
         coarse = np.asarray(np.reshape(missed, (-1, 3)).any(axis=1))
         if self.path.is_route:

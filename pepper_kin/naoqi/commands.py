@@ -188,7 +188,7 @@ def mirror(
             robot = stack.enter_context(naoqi.Robot(source, pepper=pepper))
             states, pause = robot.states(seconds), 0.0
         else:
-            run = pk.twin.load_run(source, pepper)
+            run = pk.twin.load_run(pepper, source)
             states = naoqi.states_of_run(run)
             pause = float(run.time[-1]) / (len(run) - 1) if view else 0.0
         page = stack.enter_context(closing(body_page.MirrorPage(pepper))) if view else None

@@ -86,8 +86,8 @@ class RobotClient(Closable):
     def __init__(
         self,
         transport: Transport,
-        pepper: PepperModel | None = None,
         *,
+        pepper: PepperModel | None = None,
         controller: str = "joint_trajectory_controller",
         topic: str = "/joint_states",
         joint_names: Mapping[str, str] | None = None,

@@ -135,7 +135,7 @@ class PlanningScene:
         if int(message.object.operation) == _OBJECT.REMOVE:
             hanging = [part for part in scene.attached if _is_part(part, name) or not name]
             for part in hanging:
-                scene = scene.release(part, body.pepper, q)
+                scene = scene.release(body.pepper, part, q)
             return scene
         if message.object.primitives or message.object.meshes or message.object.planes:
             scene = self._changed(scene, message.object)
@@ -161,7 +161,7 @@ class PlanningScene:
         made.world.collision_objects = self._objects(standing)
         for name in scene.attached:
             one = scene.attached[name]
-            there = scene.release(name, body.pepper, q).objects[name]
+            there = scene.release(body.pepper, name, q).objects[name]
             messages = self._objects({name: (there.geometry, there.transform_object_to_world)})
             made.robot_state.attached_collision_objects += [
                 _ATTACHED(link_name=one.frame, object=each, touch_links=sorted(one.touch_links))

@@ -6,8 +6,11 @@
 The caller is responsible for real time: a tick is one call of `step`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.servo.differential import DifferentialStep, differential_step
 from pepper_kin.servo.servo import Servo
 from pepper_kin.servo.state import ServoState, ServoStatus
 
 __all__ = ["DifferentialStep", "Servo", "ServoState", "ServoStatus", "differential_step"]
+
+name_options(__name__)

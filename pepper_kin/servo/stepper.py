@@ -20,6 +20,9 @@ from pepper_kin.servo.range_curves import range_curves
 NAMES = ("the solver", "clearance", "balance")
 BOUNDS = ("acceleration", "velocity", "position")
 
+IDLE_SPEED, IDLE_SCALE = 0.3, 10.0
+"""Greatest speed of joints that nothing is wanted of [rad/s or m/s], and their part in D beside others."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tick:
@@ -99,11 +102,10 @@ class Stepper:
             caution: Factor on the speed of approach to obstacles, up to 1.
         """
         guard, wanted = self._guard, _packed(demands) if demands else self._nothing
+        table = self._resting(wanted.jacobian, v) if demands else self._table
         result = TickResult(np.empty(self._n), np.empty(len(demands)), np.empty(1), self._numbers)
         world = self._unexamined if guard is None else guard.world
-        outcome, touched, broken = decide.native(
-            self._table, world, self.balance, q, v, caution, wanted, result
-        )
+        outcome, touched, broken = decide.native(table, world, self.balance, q, v, caution, wanted, result)
         if guard is not None and outcome == FAILED:
             guard.check()
         shares, numbers = result.shares.tolist(), self._numbers[: touched + broken].tolist()
@@ -117,6 +119,17 @@ class Stepper:
             blocked=outcome != FREE,
             clearance=None if guard is None else float(result.nearest[0]),
         )
+
+    def _resting(self, jacobian: Array, v: Array) -> ServoTable:
+        """Return the table by which joints that nothing is wanted of, in J of shape (m, n), move gently."""
+        table, idle = self._table, ~jacobian.any(axis=0)
+        if not idle.any():
+            return table
+        limits = table.limits
+        slow = np.maximum(IDLE_SPEED, np.abs(v) - limits.acceleration * table.dt)
+        velocity = np.where(idle, np.minimum(limits.velocity, slow), limits.velocity)
+        scale = np.where(idle, IDLE_SCALE * table.scale, table.scale)
+        return table._replace(limits=limits._replace(velocity=velocity), scale=scale)
 
     def _name(self, number: int) -> str:
         """Return what a number stands for, in words, see `core.servo_tick.KINDS`."""

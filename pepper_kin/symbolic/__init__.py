@@ -20,6 +20,7 @@ The model's constants are folded in and what is always zero is a structural zero
 They have the names of the functions of `kinematics` and `dynamics` whose expressions they are.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.symbolic.balance import base_wrench, zero_moment_point
 from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
 from pepper_kin.symbolic.energy import kinetic_energy, potential_energy
@@ -63,3 +64,5 @@ __all__ = [
     "regressor",
     "zero_moment_point",
 ]
+
+name_options(__name__)

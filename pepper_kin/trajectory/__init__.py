@@ -16,6 +16,7 @@
 Files of trajectories are in the package `pepper_kin.files`.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
@@ -63,3 +64,5 @@ __all__ = [
     "plot_motions",
     "retime",
 ]
+
+name_options(__name__)

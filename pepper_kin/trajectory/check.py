@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pepper_kin import kinematics
 from pepper_kin.arrays import Array
-from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_left_empty
 from pepper_kin.collision.loads import AtFrames, carrying
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.core.certificates.polynomials import evaluate
@@ -375,6 +375,8 @@ def _clearance(
         detail = "two neighboring links touch, by their joint ranges"
     if bound <= 0.0 < worst:
         detail += ", too small to prove that nothing touches"
+    if is_left_empty(scene):
+        detail += f" ({LEFT_EMPTY})"
     return ScalarCheck(
         "clearance", bound, worst, time, "m", detail, worst - bound if np.isfinite(worst) else 0.0
     )

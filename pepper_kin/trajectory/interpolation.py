@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, OvershootWarning
+from pepper_kin.exceptions import InvalidValueError, OvershootWarning, suspect_degrees
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_choice, check_positive, shown
 from pepper_kin.trajectory.path import turning_points
 
@@ -57,9 +57,9 @@ def cubic_pieces(
 
 def from_positions(
     kind: type[Trajectory],
+    pepper: PepperModel | None,
     times: ArrayLike,
     positions: ArrayLike,
-    pepper: PepperModel | None,
     *,
     joints: str | Sequence[str] | None,
     rest: ArrayLike | None,
@@ -161,6 +161,7 @@ def _excesses(
             words = (
                 f"{trajectory.joint_names[j]} is at {value[at]:.4g} {unit} at {time[at]:.3f} s, "
                 f"{over[at]:.3g} {unit} outside {kind}"
+                f"{suspect_degrees(float(value[at]), unit)}"
             )
             found.append((float(over[at]), int(j), words))
     return sorted(found, reverse=True)
@@ -172,4 +173,4 @@ def _warn(trajectory: Trajectory, found: list[tuple[float, int, str]], interpola
     named = "; ".join(sentence for _, _, sentence in found[:_NAMED])
     more = f"; {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     outside = "" if interpolation == "monotone" else "; interpolation='monotone' stays between the samples"
-    warnings.warn(f"positions between samples: {named}{more}{outside}", OvershootWarning, stacklevel=4)
+    warnings.warn(f"positions between samples: {named}{more}{outside}", OvershootWarning, stacklevel=5)

@@ -24,8 +24,8 @@ Frame: TypeAlias = str | Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.
 
 def from_keyframes(
     kind: type[Trajectory],
-    keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
     pepper: PepperModel,
+    keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
     start: str | ArrayLike | None,
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors.

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.core.splines import clamp, evaluate_at_times
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
 from pepper_kin.trajectory import editing
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
@@ -29,6 +28,8 @@ from pepper_kin.trajectory.stop import Stop, stop
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from pepper_kin.model import PepperModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +83,9 @@ class Trajectory(FrozenArrays):
     @classmethod
     def from_positions(
         cls,
+        pepper: PepperModel | None,
         times: ArrayLike,
         positions: ArrayLike,
-        pepper: PepperModel | None = None,
         *,
         joints: str | Sequence[str] | None = None,
         rest: ArrayLike | None = None,
@@ -99,11 +100,12 @@ class Trajectory(FrozenArrays):
         respects no other limit: `check` it, or time it again with `retime(pepper, positions)`.
 
         Args:
+            pepper: The robot, whose joints and limits are used: the trajectory has all of its joints; None
+                for a trajectory of `joints` alone, all in radians.
             times: Rising [s], shape (T,), two or more; the first becomes time 0.
             positions: [rad or m], shape (T, k), a column for each of `joints`.
-            pepper: The robot, whose joints and limits are used; the trajectory then has all of its joints.
             joints: What the columns are: names of joints and groups, see `PepperModel.resolve_joints`; all
-                joints of the robot if omitted. Without a robot the names of the columns, all in radians.
+                joints of the robot if omitted. Without a robot the names of the columns.
             rest: Where the robot's other joints stay [rad or m], shape (n,); Stand, or neutral, if omitted.
             interpolation: "cubic": the cubic spline, whose acceleration is continuous; "monotone": cubic
                 pieces that never leave the two positions at their ends, whose acceleration jumps
@@ -125,9 +127,9 @@ class Trajectory(FrozenArrays):
         """
         return from_positions(
             cls,
+            pepper,
             times,
             positions,
-            pepper,
             joints=joints,
             rest=rest,
             interpolation=interpolation,
@@ -138,15 +140,15 @@ class Trajectory(FrozenArrays):
     @classmethod
     def from_keyframes(
         cls,
-        keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
         pepper: PepperModel,
+        keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
         *,
         start: str | ArrayLike | None = None,
     ) -> Trajectory:
         """Return the motion through key frames: postures at given times, of all joints or of some.
 
             wave = Trajectory.from_keyframes(
-                {0.0: "Stand", 1.0: {"RShoulderPitch": -0.9, "RElbowRoll": 1.2}, 2.5: "Stand"}, pepper
+                pepper, {0.0: "Stand", 1.0: {"RShoulderPitch": -0.9, "RElbowRoll": 1.2}, 2.5: "Stand"}
             )
 
         A joint moves from one frame that names it to the next that does; it never leaves the two positions
@@ -156,10 +158,10 @@ class Trajectory(FrozenArrays):
         finds the times itself.
 
         Args:
+            pepper: The robot.
             keyframes: Time [s] -> frame, or pairs of them, with times that rise from 0 or later.  A frame is
                 a posture's name, a mapping from names of joints and groups to positions, or all n positions
                 [rad or m], see `PepperModel.joint_vector`.
-            pepper: The robot.
             start: Where joints come from that no frame at time 0 names: a posture's name or positions, shape
                 (n,); Stand, or neutral, if omitted.
 
@@ -168,7 +170,7 @@ class Trajectory(FrozenArrays):
             UnknownNameError: for a posture, joint or group that the robot lacks.
             LimitError: for a position outside the limits, naming frame and joint.
         """
-        return from_keyframes(cls, keyframes, pepper, start)
+        return from_keyframes(cls, pepper, keyframes, start)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.n} joints, {self.duration:.4g} s, {self.breaks.size - 1} pieces)"
@@ -412,9 +414,6 @@ class Trajectory(FrozenArrays):
 
     def check(self, pepper: PepperModel, scene: Any = None, **limits: Any) -> Certificate:
         """Check limits, continuity, balance and clearance; see `pepper_kin.trajectory.check`."""
-        if not isinstance(pepper, PepperModel):
-            allowed = "a robot, which comes first, as in check(pepper, scene)"
-            raise InvalidValueError("pepper", f"a {type(pepper).__name__}", allowed)
         return check(pepper, self, scene=scene, **limits)
 
     def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:

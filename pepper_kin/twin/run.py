@@ -248,12 +248,12 @@ class Run(FrozenArrays):
         )
 
 
-def load_run(path: PathName, pepper: Any, loads: Loads = ()) -> Run:
+def load_run(pepper: Any, path: PathName, loads: Loads = ()) -> Run:
     """Read a run that `Run.save` wrote.
 
     Args:
-        path: The file.
         pepper: The robot whose joints it must have; the source of units and torque limits.
+        path: The file.
         loads: What the robot carried, which the file does not say; see `pepper_kin.collision.loads_of`.
 
     Returns:

@@ -5,6 +5,8 @@ objective = Objective(spline, Bounds(lower, upper, velocity, acceleration), Weig
 found = descend(objective, spline.fit(states), duration)
 """
 
+from pepper_kin.call_errors import name_options
+
 from .assembly import Bounds, Objective
 from .banded import add_row
 from .compiled_term import FAILED, KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, CompiledTerm
@@ -40,3 +42,5 @@ __all__ = [
     "descend_by",
     "minimum_effort",
 ]
+
+name_options(__name__)

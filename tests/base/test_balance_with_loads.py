@@ -128,8 +128,8 @@ def test_verdicts_on_recordings_and_files_count_what_was_carried(tmp_path):
     margin = MONITOR.assess_run(run).margin
     np.testing.assert_array_equal(MONITOR.assess_run(recorder.recording.run()).margin, margin)
     path = run.save(tmp_path / "run.csv")
-    np.testing.assert_array_equal(MONITOR.assess_run(load_run(path, PEPPER, run.loads)).margin, margin)
-    assert (MONITOR.assess_run(load_run(path, PEPPER)).margin > margin + 0.03).all()
+    np.testing.assert_array_equal(MONITOR.assess_run(load_run(PEPPER, path, run.loads)).margin, margin)
+    assert (MONITOR.assess_run(load_run(PEPPER, path)).margin > margin + 0.03).all()
 
 
 def test_what_are_no_loads_is_refused(tmp_path):
@@ -139,6 +139,6 @@ def test_what_are_no_loads_is_refused(tmp_path):
             MONITOR.assess(time, q, v, a, loads=wrong)
         path = Twin(PEPPER).follow(q).save(tmp_path / "run.csv")
         with pytest.raises(InvalidValueError, match="loads: got"):
-            load_run(path, PEPPER, wrong)
+            load_run(PEPPER, path, wrong)
         with pytest.raises(UnknownNameError, match="tail"):
             MONITOR.assess(time, q, v, a, loads=(Load("tail", 1.0),))

@@ -126,8 +126,8 @@ def test_outside_forces_survive_files_and_recordings(tmp_path):
     run = recorder.follow(np.tile(STAND, (150, 1)))
     assert np.count_nonzero(run.external_wrench[:, 0]) == 100
     recording = recorder.recording
-    saved = [load_run(run.save(tmp_path / "run.csv"), PEPPER), recording.run()]
-    saved.append(load_run(recording.save(tmp_path / "recording.csv"), PEPPER))
+    saved = [load_run(PEPPER, run.save(tmp_path / "run.csv")), recording.run()]
+    saved.append(load_run(PEPPER, recording.save(tmp_path / "recording.csv")))
     for again in saved:
         np.testing.assert_array_equal(again.external_wrench, run.external_wrench)
         np.testing.assert_array_equal(
@@ -152,7 +152,7 @@ def test_loads_of_unknown_origin_need_their_forces_for_a_verdict(tmp_path):
     assert MONITOR.assess_run(run, np.zeros(6)).balanced
     assert "unknown outside forces in 3 steps, from 0.006 s" in run.report()
     assert run.as_dict()["external_force"] is None
-    again = load_run(run.save(tmp_path / "run.csv"), PEPPER)
+    again = load_run(PEPPER, run.save(tmp_path / "run.csv"))
     np.testing.assert_array_equal(again.external_wrench, run.external_wrench)
 
     class Wind:

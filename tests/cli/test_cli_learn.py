@@ -28,7 +28,7 @@ def test_a_policy_is_trained_written_and_shown(run, tmp_path):
     assert found["written"] == ["episode.csv"]
     assert found["chance"] < 0.05 < 0.7 < found["policy"] <= 1.0
     assert found["oracle"] > 0.98
-    motion = pk.files.load(tmp_path / "episode.csv", pk.load_pepper())
+    motion = pk.files.load(tmp_path / "episode.csv", pepper=pk.load_pepper())
     assert motion.duration == pytest.approx(1.0)
 
 

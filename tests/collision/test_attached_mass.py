@@ -204,7 +204,7 @@ def test_files_copies_and_words_keep_the_mass(tmp_path):
     assert repr(scene) == "Scene(thing on l_gripper, 0.3 kg)"
     lighter = scene_of(Box((0.1, 0.2, 0.3))).attach("thing", "l_gripper", some_pose())
     assert not lighter.equals(scene)
-    released = scene.release("thing", PEPPER, PEPPER.posture("Stand"))
+    released = scene.release(PEPPER, "thing", PEPPER.posture("Stand"))
     assert loads_of(PEPPER, released) == ()
     assert scene.padded(0.01).attached["thing"].load == scene.attached["thing"].load
     assert loads_of(PEPPER, scene.remove("thing")) == ()

@@ -26,7 +26,7 @@ def test_named_postures_keep_3_mm():
 @pytest.mark.parametrize("hands", ["locked", "mimic", "independent"])
 def test_every_named_posture_is_free_however_the_robot_is_loaded(base, hands):
     pepper = pk.load_pepper(base=base, hands=hands)
-    assert set(pepper.posture_names) == {"Stand", "StandInit", "StandZero", "Crouch", "Rest"}
+    assert set(pepper.posture_names) == {"Stand", "StandInit", "StandZero", "Crouch", "Rest", "Ready"}
     for name in pepper.posture_names:
         q = pepper.posture(name)
         assert not pk.collision.in_collision(pepper, q), (name, pk.collision.closest_pair(pepper, q))

@@ -82,7 +82,7 @@ def test_unknown_names_are_listed():
         (lambda s, p: s.remove("chair"), "unknown scene object 'chair'; available: cup, wall"),
         (lambda s, p: s.allow("chair", "torso"), "unknown scene object 'chair'"),
         (lambda s, p: s.disallow("cup", "torso"), "unknown pair allowed for 'cup' with 'torso'"),
-        (lambda s, p: s.release("cup", p, p.neutral()), "unknown attached object 'cup'"),
+        (lambda s, p: s.release(p, "cup", p.neutral()), "unknown attached object 'cup'"),
         (lambda s, p: s.attach("chair", "l_gripper", np.eye(4)), "unknown scene object 'chair'"),
         (lambda s, p: s.attach("cup", "tail", pepper=p, q=p.neutral()), "unknown frame 'tail'"),
         (
@@ -269,13 +269,13 @@ def test_an_attached_object_moves_with_its_link():
     q, other = pepper.posture("Stand"), pepper.posture("StandZero")
     held = cup_scene().attach("cup", "l_gripper", pepper=pepper, q=q)
     assert tuple(held.objects) == ("wall",)
-    back = held.release("cup", pepper, q)
+    back = held.release(pepper, "cup", q)
     np.testing.assert_allclose(
         back.objects["cup"].transform_object_to_world,
         cup_scene().objects["cup"].transform_object_to_world,
         atol=1e-12,
     )
-    moved = held.release("cup", pepper, other).objects["cup"].transform_object_to_world
+    moved = held.release(pepper, "cup", other).objects["cup"].transform_object_to_world
     hands = [pk.kinematics.frame_pose(pepper, state, "l_gripper") for state in (q, other)]
     expected = hands[1] @ np.linalg.inv(hands[0]) @ cup_scene().objects["cup"].transform_object_to_world
     np.testing.assert_allclose(moved, expected, atol=1e-12)

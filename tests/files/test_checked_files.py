@@ -57,7 +57,7 @@ def test_what_robots_are_sent_passes(nod, export):
 def test_the_curve_in_a_file_passes_the_certificate_of_its_motion(reach, pepper, tmp_path, balance, suffix):
     """The files' own interpolation broke acceleration by a tenth, that of scripts balance, too."""
     fast = reach[0]
-    again = load(save(fast, tmp_path / f"a{suffix}", scene=TABLE, balance=balance), pepper)
+    again = load(save(fast, tmp_path / f"a{suffix}", scene=TABLE, balance=balance), pepper=pepper)
     assert again.check(pepper, TABLE, balance=balance).success
     assert fast.duration - 1e-9 <= again.duration <= fast.duration * (1 + SLOWED)
     time = np.linspace(0.0, fast.duration, 2000)
@@ -80,13 +80,13 @@ def test_a_step_whose_curve_fails_is_refused_with_the_largest_that_passes(reach,
     largest = float(re.search(words, str(caught.value))[1])
     assert 0.1 < largest < 1.0
     save(reach[1], path, scene=TABLE, dt=largest)
-    again = load(path, pepper)
+    again = load(path, pepper=pepper)
     assert again.check(pepper, TABLE).success
     np.testing.assert_allclose(np.diff(again.breaks)[:-1], largest, atol=1e-9)
     with pytest.raises(InvalidValueError, match=r"expected a motion with more .* as no dt was found"):
         save(reach[0], path, scene=TABLE, dt=0.02)
     save(reach[1], path, dt=1.0, unchecked=True)
-    assert not load(path, pepper).check(pepper, TABLE).success
+    assert not load(path, pepper=pepper).check(pepper, TABLE).success
 
 
 def test_a_motion_of_which_no_curve_passes_is_refused(pepper, tmp_path):
@@ -168,7 +168,7 @@ def test_a_motion_with_jerk_limits_keeps_them_in_a_file(pepper, tmp_path, suffix
     """Between quintics at its own knots; those of even times exceeded the limit by a fifth."""
     stand = pepper.posture("Stand")
     motion = pk.retime(pepper, [stand, pepper.joint_vector({"HeadYaw": 0.5})], jerk="brisk")
-    again = load(save(motion, tmp_path / f"a{suffix}", jerk="brisk"), pepper)
+    again = load(save(motion, tmp_path / f"a{suffix}", jerk="brisk"), pepper=pepper)
     assert again.check(pepper, jerk="brisk").success
     with pytest.raises(InvalidValueError, match=r"no curve .* passes acceleration_conti"):
         save(motion, tmp_path / "a.py", jerk="brisk")

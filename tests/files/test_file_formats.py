@@ -33,7 +33,7 @@ def short():
 def test_round_trip(pepper, trajectory, tmp_path, suffix):
     path = save(trajectory, tmp_path / f"motion{suffix}", dt=STEP)
     time = np.minimum(np.round(trajectory.sample(STEP).time, 9), trajectory.duration)
-    for again in (load(path), load(path, pepper)):
+    for again in (load(path), load(path, pepper=pepper)):
         assert again.joint_names == trajectory.joint_names
         assert again.duration == pytest.approx(trajectory.duration, abs=1e-9)
         at = np.minimum(time, again.duration)
@@ -44,7 +44,7 @@ def test_round_trip(pepper, trajectory, tmp_path, suffix):
         if suffix in (".npz", ".json"):
             assert again == trajectory
             np.testing.assert_array_equal(again.coefficients, trajectory.coefficients)
-    again = load(path, pepper)
+    again = load(path, pepper=pepper)
     between = np.linspace(0, min(again.duration, trajectory.duration), 997)
     np.testing.assert_allclose(again(between).position, trajectory(between).position, atol=3e-4)
 
@@ -62,7 +62,7 @@ def test_meters_come_back_with_the_robot(tmp_path, suffix):
     pepper = pk.load_pepper(base="planar")
     q = pepper.posture("Stand")
     saved = Trajectory(pepper.joint_names, [0, 1], np.array([[q, 0.1 + 0 * q]]), pepper.joint_units)
-    again = load(save(saved, tmp_path / f"motion{suffix}"), pepper)
+    again = load(save(saved, tmp_path / f"motion{suffix}"), pepper=pepper)
     assert again == saved
     assert "m" in again.joint_units
 
@@ -160,7 +160,7 @@ def test_other_joints_are_named(pepper, trajectory, tmp_path, suffix):
         other = Trajectory(names, trajectory.breaks, trajectory.coefficients)
         path = save(other, tmp_path / f"other{suffix}", dt=0.1)
         with pytest.raises(FileFormatError) as caught:
-            load(path, pepper)
+            load(path, pepper=pepper)
         wanted = (
             "HipPitch.position' where 'KneePitch.position'"
             if suffix in (".csv", ".parquet") and "Hip" in message
@@ -170,7 +170,7 @@ def test_other_joints_are_named(pepper, trajectory, tmp_path, suffix):
     fewer = Trajectory(trajectory.joint_names[:-1], trajectory.breaks, trajectory.coefficients[..., :-1])
     path = save(fewer, tmp_path / f"fewer{suffix}", dt=0.1)
     with pytest.raises(FileFormatError, match=r"RWristYaw.* is missing|RWristYaw.*missing"):
-        load(path, pepper)
+        load(path, pepper=pepper)
 
 
 def refused(path, old, new, count=1):
@@ -372,7 +372,7 @@ def test_naoqi_script_gives_the_robot_what_it_takes(trajectory, tmp_path, monkey
 def test_what_naoqi_makes_of_the_keys_is_what_is_read_back(pepper, trajectory, tmp_path):
     """By de Casteljau's construction on the control points of each key, in time and angle."""
     _, times, keys, start = naoqi_arguments(trajectory, 0.1, unchecked=True)
-    again = load(save(trajectory, tmp_path / "motion.py", dt=0.1), pepper)
+    again = load(save(trajectory, tmp_path / "motion.py", dt=0.1), pepper=pepper)
     for joint, (at, points) in enumerate(zip(times, keys, strict=True)):
         assert np.all(np.diff([0.0, *at]) > 0)
         ends = [(0.0, start[joint]), *((t, key[0]) for t, key in zip(at, points, strict=True))]

@@ -49,7 +49,7 @@ def write_states(path, messages, topic="/joint_states"):
 )
 def test_a_csv_of_some_joints_in_any_order(tmp_path, header):
     path = write_rows(tmp_path / "log.csv", header, TIMES, PITCH, YAW)
-    found = read_joint_states(path, PEPPER)
+    found = read_joint_states(PEPPER, path)
     assert found.joint_names == PEPPER.joint_names
     assert found.duration == pytest.approx(0.5)
     position = found(np.clip(TIMES - 5.0, 0.0, found.duration)).position
@@ -63,7 +63,7 @@ def test_a_csv_of_some_joints_in_any_order(tmp_path, header):
 def test_other_quantities_and_known_joints_of_the_robot_are_left_out(tmp_path):
     header = ["time", "HeadYaw.velocity", "HeadYaw.position", "LHand", "HeadYaw.torque"]
     path = write_rows(tmp_path / "log.csv", header, TIMES, PITCH, YAW, PITCH, PITCH)
-    position = read_joint_states(path, PEPPER)(0.0).position
+    position = read_joint_states(PEPPER, path)(0.0).position
     np.testing.assert_array_equal(np.delete(position, 3), np.delete(STAND, 3))
     assert position[3] == 0.0
 
@@ -72,7 +72,7 @@ def test_what_the_twin_wrote_is_read(tmp_path):
     goal = PEPPER.joint_vector({"HeadYaw": 0.3, "LShoulderPitch": 1.2})
     run = pk.Twin(PEPPER).execute(pk.retime(PEPPER, [STAND, goal]))
     run.save(tmp_path / "run.csv")
-    found = read_joint_states(tmp_path / "run.csv", PEPPER)
+    found = read_joint_states(PEPPER, tmp_path / "run.csv")
     np.testing.assert_allclose(found(run.time - run.time[0]).position, run.position, atol=1e-9)
 
 
@@ -82,7 +82,7 @@ def test_an_mcap_recording(tmp_path):
         for t, p, y in zip(TIMES, PITCH, YAW, strict=True)
     ]
     messages[2] = (5.25, ["HeadYaw", "HeadPitch", "WheelB"], [YAW[2], PITCH[2], 0.1])
-    found = read_joint_states(write_states(tmp_path / "log.mcap", messages), PEPPER)
+    found = read_joint_states(PEPPER, write_states(tmp_path / "log.mcap", messages))
     position = found(np.clip(TIMES - 5.0, 0.0, found.duration)).position
     np.testing.assert_allclose(position[:, 3], YAW, atol=1e-12)
     np.testing.assert_allclose(position[:, 4], PITCH, atol=1e-12)
@@ -90,14 +90,14 @@ def test_an_mcap_recording(tmp_path):
 
 def test_an_mcap_without_stamps_uses_the_times_of_recording(tmp_path):
     messages = [(0.0, ["HeadYaw"], [y]) for y in YAW]
-    found = read_joint_states(write_states(tmp_path / "log.mcap", messages), PEPPER)
+    found = read_joint_states(PEPPER, write_states(tmp_path / "log.mcap", messages))
     np.testing.assert_allclose(found(np.arange(5.0)).position[:, 3], YAW, atol=1e-12)
 
 
 def test_what_load_writes_is_a_recording_too(tmp_path):
     wave = pk.motion.gesture(PEPPER, "wave")
     pk.files.save(wave, tmp_path / "wave.mcap", dt=0.02)
-    found = read_joint_states(tmp_path / "wave.mcap", PEPPER)
+    found = read_joint_states(PEPPER, tmp_path / "wave.mcap")
     times = np.arange(0.0, wave.duration, 0.02)[:-1]
     np.testing.assert_allclose(found(times).position, wave(times).position, atol=1e-9)
 
@@ -105,8 +105,8 @@ def test_what_load_writes_is_a_recording_too(tmp_path):
 def test_a_step_is_reported(tmp_path):
     path = write_rows(tmp_path / "log.csv", ["time", "HeadYaw"], TIMES, [0, 0, 0, 1, 1])
     with pytest.warns(OvershootWarning, match="HeadYaw"):
-        read_joint_states(path, PEPPER)
-    calm = read_joint_states(path, PEPPER, interpolation="monotone")
+        read_joint_states(PEPPER, path)
+    calm = read_joint_states(PEPPER, path, interpolation="monotone")
     assert calm(np.linspace(0, calm.duration, 999)).position[:, 3].min() >= 0.0
 
 
@@ -122,9 +122,9 @@ def test_wrong_files_are_named(tmp_path):
         (["time", "HeadYaw"], (TIMES[:1], YAW[:1]), "one sample only"),
     ):
         with pytest.raises(FileFormatError, match=words):
-            read_joint_states(write_rows(log, header, *columns), PEPPER)
+            read_joint_states(PEPPER, write_rows(log, header, *columns))
     with pytest.raises(UnknownNameError, match=r"unknown suffix '.bag'; available: .csv, .mcap"):
-        read_joint_states(tmp_path / "log.bag", PEPPER)
+        read_joint_states(PEPPER, tmp_path / "log.bag")
 
 
 def test_wrong_recordings_are_named(tmp_path):
@@ -137,9 +137,9 @@ def test_wrong_recordings_are_named(tmp_path):
         ([(1.0, [], [])], "holds no positions"),
     ):
         with pytest.raises(FileFormatError, match=words):
-            read_joint_states(write_states(path, messages), PEPPER)
+            read_joint_states(PEPPER, write_states(path, messages))
     write_states(path, [(1.0, ["HeadYaw"], [0.1]), (2.0, ["HeadYaw"], [0.2])])
     with pytest.raises(
         UnknownNameError, match="unknown topic with joint states '/arm'; available: /joint_states"
     ):
-        read_joint_states(path, PEPPER, topic="/arm")
+        read_joint_states(PEPPER, path, topic="/arm")

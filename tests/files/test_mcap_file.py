@@ -116,4 +116,4 @@ def test_a_small_recording_that_takes_all_memory_is_refused(pepper, tmp_path, mo
         writer.finish()
         reason = "is more than 10000000 bytes when decompressed" if count > 10 else "with other fields"
         with pytest.raises(FileFormatError, match=f"bomb.mcap: .*{reason}"):
-            read_joint_states(path, pepper)
+            read_joint_states(pepper, path)

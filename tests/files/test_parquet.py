@@ -26,9 +26,9 @@ def test_pandas_and_polars_read_what_the_csv_has(pepper, nod, tmp_path):
     import polars  # which changes how this process handles signals
 
     assert polars.read_parquet(path).columns == list(expected.columns)
-    assert load(path, pepper) == load(tmp_path / "nod.csv", pepper)
+    assert load(path, pepper=pepper) == load(tmp_path / "nod.csv", pepper=pepper)
     assert load(path).joint_names == pepper.joint_names
-    assert load(path, pepper).check(pepper).success
+    assert load(path, pepper=pepper).check(pepper).success
 
 
 def test_units_are_in_the_schema_and_come_back(tmp_path):
@@ -48,11 +48,11 @@ def test_units_are_in_the_schema_and_come_back(tmp_path):
 def test_a_run_comes_back(pepper, nod, tmp_path):
     run = pk.Twin(pepper, timestep=0.005).execute(nod)
     path = run.save(tmp_path / "run.parquet")
-    again = pk.twin.load_run(path, pepper)
+    again = pk.twin.load_run(pepper, path)
     for name in ("time", "position", "velocity", "torque", "reference_position", "external_wrench"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
-    assert isinstance(pk.jobs.load_motion(path, pepper), pk.twin.Run)
-    assert isinstance(pk.jobs.load_motion(save(nod, tmp_path / "a.parquet"), pepper), pk.Trajectory)
+    assert isinstance(pk.jobs.load_motion(pepper, path), pk.twin.Run)
+    assert isinstance(pk.jobs.load_motion(pepper, save(nod, tmp_path / "a.parquet")), pk.Trajectory)
     assert path.stat().st_size < 0.7 * run.save(tmp_path / "run.csv").stat().st_size
 
 

@@ -156,7 +156,7 @@ def trajectory_reader(suffix: str, damage: Callable[[Rng], bytes]) -> Reader:
 
     def read(path: Path) -> None:
         motion(load(path))
-        motion(load(path, turning() if suffix == ".py" else sample()))
+        motion(load(path, pepper=turning() if suffix == ".py" else sample()))
 
     return Reader(f"motion{suffix}", read, damage)
 
@@ -178,7 +178,7 @@ def vendor(path: Path) -> None:
 
 def states(path: Path) -> None:
     """Read joint states of the small robot."""
-    motion(read_joint_states(path, sample(), ignore=("WheelB",)))
+    motion(read_joint_states(sample(), path, ignore=("WheelB",)))
 
 
 ROBOT_LOG = "time,A_command,A_measured,B_command,B_measured\n" + "".join(
@@ -274,8 +274,8 @@ READERS: dict[str, Reader] = {
         beside=lambda: {"behavior.xar": BEHAVIOR.encode()},
     ),
     "Choregraphe export": Reader("export.py", with_path(read_naoqi_export, timelines), text_damage(EXPORT)),
-    "run": Reader("run.csv", lambda path: run(load_run(path, sample())), _run_text),
-    "motion": Reader("run.csv", lambda path: motion(load_motion(path, sample())), _run_text),
+    "run": Reader("run.csv", lambda path: run(load_run(sample(), path)), _run_text),
+    "motion": Reader("run.csv", lambda path: motion(load_motion(sample(), path)), _run_text),
     "recording header": Reader(
         HEADER, lambda path: recording(path.parent), header_damage, beside=others(HEADER)
     ),

@@ -175,7 +175,7 @@ def trajectory_file(suffix: str) -> bytes:
     times = np.array([0.0, 0.5, 1.0, 1.5])
     q = np.array([[0.0, 0.1, 0.0], [0.3, 0.2, 1.0], [0.5, 0.3, 0.5], [0.2, 0.1, 0.0]])
     trajectory = Trajectory.from_positions(
-        times, q, turning() if suffix == ".py" else sample(), overshoot=1e3
+        turning() if suffix == ".py" else sample(), times, q, overshoot=1e3
     )
     with tempfile.TemporaryDirectory() as folder:
         dt = {} if suffix in (".npz", ".json") else {"dt": 0.25}

@@ -419,7 +419,7 @@ class _RosCase(_Case):
         slow = self.schedule.slow.get("goal", 0.0)
         self.transport = SimulatedTransport(self.world, self.network, slow, self.order)
         self.node = RobotNode(self.robot.body, self.transport, cameras=(), noise=False)
-        self.client = RobotClient(self.transport, pk.load_pepper())
+        self.client = RobotClient(self.transport, pepper=pk.load_pepper())
         self.client.joint_positions()
 
     def watch_orders(self) -> None:

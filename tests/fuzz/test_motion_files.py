@@ -167,7 +167,7 @@ def random_motion(pepper, rng):
         time = np.cumsum(rng.uniform(0.3, 2.0, count))
         with np.testing.suppress_warnings() as hidden:
             hidden.filter(pk.exceptions.OvershootWarning)
-            return pk.Trajectory.from_positions(time, points, pepper), {}
+            return pk.Trajectory.from_positions(pepper, time, points), {}
     given = {}
     if rng.random() < 0.3:
         given["balance"] = float(rng.uniform(0.0, 0.02))
@@ -287,7 +287,7 @@ def test_no_curve_in_a_file_breaks_a_limit_of_its_certificate(amount, rng, tried
         reason = broken(pepper, states, scene, given, certificate) if strictly else ""
         tried("files with an excess between milliseconds, as stated", bool(strictly and not reason))
         if not reason and path.exists():
-            again = load(path, pepper)
+            again = load(path, pepper=pepper)
             at = np.minimum(states.time, again.duration)
             if np.abs(again(at).position - states.q).max() > 1e-9:
                 reason = "read back as another curve"

@@ -20,7 +20,7 @@ def pepper():
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".json", ".yaml", ".py"])
 def test_trajectories_of_every_format(pepper, tmp_path, suffix):
     nod = gesture(pepper, "nod")
-    found = load_motion(save(nod, tmp_path / f"nod{suffix}"), pepper)
+    found = load_motion(pepper, save(nod, tmp_path / f"nod{suffix}"))
     assert isinstance(found, Trajectory)
     # A file that holds samples ends at the last of them, at most one step short of the end.
     assert abs(found.duration - nod.duration) < 0.05
@@ -30,22 +30,22 @@ def test_trajectories_of_every_format(pepper, tmp_path, suffix):
 def test_runs_and_recordings(pepper, tmp_path):
     nod = gesture(pepper, "nod")
     run = Twin(pepper, 0.01).execute(nod)
-    found = load_motion(run.save(tmp_path / "run.csv"), pepper)
+    found = load_motion(pepper, run.save(tmp_path / "run.csv"))
     assert isinstance(found, Run)
     np.testing.assert_array_equal(found.torque, run.torque)
     Recorder(Twin(pepper, 0.01), tmp_path / "monday", seed=0).execute(nod)
-    again = load_motion(tmp_path / "monday", pepper)
+    again = load_motion(pepper, tmp_path / "monday")
     assert isinstance(again, Run)
     np.testing.assert_allclose(again.position, run.position, atol=1e-12)  # sampled chunk by chunk
     with pytest.raises(FileFormatError, match="monday: has other joints: KneePitch"):
-        load_motion(tmp_path / "monday", load_pepper(hands="mimic"))
+        load_motion(load_pepper(hands="mimic"), tmp_path / "monday")
 
 
 def test_what_is_neither_is_refused_by_name(pepper, tmp_path):
     with pytest.raises(UnknownNameError, match=r"unknown suffix '\.txt'"):
-        load_motion(tmp_path / "a.txt", pepper)
+        load_motion(pepper, tmp_path / "a.txt")
     with pytest.raises(FileFormatError, match=r"none\.csv: cannot be read"):
-        load_motion(tmp_path / "none.csv", pepper)
+        load_motion(pepper, tmp_path / "none.csv")
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileFormatError, match="no recording here"):
-        load_motion(tmp_path / "empty", pepper)
+        load_motion(pepper, tmp_path / "empty")

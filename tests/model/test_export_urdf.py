@@ -119,7 +119,7 @@ def test_the_papers_eight_groups_and_their_states():
     states = set(semantics.states)
     assert {("left_arm", "down"), ("right_arm", "down"), ("both_arms", "down")} <= states
     assert {(g, s) for g in ("LHand", "RHand", "both_hands") for s in ("open", "closed")} <= states
-    wanted = {"Stand", "StandInit", "StandZero", "Crouch", "Rest"}
+    wanted = {"Stand", "StandInit", "StandZero", "Crouch", "Rest", "Ready"}
     assert wanted <= set(semantics.postures())
 
 

@@ -29,7 +29,7 @@ CALLS: dict[str, Callable[[Any], object]] = {
     "cloud": lambda x: PointCloud(np.zeros((1, 3)), x),
     "margin": lambda x: CollisionChecker(PEPPER, pk.Scene(), margin=x if x != -1 else "far"),
     "push": lambda x: Push.checked(PEPPER, "Head", [1, 0, 0], None, 0.0, x),
-    "overshoot": lambda x: pk.Trajectory.from_positions([0, 1], [STAND, STAND], PEPPER, overshoot=x),
+    "overshoot": lambda x: pk.Trajectory.from_positions(PEPPER, [0, 1], [STAND, STAND], overshoot=x),
     "plan's margin": lambda x: pk.plan(PEPPER, STAND, STAND, margin=x),
 }
 

@@ -234,7 +234,7 @@ def test_odd_names_travel_through_every_export_and_file(name: str, tmp_path: Any
             model.export("sdf")
     else:
         assert model.export("sdf")
-    trajectory = pk.Trajectory.from_positions([0.0, 1.0], [[0.0], [0.5]], model, overshoot=1.0)
+    trajectory = pk.Trajectory.from_positions(model, [0.0, 1.0], [[0.0], [0.5]], overshoot=1.0)
     for suffix in (".csv", ".npz", ".json", ".yaml", ".py"):
         path = tmp_path / f"motion{suffix}"
         if suffix == ".csv" and set(name) & set(',"'):
@@ -242,7 +242,7 @@ def test_odd_names_travel_through_every_export_and_file(name: str, tmp_path: Any
                 save(trajectory, path, unchecked=True)
         else:
             save(trajectory, path, unchecked=True)
-            assert load(path, model).joint_names == (name,)
+            assert load(path, pepper=model).joint_names == (name,)
 
 
 def test_names_that_are_empty_or_given_twice_are_refused() -> None:

@@ -8,7 +8,7 @@ import pepper_kin as pk
 from pepper_kin.core.path_blocks import solve_path_blocks
 from pepper_kin.exceptions import InvalidValueError, LimitError, UnknownNameError
 from pepper_kin.ik.fast.task_rows import TaskRows
-from pepper_kin.motion import CIRC, LIN, PTP, SPLINE, Arc, FollowStatus, Line, Route, follow, sequence
+from pepper_kin.motion import CIRC, LIN, PTP, SPLINE, Arc, FollowStatus, Route, follow, sequence
 
 HAND = "LArm_effector"
 CENTER = np.array([0.32, 0.20, 0.92])
@@ -330,19 +330,3 @@ def test_path_blocks_are_solved_as_by_a_dense_solver(closed, count):
     expected = np.linalg.solve(whole[d:, d:], values.ravel()[d:])
     assert solve_path_blocks(null, bend, weight, more, closed, values)
     np.testing.assert_allclose(values[1:].ravel(), expected, atol=1e-9)
-
-
-def test_the_arm_without_a_task_rests_while_the_other_carries_a_level_cup():
-    """In Stand its wrist is 3 mm from the pelvis, and the torso turns: it was flung by 1.85 rad."""
-    pepper, begin = pk.load_pepper(), np.array((0.30, 0.30, 0.85))
-    level = pk.ik.AxisAlignment("LArm_effector", (0, 0, 1), axis=(0, 0, 1), tolerance=np.radians(3))
-    route = Route.of(begin, Line(begin - (0, 0.30, 0)))
-    start = pk.ik.solve(pepper, [pk.ik.HandPosition("left", begin), level]).q
-    found = follow(pepper, start, lambda s: [pk.ik.HandPosition("left", route(s)), level], route, speed=0.1)
-    assert found.success, found.message
-    assert "out of the way" not in found.message
-    states = found.trajectory(np.arange(0.0, found.trajectory.duration, 0.002))
-    idle = [pepper.joint_index(name) for name in pepper.joint_group("right_arm")]
-    assert np.ptp(states.position[:, idle], axis=0).max() < 0.1
-    assert np.abs(states.velocity[:, idle]).max() < 0.3
-    assert found.trajectory.check(pepper, pk.Scene()).success

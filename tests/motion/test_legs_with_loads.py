@@ -31,7 +31,7 @@ def legs_of(mass, **options):
     def grasped(scene, q):
         return scene.attach("cup", "l_gripper", pepper=PEPPER, q=q, mass=mass, **options)
 
-    return [Leg(TAKE), Leg(PUT, scene=grasped), Leg(STAND, scene=lambda s, q: s.release("cup", PEPPER, q))]
+    return [Leg(TAKE), Leg(PUT, scene=grasped), Leg(STAND, scene=lambda s, q: s.release(PEPPER, "cup", q))]
 
 
 def frames_at(q):

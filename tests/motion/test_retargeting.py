@@ -35,7 +35,7 @@ def wave(duration=4.0, sway=1.0):
     vectors = [np.where(np.arange(PEPPER.n) == COLUMN["KneePitch"], 0.0, stand)]
     vectors += [PEPPER.joint_vector({**key, "KneePitch": 0.0}) for key in keys[1:]]
     way = [vectors[0], vectors[1], vectors[2], vectors[1], vectors[2], vectors[0]]
-    return pk.Trajectory.from_positions(np.linspace(0, duration, 6), way, PEPPER)
+    return pk.Trajectory.from_positions(PEPPER, np.linspace(0, duration, 6), way)
 
 
 def person(motion, rate=30.0, size=(0.33, 0.27), turned=None):

@@ -50,7 +50,7 @@ def test_curves_way_points_and_trajectories_of_degree_three():
     plan = pk.plan(PEPPER, STAND, GOAL)
     for path in ([STAND, GOAL], (STAND.tolist(), GOAL.tolist()), np.array([STAND, GOAL]), plan.path):
         np.testing.assert_allclose(pk.retime(PEPPER, path).end, GOAL, atol=1e-9)
-    frames = pk.Trajectory.from_keyframes({0.0: STAND, 3.0: GOAL}, PEPPER)
+    frames = pk.Trajectory.from_keyframes(PEPPER, {0.0: STAND, 3.0: GOAL})
     assert pk.retime(PEPPER, frames).duration < 3.0
 
 

@@ -107,7 +107,7 @@ def test_states_that_do_not_fit_are_refused(pepper, log):
 
 def test_the_run_is_read_by_the_tools(pepper, log, tmp_path):
     run = mirrored(pepper, log).run()
-    again = load_run(run.save(tmp_path / "run.csv"), pepper)
+    again = load_run(pepper, run.save(tmp_path / "run.csv"))
     assert again.position == pytest.approx(run.position, abs=1e-9)
     report = BalanceMonitor(pepper).assess_run(again)
     assert len(report.margin) == len(run)
@@ -128,7 +128,7 @@ def test_a_live_robot_is_mirrored_as_its_log_has_it(pepper, tmp_path):
             mirror.add(state)
             if future.isFinished():
                 break
-    logged = load_run(record, pepper).position
+    logged = load_run(pepper, record).position
     rows = []
     for q in (state.q for state in mirror._measured):  # each state is one that the robot was in
         rows.append(int(np.argmin(np.abs(logged - q)[:, 3:].max(axis=1))))
@@ -155,7 +155,7 @@ def test_the_command_mirrors_a_robot_and_its_log(tmp_path):
     said = json.loads(done.stdout)
     assert max(said["most_off"].values()) < 0.01
     pepper = pk.load_pepper(base="planar", hands="mimic")
-    first, second = (load_run(path, pepper) for path in (live, again))
+    first, second = (load_run(pepper, path) for path in (live, again))
     for quantity in ("time", "position", "reference_position", "velocity", "torque"):
         assert getattr(second, quantity) == pytest.approx(getattr(first, quantity), abs=1e-6)
 

@@ -32,6 +32,6 @@ def test_a_program_of_the_page(url, program, tmp_path, monkeypatch):
     exec(compile(program.replace("tcp://pepper.local:9559", url), "docs/naoqi.md", "exec"), space)
     if "result" in space:
         assert space["result"].run.position.shape[1] == space["pepper"].n
-        assert load_run("measured.csv", space["pepper"]).duration > 0.1
+        assert load_run(space["pepper"], "measured.csv").duration > 0.1
     else:
-        assert load_run("robot.csv", pk.load_pepper(base="planar", hands="mimic")).duration > 1.0
+        assert load_run(pk.load_pepper(base="planar", hands="mimic"), "robot.csv").duration > 1.0

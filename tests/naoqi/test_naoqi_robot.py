@@ -68,7 +68,7 @@ def waving(slower=5.0):
 def waving_fingers():
     """A motion of a Pepper whose fingers move by themselves, which NAOqi knows nothing of."""
     pepper = pk.load_pepper(hands="independent")
-    return pk.Trajectory.from_positions([0.0, 1.0], [pepper.posture("Stand")] * 2, pepper)
+    return pk.Trajectory.from_positions(pepper, [0.0, 1.0], [pepper.posture("Stand")] * 2)
 
 
 def driving(distance):
@@ -398,7 +398,7 @@ def rocking(standing, times=12):
     ends = [standing.copy(), standing.copy()]
     ends[0][elbow] += 0.018
     ends[1][elbow] -= 0.018
-    there = pk.Trajectory.from_positions([0.0, 4.0], ends, pepper)
+    there = pk.Trajectory.from_positions(pepper, [0.0, 4.0], ends)
     once = there.then(there.reversed())
     return reduce(pk.Trajectory.then, [once] * times)
 
@@ -408,7 +408,7 @@ def test_of_two_clients_that_follow_at_once_the_second_is_refused(robot):
     pepper = pk.load_pepper()
     standing = pepper.posture("Stand").copy()
     standing[pepper.joint_index("LElbowRoll")] = -0.3
-    stay = pk.Trajectory.from_positions([0.0, 2.0], [standing, standing], pepper)
+    stay = pk.Trajectory.from_positions(pepper, [0.0, 2.0], [standing, standing])
     rocked = rocking(standing)
     here = [float(x) for x in rocked.start]
     robot._link.call(

@@ -22,7 +22,7 @@ def model():
 
 @pytest.fixture
 def robot(served, model):
-    with RosbridgeClient(served.transport.url) as transport, RobotClient(transport, model) as made:
+    with RosbridgeClient(served.transport.url) as transport, RobotClient(transport, pepper=model) as made:
         yield made
 
 
@@ -105,7 +105,7 @@ def test_joint_states_that_stop_cancel_the_motion(model):
     with LocalTransport() as transport:
         body = Body()
         body.time.start()
-        with RobotNode(body, transport, cameras=()) as node, RobotClient(transport, model) as robot:
+        with RobotNode(body, transport, cameras=()) as node, RobotClient(transport, pepper=model) as robot:
             trajectory = motion(robot, 4.0, HeadYaw=1.2)
 
             def silence(time):
@@ -130,7 +130,7 @@ def test_states_that_are_no_numbers_stop_the_robot(model, value):
     with LocalTransport() as transport:
         body = Body()
         body.time.start()
-        with RobotNode(body, transport, cameras=()), RobotClient(transport, model) as robot:
+        with RobotNode(body, transport, cameras=()), RobotClient(transport, pepper=model) as robot:
             trajectory = motion(robot, 4.0, HeadYaw=1.2)
             kind = message_type("sensor_msgs/msg/JointState")
             damaged = kind(name=["HeadYaw"], position=[value])
@@ -158,7 +158,7 @@ def test_no_robot(model):
     with (
         RosbridgeServer(port=0) as server,
         RosbridgeClient(server.url) as transport,
-        RobotClient(transport, model) as robot,
+        RobotClient(transport, pepper=model) as robot,
         pytest.raises(TransportError, match=r"none arrived within 0\.1 s"),
     ):
         robot.configuration(0.1)

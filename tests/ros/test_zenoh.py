@@ -69,7 +69,7 @@ def test_a_robot_is_moved_and_stopped_over_it(ours, other):
     """And one whose client has gone stops."""
     model, body = pk.load_pepper(hands="mimic"), Body()
     body.time.start()
-    with contextlib.closing(RobotNode(body, ours, cameras=())), RobotClient(other, model) as robot:
+    with contextlib.closing(RobotNode(body, ours, cameras=())), RobotClient(other, pepper=model) as robot:
         start = robot.configuration()
         goal = start.copy()
         goal[model.joint_index("HeadYaw")] = 0.5

@@ -193,12 +193,12 @@ def test_bags_of_rosbags_are_read(form, pepper, tmp_path):
     assert [time for _, time, _ in rows] == [0, 1_000_000_000, 2_000_000_000, 2_500_000_000, 3_000_000_000]
     [word] = [message for topic, _, message in rows if topic == "/word"]
     assert word.to_dict() == {"from": 1.5, "flags": [True, False], "steps": [1, -2, 3]}
-    motion = read_joint_states(path, pepper)
+    motion = read_joint_states(pepper, path)
     assert motion.duration == 3.0
     yaw, pitch = (motion(2.0).position[pepper.joint_index(name)] for name in ("HeadYaw", "HeadPitch"))
     assert (yaw, pitch) == pytest.approx((0.2, -0.1))
     with pytest.raises(FileFormatError, match="only: mine/msg/Word, sensor_msgs/msg/JointState"):
-        load(path, pepper)
+        load(path, pepper=pepper)
 
 
 def test_a_bag_in_several_files_is_read_in_the_order_of_times(tmp_path):
@@ -258,8 +258,8 @@ def test_a_time_of_zero_is_a_time_where_other_headers_are_set(pepper, tmp_path):
                 message = kind(name=["HeadYaw"], position=[0.1 * i])
                 message.header.stamp.sec = stamp
                 bag.write("/joint_states", message, round((0.3 + 1.25 * i) * 1e9))
-        assert read_joint_states(tmp_path / "run.mcap", pepper).duration == duration
+        assert read_joint_states(pepper, tmp_path / "run.mcap").duration == duration
     content = io.BytesIO((tmp_path / "run.mcap").read_bytes()[:-30])
     (tmp_path / "cut.mcap").write_bytes(content.getvalue())
     with pytest.raises(FileFormatError, match="is not a complete MCAP file"):
-        read_joint_states(tmp_path / "cut.mcap", pepper)
+        read_joint_states(pepper, tmp_path / "cut.mcap")

@@ -24,7 +24,7 @@ def gentle(joint, times=TIMES):
 def test_it_is_scipys_clamped_spline_that_begins_at_zero():
     positions = np.random.default_rng(1).uniform(-0.1, 0.1, (5, 15)) + STAND
     with pytest.warns(OvershootWarning):
-        found = pk.Trajectory.from_positions(TIMES, positions, PEPPER, overshoot=1e-3)
+        found = pk.Trajectory.from_positions(PEPPER, TIMES, positions, overshoot=1e-3)
     spline = CubicSpline(TIMES, positions, bc_type="clamped")
     t = np.linspace(0.0, 2.0, 301)
     assert found.joint_names == PEPPER.joint_names
@@ -38,7 +38,7 @@ def test_ends_in_motion_are_scipys_and_join_a_stroke_in_two_parts():
     positions[:, [3, 4]] = np.random.default_rng(1).uniform(-0.1, 0.1, (5, 2))
     velocity = {"start_velocity": [0.2, -0.1], "end_velocity": [0.0, 0.3]}
     head = positions[:, 3:5]
-    found = pk.Trajectory.from_positions(TIMES, head, PEPPER, joints="head", overshoot=1.0, **velocity)
+    found = pk.Trajectory.from_positions(PEPPER, TIMES, head, joints="head", overshoot=1.0, **velocity)
     spline = CubicSpline(TIMES, head, bc_type=((1, [0.2, -0.1]), (1, [0.0, 0.3])))
     t = np.linspace(0.0, 2.0, 301)
     for derivative, values in enumerate(found(t)):
@@ -47,9 +47,8 @@ def test_ends_in_motion_are_scipys_and_join_a_stroke_in_two_parts():
         np.testing.assert_array_equal(others, np.broadcast_to(others[0], others.shape))
     through = [0.3, 0.0]
     here, via, there = [0.0, 0.0], [0.2, 0.0], [0.4, 0.0]
-    whole = {"pepper": PEPPER, "joints": "head"}
-    first = pk.Trajectory.from_positions([0, 1], [here, via], end_velocity=through, **whole)
-    second = pk.Trajectory.from_positions([0, 1], [via, there], start_velocity=through, **whole)
+    first = pk.Trajectory.from_positions(PEPPER, [0, 1], [here, via], end_velocity=through, joints="head")
+    second = pk.Trajectory.from_positions(PEPPER, [0, 1], [via, there], start_velocity=through, joints="head")
     both = first.then(second)
     assert both.check(PEPPER, collisions=False).velocity_continuity.success
     assert both(1.0).velocity[3] == pytest.approx(0.3)
@@ -65,25 +64,27 @@ def test_ends_in_motion_are_scipys_and_join_a_stroke_in_two_parts():
 )
 def test_ends_in_motion_that_cannot_be_are_refused(option, words):
     with pytest.raises(InvalidValueError, match=words):
-        pk.Trajectory.from_positions([0, 1], [[0, 0], [0.2, 0]], PEPPER, joints="head", **option)
+        pk.Trajectory.from_positions(PEPPER, [0, 1], [[0, 0], [0.2, 0]], joints="head", **option)
 
 
 def test_columns_may_be_some_joints_and_groups():
     rows = np.linspace([0.0, 0.1, 1.0, -0.1, -1.2, -0.5, 0.0], [0.2, 0.0, 0.9, -0.2, -1.0, -0.6, 0.1], 5)
-    found = pk.Trajectory.from_positions(TIMES, rows, PEPPER, joints=["head", "left_arm"], overshoot=1)
+    found = pk.Trajectory.from_positions(PEPPER, TIMES, rows, joints=["head", "left_arm"], overshoot=1)
     np.testing.assert_allclose(found(TIMES - 10.0).position[:, 3:10], rows, atol=1e-12)
     np.testing.assert_array_equal(found(1.1).position[10:], STAND[10:])
     crouch = PEPPER.posture("Crouch")
-    low = pk.Trajectory.from_positions(TIMES, rows[:, :1], PEPPER, joints="HeadYaw", rest=crouch)
+    low = pk.Trajectory.from_positions(PEPPER, TIMES, rows[:, :1], joints="HeadYaw", rest=crouch)
     np.testing.assert_array_equal(np.delete(low(0.3).position, 3), np.delete(crouch, 3))
 
 
 def test_without_a_robot_the_columns_have_names():
-    found = pk.Trajectory.from_positions([0, 1, 2], [[0.0, 1.0], [0.1, 1.1], [0.2, 1.2]], joints=["a", "b"])
+    found = pk.Trajectory.from_positions(
+        None, [0, 1, 2], [[0.0, 1.0], [0.1, 1.1], [0.2, 1.2]], joints=["a", "b"]
+    )
     assert found.joint_names == ("a", "b")
     assert found.joint_units == ("rad", "rad")
     with pytest.raises(InvalidValueError, match="joints: got None"):
-        pk.Trajectory.from_positions([0, 1], [[0.0], [1.0]])
+        pk.Trajectory.from_positions(None, [0, 1], [[0.0], [1.0]])
 
 
 def test_a_step_overshoots_and_is_reported_with_joint_time_and_amount():
@@ -91,7 +92,7 @@ def test_a_step_overshoots_and_is_reported_with_joint_time_and_amount():
     q[:, 3] = [0.0, 0.0, 0.05, 1.0, 1.0, 1.0]
     times = np.arange(6.0)
     with pytest.warns(OvershootWarning) as caught:
-        found = pk.Trajectory.from_positions(times, q, PEPPER)
+        found = pk.Trajectory.from_positions(PEPPER, times, q)
     assert len(caught) == 1
     assert caught[0].filename == __file__
     dense = found(np.linspace(0, 5, 50001)).position[:, 3]
@@ -104,8 +105,8 @@ def test_a_step_overshoots_and_is_reported_with_joint_time_and_amount():
     assert "interpolation='monotone'" in words
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pk.Trajectory.from_positions(times, q, PEPPER, overshoot=over * 1.01)
-        calm = pk.Trajectory.from_positions(times, q, PEPPER, interpolation="monotone")
+        pk.Trajectory.from_positions(PEPPER, times, q, overshoot=over * 1.01)
+        calm = pk.Trajectory.from_positions(PEPPER, times, q, interpolation="monotone")
     inside = calm(np.linspace(0, 5, 5001)).position[:, 3]
     assert inside.min() >= 0.0
     assert inside.max() <= 1.0
@@ -118,15 +119,15 @@ def test_leaving_the_limits_is_reported():
     q = np.tile(STAND, (4, 1))
     q[:, 3] = [0.0, top + 0.1, top - 0.1, 0.0]
     with pytest.warns(OvershootWarning, match=r"HeadYaw is at .* rad outside its limits"):
-        pk.Trajectory.from_positions([0, 1, 2, 3], q, PEPPER, interpolation="monotone")
+        pk.Trajectory.from_positions(PEPPER, [0, 1, 2, 3], q, interpolation="monotone")
 
 
 def test_gentle_recordings_do_not_warn():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pk.Trajectory.from_positions(TIMES, gentle("HeadYaw"), PEPPER)
+        pk.Trajectory.from_positions(PEPPER, TIMES, gentle("HeadYaw"))
         pk.Trajectory.from_positions(
-            [3.0, 4.0], gentle("HeadYaw", [3.0, 4.0]), PEPPER, interpolation="monotone"
+            PEPPER, [3.0, 4.0], gentle("HeadYaw", [3.0, 4.0]), interpolation="monotone"
         )
 
 
@@ -139,14 +140,14 @@ def test_misuse_is_named():
         (([0.0, 1.0], [[0.1], [np.inf]]), "positions: got inf"),
     ]:
         with pytest.raises(InvalidValueError, match=words):
-            pk.Trajectory.from_positions(*arguments, PEPPER, joints="HeadYaw")
+            pk.Trajectory.from_positions(PEPPER, *arguments, joints="HeadYaw")
 
 
 def test_other_misuse_is_named():
     with pytest.raises(UnknownNameError, match="Tail"):
-        pk.Trajectory.from_positions([0, 1], [[0], [1]], PEPPER, joints="Tail")
+        pk.Trajectory.from_positions(PEPPER, [0, 1], [[0], [1]], joints="Tail")
     with pytest.raises(InvalidValueError, match="interpolation: got 'linear'"):
-        pk.Trajectory.from_positions([0, 1], [[0], [1]], PEPPER, joints="HeadYaw", interpolation="linear")
+        pk.Trajectory.from_positions(PEPPER, [0, 1], [[0], [1]], joints="HeadYaw", interpolation="linear")
 
 
 def test_key_frames_are_passed_and_never_left():
@@ -156,7 +157,7 @@ def test_key_frames_are_passed_and_never_left():
         1.5: {"RShoulderPitch": 0.3},
         2.0: STAND,
     }
-    found = pk.Trajectory.from_keyframes(frames, PEPPER)
+    found = pk.Trajectory.from_keyframes(PEPPER, frames)
     crouch, pitch = PEPPER.posture("Crouch"), PEPPER.joint_index("RShoulderPitch")
     np.testing.assert_allclose(found(0.0).position, STAND, atol=1e-12)
     np.testing.assert_allclose(found(0.5).position[[3, 4, pitch]], (0.2, -0.1, -0.5), atol=1e-12)
@@ -177,7 +178,7 @@ def test_key_frames_are_passed_and_never_left():
 
 def test_key_frames_may_be_pairs_and_begin_elsewhere():
     pairs = [(1.0, {"HeadYaw": 0.5}), (2.0, {"HeadYaw": 0.0})]
-    found = pk.Trajectory.from_keyframes(pairs, PEPPER, start="Crouch")
+    found = pk.Trajectory.from_keyframes(PEPPER, pairs, start="Crouch")
     assert found.duration == 2.0
     np.testing.assert_allclose(np.delete(found(1.3).position, 3), np.delete(PEPPER.posture("Crouch"), 3))
     assert found.check(PEPPER, collisions=False).success
@@ -196,4 +197,4 @@ def test_wrong_key_frames_are_named():
         ({1.0: {"HeadYaw": 3.0}}, LimitError, "key frame at 1 s: HeadYaw = 3 rad is outside"),
     ]:
         with pytest.raises(error, match=words):
-            pk.Trajectory.from_keyframes(frames, PEPPER)
+            pk.Trajectory.from_keyframes(PEPPER, frames)

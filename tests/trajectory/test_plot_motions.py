@@ -59,7 +59,7 @@ def test_lines_are_the_motions_in_their_units(pepper, wave, run):
 
 def test_limits_are_drawn_near_and_written_far(pepper, wave):
     held = pk.Trajectory.from_positions(
-        [0, 1, 2], [[0.0, 0.0], [0.63, 0.3], [0.0, 0.0]], pepper, joints=["HeadPitch", "HeadYaw"]
+        pepper, [0, 1, 2], [[0.0, 0.0], [0.63, 0.3], [0.0, 0.0]], joints=["HeadPitch", "HeadYaw"]
     )
     found = panels(plot_motions(pepper, held, joints="head"))
     limits = pepper.upper_limits[pepper.joint_index("HeadPitch")]

@@ -198,7 +198,7 @@ def test_files_for_other_programs(tmp_path):
     with np.load(found.save(tmp_path / "r.npz")) as data:
         assert np.array_equal(data["position"], run.position)
         assert np.array_equal(data["reading.joint_encoders.value"], run.readings["joint_encoders"].value)
-    table = pk.twin.load_run(found.save(tmp_path / "r.csv"), PEPPER)
+    table = pk.twin.load_run(PEPPER, found.save(tmp_path / "r.csv"))
     assert table.position == pytest.approx(run.position, abs=1e-12)
 
     from mcap_ros2.reader import read_ros2_messages

@@ -209,11 +209,11 @@ def test_run_file_round_trip(pepper, run, tmp_path):
     assert "KneePitch.reference" in header
     columns = json.loads((tmp_path / "columns.json").read_text())
     assert columns["KneePitch.torque"] == {"unit": "N m", "quantity": "torque", "joint": "KneePitch"}
-    again = load_run(path, pepper)
+    again = load_run(pepper, path)
     for name in ("time", "position", "velocity", "torque", "reference_position", "reference_velocity"):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     with pytest.raises(FileFormatError, match=r"is missing|unknown column"):
-        load_run(path, pk.load_pepper(hands="mimic"))
+        load_run(pk.load_pepper(hands="mimic"), path)
 
 
 def test_runs_repeat_exactly(pepper, trajectory, run):

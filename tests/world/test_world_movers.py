@@ -74,7 +74,7 @@ def test_an_arm_is_pushed_aside(shape):
     world = World(pepper, scene)
     twin = Twin(pepper, world=world)
     twin.reset(q)
-    run = twin.execute(pk.Trajectory.from_positions([0.0, 1.0], [q, q], pepper))
+    run = twin.execute(pk.Trajectory.from_positions(pepper, [0.0, 1.0], [q, q]))
     arm = [pepper.joint_index(f"L{name}") for name in ("ShoulderPitch", "ShoulderRoll", "ElbowRoll")]
     assert np.abs(run.position[0, arm] - q[arm]).max() < 0.01
     assert np.abs(run.position[-1, arm] - q[arm]).max() > 0.03

@@ -25,17 +25,24 @@ class TaskRows:
         tasks: The tasks, groups taken apart; those without machine code are evaluated in Python.
         count: K.
         factors: On each task's residual.
+        allowed: Residuals that count as zero, shape (K, m); None for none.
 
     Attributes:
         lengths: Which components of the residuals are in meters, shape (m,).
     """
 
     def __init__(
-        self, pepper: PepperModel, tasks: Sequence[Task], count: int, factors: Sequence[float]
+        self,
+        pepper: PepperModel,
+        tasks: Sequence[Task],
+        count: int,
+        factors: Sequence[float],
+        allowed: Array | None = None,
     ) -> None:
         self._pepper, self._tasks, self._count = pepper, tuple(tasks), count
         sizes = [task.at(0).residual(pepper, pepper.neutral()).size for task in tasks]
         self.lengths = np.repeat([task.unit_on(pepper) == "m" for task in tasks], sizes)
+        self._allowed = 0.0 if allowed is None else allowed
         self._ends, self._factors = np.cumsum(sizes)[:-1], np.repeat(factors, sizes)
         structures = known_structures(tasks)
         self._kernel, self._targets = None, np.zeros((count, 0))
@@ -69,11 +76,11 @@ class TaskRows:
     def _rows(self, q: Array) -> tuple[Array, Array]:
         if self._kernel is not None:
             residual, jacobian = self._kernel(q, self._targets)
-            return np.asarray(residual, float), np.asarray(jacobian, float)
+            return np.asarray(residual, float) - self._allowed, np.asarray(jacobian, float)
         pairs = [([task.at(k) for task in self._tasks], q[k]) for k in range(self._count)]
         residuals = [np.concatenate([t.residual(self._pepper, x) for t in tasks]) for tasks, x in pairs]
         jacobians = [np.concatenate([t.jacobian(self._pepper, x) for t in tasks]) for tasks, x in pairs]
-        return np.array(residuals), np.array(jacobians)
+        return np.array(residuals) - self._allowed, np.array(jacobians)
 
 
 def _kernel_of(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:

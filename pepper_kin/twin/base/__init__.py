@@ -10,6 +10,7 @@
 Poses on the floor are x, y [m] and yaw [rad].
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.kinematics.base_geometry import BaseGeometry, pepper_base
 from pepper_kin.twin.base.balance import BalanceEvent, BalanceMonitor, BalanceReport
 from pepper_kin.twin.base.controller import BaseController, world_velocity
@@ -43,3 +44,5 @@ __all__ = [
     "simulate_tipping",
     "world_velocity",
 ]
+
+name_options(__name__)

@@ -10,6 +10,7 @@
 Each reading holds the truth beside what the sensor says.
 """
 
+from pepper_kin.call_errors import name_options
 from pepper_kin.twin.sensors.batch import BatchDepth, BatchInertial, BatchRanges, BatchSwitches
 from pepper_kin.twin.sensors.camera import Camera, Intrinsics, camera_intrinsics
 from pepper_kin.twin.sensors.range_sensors import published_scan
@@ -40,3 +41,5 @@ __all__ = [
     "published_scan",
     "sensor_specifications",
 ]
+
+name_options(__name__)

@@ -30,7 +30,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.kernels.callback import Callback
 from pepper_kin.kernels.intrinsics import floats_at, words_at
 from pepper_kin.model import Box, PepperModel, Sphere
-from pepper_kin.model.joint_vectors import as_finite, as_joint_vector
+from pepper_kin.model.joint_vectors import as_finite, as_joint_vector, refuse_degrees
 from pepper_kin.model.shapes import transform
 from pepper_kin.twin.contact_error import ContactError
 from pepper_kin.twin.world import body_limits
@@ -489,6 +489,6 @@ class World:
 
 def _pose(name: str, position: ArrayLike, rpy: ArrayLike) -> tuple[Array, Array]:
     """Return position [m] and roll, pitch, yaw [rad] of a body, shape (3,) each."""
-    return body_limits.check_position(f"position of {name!r}", position), as_finite(
-        rpy, f"rpy of {name!r}", (3,)
-    )
+    angles = as_finite(rpy, f"rpy of {name!r}", (3,))
+    refuse_degrees(angles, f"rpy of {name!r}")
+    return body_limits.check_position(f"position of {name!r}", position), angles
