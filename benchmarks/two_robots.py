@@ -1,6 +1,6 @@
 """Two Peppers face each other and reach with hands that cross: contacts and arrivals in many runs.
 
-    python benchmarks/two_robots.py [RUNS]
+    python benchmarks/two_robots.py [RUNS [SEED]]
 
 The way of the recipe "Let two robots pass each other": one is planned beside the other where it stands,
 the other with the first at its goal; it begins as soon as its certificate among the first's motion is green.
@@ -113,7 +113,7 @@ def at(motion: pk.Trajectory, times: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Print the table."""
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    pepper, rng = pk.load_pepper(), np.random.default_rng(int(sys.argv[2]) if len(sys.argv) > 2 else 0)
     judge, arrived, contacts, waits, swapped, straight = Judge(pepper), 0, 0, [], 0, 0
     for _ in range(runs):
         points = goals(rng)
