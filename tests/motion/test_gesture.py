@@ -109,7 +109,7 @@ def test_a_gesture_begins_where_the_base_has_driven():
         np.testing.assert_allclose(hand, base @ first, atol=1e-9)
     bent = away.copy()
     bent[planar.joint_index("HeadYaw")] = 0.2
-    with pytest.raises(InvalidValueError, match=r"start: got HeadYaw at 0\.2 rad, expected the posture Stand"):
+    with pytest.raises(InvalidValueError, match=r"start: got HeadYaw at 0\.2 rad, expected the posture"):
         gesture(planar, "wave", start=bent)
 
 
