@@ -9,6 +9,8 @@ on every millisecond, with poses of Pinocchio: it shares neither scenes nor chec
 """
 
 import sys
+from collections.abc import Iterator
+from itertools import chain
 
 import coal
 import numpy as np
@@ -24,7 +26,7 @@ APART = 0.12
 LOW, HIGH = (0.34, -0.18, 0.80), (0.46, 0.0, 1.00)
 """Where left hands go, each in its robot's world, beyond the middle between the hands' starts [m]."""
 FACING = pk.pose((DISTANCE, 0, 0), rpy=(0, 0, np.pi))
-POSTURES = 8
+POSTURES = 16
 """Goal postures of the first that are tried besides the nearest."""
 STEP, HOLD = 0.001, 0.2  # [s]
 
@@ -44,14 +46,24 @@ def motion_to(pepper: pk.PepperModel, goal: object, other: object) -> pk.Traject
     return pk.retime(pepper, plan) if plan.success else None
 
 
+def other_postures(
+    pepper: pk.PepperModel, tasks: list[pk.ik.HandPosition], scene: pk.Scene
+) -> Iterator[np.ndarray]:
+    """Yield postures that reach a goal, each the nearest to another random one."""
+    for seed in range(POSTURES):
+        start = np.random.default_rng(seed).uniform(pepper.lower_limits, pepper.upper_limits)
+        found = pk.ik.solve(pepper, tasks, start=start, scene=scene, seed=seed)
+        if found.success:
+            yield found.q
+
+
 def one_after_the_other(
     pepper: pk.PepperModel, points: np.ndarray
 ) -> tuple[list[pk.Trajectory], float] | None:
     """Return the motions of the first and the second robot, and when the second begins [s]; None for none."""
     tasks = [[pk.ik.HandPosition("left", point)] for point in points]
     beside = pk.Scene().add_robot("other", pepper, pepper.posture("Stand"), FACING)
-    others = pk.ik.solutions(pepper, tasks[0], count=POSTURES, scene=beside, margin=0.01)
-    for goal in (tasks[0], *others):
+    for goal in chain([tasks[0]], other_postures(pepper, tasks[0], beside)):
         first = motion_to(pepper, goal, pepper.posture("Stand"))
         second = None if first is None else motion_to(pepper, tasks[1], first.end)
         if first is None or second is None:
