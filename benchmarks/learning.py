@@ -120,18 +120,14 @@ class MujocoParcel(MujocoRobot):
         )
         text = mjcf_text(pepper, floor=False).replace("</worldbody>", more + "</worldbody>")
         model, alone = mujoco.MjModel.from_xml_string(text), self.model
-        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_ctrllimited", "actuator_forcelimited"):
-            getattr(model, name)[:] = getattr(alone, name)
-        model.actuator_forcerange[:] = alone.actuator_forcerange
+        model.actuator_ctrllimited[:] = 0
         model.dof_damping[:] = model.dof_armature[:] = 0.0
-        model.body_gravcomp[: alone.nbody] = 1.0
         model.opt.timestep, model.opt.integrator = H, alone.opt.integrator
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
         things = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in ("table", "parcel")]
         solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
         model.geom_contype[solid], model.geom_conaffinity[solid] = 1, 0
         model.geom_contype[things], model.geom_conaffinity[things] = 2, 3
-        model.body_gravcomp[model.geom_bodyid[things]] = 0.0
         self.model, self.data = model, mujoco.MjData(model)
 
 

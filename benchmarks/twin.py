@@ -47,37 +47,26 @@ def movement(pepper: pk.PepperModel) -> pk.Trajectory:
 
 
 class MujocoRobot:
-    """The exported robot with the twin's servos, its gravity held, and without contacts and sensors."""
+    """The exported robot, which has the twin's servos, without contacts and sensors."""
 
     def __init__(self, pepper: pk.PepperModel) -> None:
         model = mujoco.MjModel.from_xml_string(mjcf_text(pepper, floor=False))
-        servo = actuator_parameters(pepper)
-        order = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) for name in pepper.joint_names]
-        assert model.nu == model.nv == pepper.n
-        assert order == list(range(pepper.n))
-        model.actuator_gainprm[:] = model.actuator_biasprm[:] = 0.0
-        model.actuator_gainprm[:, 0] = servo.stiffness
-        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -servo.stiffness, -servo.damping
+        assert model.nu == 2 * model.nv == 2 * pepper.n
         model.actuator_ctrllimited[:] = 0
-        model.actuator_forcelimited[:] = 1
-        model.actuator_forcerange[:] = np.stack([-servo.torque_limit, servo.torque_limit], axis=1)
         model.dof_damping[:] = model.dof_armature[:] = 0.0
-        model.body_gravcomp[:] = 1.0
         model.opt.timestep = H
-        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_SENSOR
-        self.lead = servo.damping / servo.stiffness
         self.model, self.data = model, mujoco.MjData(model)
 
     def controls(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Servo targets; MuJoCo compares them with positions at the start of a step."""
-        return position + (self.lead - H) * velocity
+        return np.concatenate([position - H * velocity, velocity], axis=-1)
 
     def loop(self, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         data.qpos[:] = start
-        states = np.empty_like(controls)
+        states = np.empty((len(controls), model.nq))
         for k in range(len(controls)):
             data.ctrl[:] = controls[k]
             mujoco.mj_step(model, data)

@@ -163,8 +163,8 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     movers = movers_of(pepper, scene)
     if movers is not None and scene is not None:
         own = np.atleast_2d(np.asarray(rates, dtype=float))
-        joined = movers.joined(own, np.tile(np.abs(movers.rate), (len(own), 1)))
-        to_movers = approach_speed(movers.robot, joined, movers.scene) + movers.uncertainty
+        alone = movers.joined(own, np.zeros((len(own), movers.columns.size - pepper.n)))
+        to_movers = approach_speed(movers.robot, alone, movers.scene) + movers.speed + movers.uncertainty
         return max(approach_speed(pepper, own, scene.standing), to_movers)
     checker = checker_for(pepper, scene)
     if not checker.pair_count:

@@ -14,7 +14,7 @@ wrenches are linear.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,42 +24,12 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.at_frames import HANDS, at_frames
 from pepper_kin.model.joint_vectors import shown
 from pepper_kin.model.moving_tree import moving_tree
 
 if TYPE_CHECKING:
     from pepper_kin.collision.scene import Scene
-
-
-AtFrames: TypeAlias = tuple[tuple[str, float], ...]
-"""A positive number for each of some frames."""
-
-HANDS = {"left": "LArm_effector", "right": "RArm_effector"}
-"""Frames that "left" and "right" stand for."""
-
-
-def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | None, unit: str) -> AtFrames:
-    """Check numbers given by hand ("left", "right") or frame.
-
-    Raises:
-        InvalidValueError: for what is no mapping, or a number that is not positive and finite.
-        UnknownNameError: for a frame that the robot lacks.
-    """
-    if values is None:
-        return ()
-    if not isinstance(values, Mapping):
-        raise InvalidValueError(
-            quantity, repr(values), f"a mapping from 'left', 'right' or a frame to [{unit}]"
-        )
-    found: dict[str, float] = {}
-    for name, value in values.items():
-        frame = HANDS.get(name, name)
-        pepper.frame_id(frame)
-        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-        if not number or not (np.isfinite(value) and value > 0):
-            raise InvalidValueError(f"{quantity} at {name}", value, f"a finite number above 0 [{unit}]")
-        found[frame] = float(value)
-    return tuple(found.items())
 
 
 def loads_of(

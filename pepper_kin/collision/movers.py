@@ -23,7 +23,6 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.dynamics_model import described
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.model.poses import rpy_of
 from pepper_kin.model.urdf_document import parse_urdf
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")  # x, y, z, then yaw, pitch, roll
@@ -39,21 +38,25 @@ class Movers:
         robot: The robot, of n + 6 k joints.
         scene: The obstacles, k of them, hanging on it, and what the robot holds.  Nothing else is compared.
         items: The obstacles at time 0.
-        start: Their places at time 0 [m, rad], shape (6 k,).
-        rate: How these change [m/s], shape (6 k,).
         columns: Where the joints of q, then the places, are among those of `robot`, shape (n + 6 k,).
     """
 
     robot: PepperModel
     scene: Scene
     items: tuple[SceneObject, ...]
-    start: Array
-    rate: Array
     columns: NDArray[np.intp]
 
     def states(self, q: Array, times: Array) -> Array:
         """Return configurations of `robot`, shape (T, n + 6 k), for q, shape (T, n), at times [s], (T,)."""
-        return self.joined(q, self.start + times[:, None] * self.rate)
+        places = np.empty((len(times), len(self.items), _PLACE))
+        for k, item in enumerate(self.items):
+            poses = item.poses(times)
+            places[:, k, :3] = poses[:, :3, 3]
+            places[:, k, 3] = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+            places[:, k, 4] = np.arctan2(-poses[:, 2, 0], np.hypot(poses[:, 0, 0], poses[:, 1, 0]))
+            places[:, k, 5] = np.arctan2(poses[:, 2, 1], poses[:, 2, 2])
+        places[:, :, 3:] = np.unwrap(places[:, :, 3:], axis=0)
+        return self.joined(q, places.reshape(len(times), -1))
 
     def joined(self, own: Array, places: Array) -> Array:
         """Return numbers of the robot's own joints, shape (T, n), and of places, (T, 6 k), as one row."""
@@ -69,7 +72,7 @@ class Movers:
     @property
     def speed(self) -> float:
         """The greatest of all [m/s]."""
-        return float(np.sqrt((self.rate.reshape(-1, _PLACE) ** 2).sum(axis=1).max()))
+        return max(item.speed for item in self.items)
 
     @property
     def alike(self) -> bool:
@@ -84,11 +87,7 @@ def movers_of(pepper: PepperModel, scene: Scene | None) -> Movers | None:
         return None
     shapes = tuple((item.name, item.geometry) for item in items)
     robot, held, columns = _robot_of(pepper, shapes, tuple(scene.attached.values()), scene.allowed)
-    start, rate = np.empty((len(items), _PLACE)), np.zeros((len(items), _PLACE))
-    for k, item in enumerate(items):
-        pose = item.transform_object_to_world
-        start[k, :3], start[k, 3:], rate[k, :3] = pose[:3, 3], rpy_of(pose[:3, :3])[::-1], item.velocity
-    return Movers(robot, held, items, start.ravel(), rate.ravel(), columns)
+    return Movers(robot, held, items, columns)
 
 
 def checked_times(times: ArrayLike, count: int) -> Array:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,9 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_numbers
 from pepper_kin.model.shapes import rotation_to_axis
+
+if TYPE_CHECKING:
+    from pepper_kin.collision.robot_motion import JointMotion
 
 VOXEL = 0.02
 """Edge of the cubes to which clouds are thinned by default [m]."""
@@ -339,6 +342,46 @@ class Scene:
             grown = grown._and_one(item)
         return grown
 
+    def add_robot(
+        self,
+        name: str,
+        robot: PepperModel,
+        q: ArrayLike | JointMotion,
+        pose: ArrayLike | None = None,
+        *,
+        begin: float = 0.0,
+        meshes: str = "hull",
+    ) -> Scene:
+        """Return a scene with the collision shapes of another robot more, named `name/shape`.
+
+        With a trajectory, the shapes move as the robot's links: functions of a motion, with `times` or
+        `start_time`, compare them where they are at each time; all others take them as standing where they
+        are at time 0.  Before the trajectory the robot stands at its start, afterwards at its end.  A base
+        that drives is part of the trajectory (`base="planar"`).
+
+        Args:
+            name: A name that the scene does not have yet.
+            robot: The other robot, of any kind.
+            q: Its joint positions [rad or m], shape (n,), or its `Trajectory`.
+            pose: transform_base_to_world, where its own world stands in this one (see `pk.pose`), shape
+                (4, 4); the same place if omitted.
+            begin: Time of the trajectory at the scene's time 0 [s]; below 0 where it begins later.
+            meshes: "hull": meshes become their convex hulls, solid inside; "surface": triangles.
+
+        Raises:
+            InvalidValueError: for a name that is taken, a q of wrong length, a trajectory of other joints, or
+                a pose that is not rigid.
+            ModelError: for a robot without collision shapes.
+        """
+        from pepper_kin.collision.robot_motion import objects_of_robot
+
+        self._check_new(name)
+        grown, place = self, np.eye(4) if pose is None else pose
+        for item in objects_of_robot(name, robot, q, place, number_of(name, "begin", begin), meshes):
+            grown._check_new(item.name)
+            grown = grown._and_one(item)
+        return grown
+
     def remove(self, name: str) -> Scene:
         """Return a scene without one object, and without what was allowed for it.
 
@@ -400,7 +443,7 @@ class Scene:
 
     @property
     def movers(self) -> tuple[SceneObject, ...]:
-        """Obstacles with a velocity or an uncertainty.
+        """Obstacles with a velocity, a trajectory or an uncertainty.
 
         Functions of a motion compare them where they are at each of its times, `follow` and `sequence` refuse
         them; all others, as planners, take them as standing where they are at time 0.

@@ -36,7 +36,7 @@ from pepper_kin.collision.solids import (
     SceneGeometry,
     TriangleMesh,
 )
-from pepper_kin.exceptions import FileFormatError, PepperKinError, shortened
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, PepperKinError, shortened
 from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.reading import read_json
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
@@ -144,6 +144,8 @@ def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, A
 
 def _motion(item: SceneObject) -> dict[str, Any]:
     """Return velocity and uncertainty of an obstacle, as far as it has them."""
+    if item.path is not None:
+        raise InvalidValueError("scene", f"{item.name!r} along a trajectory", "obstacles without one")
     velocity = {"velocity": item.velocity.tolist()} if item.velocity.any() else {}
     return {**velocity, **({"uncertainty": item.uncertainty} if item.uncertainty else {})}
 

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +51,20 @@ RIGID_TOLERANCE = 1e-6
 AT_REST = read_only(np.zeros(3))
 
 
+class ObjectPath(Protocol):
+    """Where an obstacle is at each time."""
+
+    @property
+    def speed(self) -> float:
+        """A bound on the speed of its points [m/s]."""
+
+    def poses(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return transform_object_to_world at times of the scene [s], shape (T, 4, 4)."""
+
+    def later(self, time: float) -> ObjectPath:
+        """Return the path as it is for a scene that begins later [s]."""
+
+
 @dataclass(frozen=True, eq=False)
 class SceneObject(FrozenArrays):
     """One obstacle.
@@ -61,6 +76,7 @@ class SceneObject(FrozenArrays):
         color: Red, green, blue and opacity, 0 to 1.
         velocity: With which it goes on from there, from time 0 of the scene on [m/s], shape (3,), read-only.
         uncertainty: By how much what has to be kept clear around it grows with time [m/s].
+        path: Where it is at each time, instead of a velocity, as a part of a robot that moves; None for none.
     """
 
     name: str
@@ -69,6 +85,7 @@ class SceneObject(FrozenArrays):
     color: Color = WOOD
     velocity: NDArray[np.float64] = field(default_factory=lambda: AT_REST)
     uncertainty: float = 0.0
+    path: ObjectPath | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "geometry", _checked(self.name, self.geometry))
@@ -86,20 +103,33 @@ class SceneObject(FrozenArrays):
 
     @property
     def moves(self) -> bool:
-        """Whether it has a velocity or an uncertainty."""
-        return bool(self.velocity.any()) or self.uncertainty > 0.0
+        """Whether it has a velocity, a path or an uncertainty."""
+        return self.path is not None or bool(self.velocity.any()) or self.uncertainty > 0.0
+
+    @property
+    def speed(self) -> float:
+        """A bound on the speed of its points [m/s]."""
+        return float(np.linalg.norm(self.velocity)) if self.path is None else self.path.speed
+
+    def poses(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return transform_object_to_world at times of the scene [s], shape (T, 4, 4)."""
+        if self.path is not None:
+            return self.path.poses(times)
+        found = np.tile(self.transform_object_to_world, (len(times), 1, 1))
+        found[:, :3, 3] += np.outer(times, self.velocity)
+        return found
 
     def at(self, time: float, enlarged: bool = True) -> SceneObject:
         """Return the object as it is a time later [s]: moved, and perhaps grown as `Scene.padded` does."""
-        pose = np.array(self.transform_object_to_world)
-        pose[:3, 3] += time * self.velocity
-        found = self.moved_to(read_only(pose))
+        found = self.moved_to(read_only(self.poses(np.array([time]))[0]))
+        if self.path is not None:
+            found.__dict__["path"] = self.path.later(time)
         if enlarged and self.uncertainty > 0.0:
             found.__dict__["geometry"] = grown(self.geometry, time * self.uncertainty)
         return found
 
     def moved_to(self, pose: NDArray[np.float64]) -> SceneObject:
-        """Return the object at another pose, which is neither copied nor checked.
+        """Return the object at another pose, which is neither copied nor checked, and off its path.
 
         For objects that move in every step: a check takes ten times what this does.
 
@@ -107,7 +137,7 @@ class SceneObject(FrozenArrays):
             pose: transform_object_to_world, shape (4, 4), rigid; it must not change any more.
         """
         moved = object.__new__(type(self))
-        moved.__dict__.update(self.__dict__, transform_object_to_world=pose)
+        moved.__dict__.update(self.__dict__, transform_object_to_world=pose, path=None)
         return moved
 
 
@@ -224,7 +254,7 @@ def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) 
     if (a.name, a.color) != (b.name, b.color) or not same_geometry(a.geometry, b.geometry):
         return False
     if isinstance(a, SceneObject) and isinstance(b, SceneObject):
-        same = np.array_equal(a.velocity, b.velocity) and a.uncertainty == b.uncertainty
+        same = np.array_equal(a.velocity, b.velocity) and a.uncertainty == b.uncertainty and a.path is b.path
         return same and np.array_equal(a.transform_object_to_world, b.transform_object_to_world)
     if isinstance(a, AttachedObject) and isinstance(b, AttachedObject):
         same = (a.frame, a.touch_links, a.mass, a.load) == (b.frame, b.touch_links, b.mass, b.load)

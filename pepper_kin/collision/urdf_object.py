@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from pepper_kin.collision.solids import ConvexMesh, SceneGeometry, TriangleMesh
 from pepper_kin.exceptions import ModelError
 from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.kinematic_tree import placed_joints
-from pepper_kin.model.shapes import NO_COLOR, Mesh
+from pepper_kin.model.shapes import NO_COLOR, Mesh, Shape
 from pepper_kin.model.urdf_document import UrdfDocument, parse_urdf
 from pepper_kin.model.urdf_source import mesh_folders, read_source, warned
 
@@ -39,7 +39,29 @@ def objects_of_urdf(
         visuals, collisions = document.shapes
         if not collisions:
             raise ModelError(f"URDF: {document.name!r} has no collision shapes")
-    poses = _link_poses(document, place)
+    yield from objects_of_shapes(name, visuals, collisions, _link_poses(document, place), meshes)
+
+
+def objects_of_shapes(
+    name: str,
+    visuals: Sequence[Shape],
+    collisions: Sequence[Shape],
+    poses: Mapping[str, NDArray[np.float64]],
+    meshes: str,
+) -> Iterator[SceneObject]:
+    """Yield collision shapes as obstacles, in the colors of their links.
+
+    Args:
+        name: The object's, if there is one shape; others are `name/shape`.
+        visuals: Shapes that have the colors.
+        collisions: Shapes of the obstacles.
+        poses: Poses of the links in the world, each (4, 4).
+        meshes: "hull" or "surface".
+
+    Raises:
+        InvalidValueError: for other meshes.
+    """
+    check_choice("meshes", meshes, MESHES)
     colors = {shape.link: shape.color for shape in reversed(visuals) if shape.color != NO_COLOR}
     called = [name] if len(collisions) == 1 else [f"{name}/{shape.name}" for shape in collisions]
     for own, shape in zip(called, collisions, strict=True):

@@ -9,6 +9,7 @@ theta:
     weak motor       angle - twin's + (torque - twin's) / Kp             -torque / Kp         1 / strength - 1
     wrong payload    torques of an arm - twin's                          -J^T g of the hand   mass [kg]
     slipped wheel    turn of a wheel - turn that the base's way needs    turn of the wheel    share of turns
+    slipping gear    as of a stuck joint                                 -change of twin's    share of its way
 
 The residual with torque / Kp does not see a payload, and torques do not see a weak motor, whose servo leans
 further until it gives the same torque: such structured residuals isolate faults (Gertler, Fault Detection
@@ -20,7 +21,8 @@ a moment does not upset:
     s_k = log(1 + (r / sigma)^2) - log(1 + ((r - theta phi) / sigma)^2) - d log(1 + (theta phi / sigma)^2),
     S_k = max(0, S_{k-1} + s_k).
 
-A fault is named where S of some theta reaches a threshold; it began where S was last 0.
+A fault is named where S of some theta reaches a threshold; it began where S was last 0.  A gear that loses
+a share of every way is off by what it has lost, too: a bias of that joint at that time is not named.
 """
 
 from __future__ import annotations
@@ -47,16 +49,22 @@ from pepper_kin.twin.joint_response import JointResponse, joint_response
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.twin import Twin
 
-FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor")
+FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor", "slipping gear")
 """Faults that `diagnose` names."""
-STUCK, WEAK, PAYLOAD, SLIP, BIAS = FAULTS
-UNITS = dict(zip(FAULTS, ("rad not followed", "of its strength", "kg", "of its turns", "rad"), strict=True))
+STUCK, WEAK, PAYLOAD, SLIP, BIAS, GEAR = FAULTS
+UNITS = dict(
+    zip(
+        FAULTS,
+        ("rad not followed", "of its strength", "kg", "of its turns", "rad", "of its way lost"),
+        strict=True,
+    )
+)
 
-THRESHOLDS = {STUCK: 25.0, WEAK: 30.0, PAYLOAD: 20.0, SLIP: 10.0, BIAS: 90.0}
-"""Of the cumulative sums: of stuck joints and biases twice the largest sums in an hour of a real Pepper's
-logs, of the others as much above those of healthy twins (`benchmarks/run_monitor.py`)."""
+THRESHOLDS = {STUCK: 25.0, WEAK: 30.0, PAYLOAD: 20.0, SLIP: 10.0, BIAS: 90.0, GEAR: 25.0}
+"""Of the cumulative sums: of stuck joints, gears and biases twice the largest sums in an hour of a real
+Pepper's logs, of the others as much above those of healthy twins (`benchmarks/run_monitor.py`)."""
 
-SPREADS = {STUCK: 0.006, WEAK: 0.002, PAYLOAD: 0.1, SLIP: 0.01, BIAS: 0.02}
+SPREADS = {STUCK: 0.006, WEAK: 0.002, PAYLOAD: 0.1, SLIP: 0.01, BIAS: 0.02, GEAR: 0.006}
 """sigma: [rad], [N m] of the payload, [rad] of a wheel; in runs, a bias has the one of a weak motor."""
 
 DRIFT = 0.2
@@ -74,6 +82,7 @@ GAP = 1.0
 _COMPLIANCES = np.array([0.4, 0.8, 1.6, 3.2, 6.4])
 _MASSES = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, -0.05, -0.1, -0.2, -0.4])
 _SLIPS = np.array([0.04, 0.08, 0.16, 0.32, 0.64])
+_LOSSES = np.array([0.2, 0.35, 0.5, 0.65])
 _SCALE = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 80.0])
 
 
@@ -88,7 +97,7 @@ class RunFault:
         end: Time of the last reading that speaks for it [s].
         size: Way that a stuck joint did not follow [rad]; share of its torque that a weak motor gives; mass
             that a hand carries and the twin does not [kg]; share of its turns by which a wheel slips; bias
-            of an encoder [rad].
+            of an encoder [rad]; share of its way that a gear loses.
         score: Largest cumulative sum over its threshold, at least 1.
     """
 
@@ -98,6 +107,10 @@ class RunFault:
     end: float
     size: float
     score: float
+
+    def meets(self, other: RunFault) -> bool:
+        """Whether another fault is one of the same part at the same time."""
+        return self.part == other.part and self.begin <= other.end and other.begin <= self.end
 
     def __str__(self) -> str:
         """Return one line."""
@@ -205,6 +218,8 @@ def diagnose(
     for one in evidence:
         scores[one.kind, one.part], faults = _tested(one, limits[one.kind])
         found += [(fault, one.joints) for fault in faults]
+    gears = [fault for fault, _ in found if fault.kind == GEAR]
+    found = [(f, joints) for f, joints in found if f.kind != BIAS or not any(map(f.meets, gears))]
     chosen: list[tuple[RunFault, frozenset[str]]] = []
     for fault, joints in sorted(found, key=lambda item: -item[0].score):
         if not any(joints & j and fault.begin <= f.end and f.begin <= fault.end for f, j in chosen):
@@ -282,17 +297,17 @@ def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse)
         rows = first[use[first, j]]
         if rows.size > 2:
             angles = log.measured[rows, j], found.twin[rows, j]
-            yield _of_motion(joint, log.time[rows], *angles)
+            yield from _of_motion(joint, log.time[rows], *angles)
             yield _of_bias(joint, log.time[rows], angles[0] - angles[1], SPREADS[BIAS])
 
 
-def _of_motion(joint: str, time: Array, angle: Array, expected: Array) -> _Evidence:
+def _of_motion(joint: str, time: Array, angle: Array, expected: Array) -> Iterator[_Evidence]:
     near = np.diff(time) < GAP
     moved = np.where(near, np.diff(expected), 0.0)[:, None]
     residual = np.where(near, np.diff(angle), 0.0)[:, None] - moved
-    return _Evidence(
-        STUCK, joint, frozenset([joint]), time[1:], residual, -moved, SPREADS[STUCK], np.array([1.0])
-    )
+    for kind, sizes in ((STUCK, np.ones(1)), (GEAR, _LOSSES)):
+        where = kind, joint, frozenset([joint]), time[1:]
+        yield _Evidence(*where, residual, -moved, SPREADS[kind], sizes)
 
 
 def _of_bias(joint: str, time: Array, residual: Array, spread: float) -> _Evidence:
@@ -335,7 +350,7 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
             continue
         stiffness = max(float(twin.actuators.stiffness[j]), 1e-9)
         residual = away[:, j] + (held if twin.feedforward == "gravity" else more)[:, j] / stiffness
-        yield _of_motion(joint, time, q[:, j], q[:, j] - away[:, j])
+        yield from _of_motion(joint, time, q[:, j], q[:, j] - away[:, j])
         yield _of_bias(joint, time, residual, SPREADS[WEAK])
         if time.size > 2 * lag:
             lean = torque[:, [j]] / stiffness

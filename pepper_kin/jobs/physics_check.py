@@ -264,15 +264,13 @@ def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Ar
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in pepper.joint_names]
-    drive = _drive(pepper, model, motion)
+    _drive(model, motion)
     data.qpos[places] = motion.start
     body, nothing = int(model.site(_PUSH_FRAME).bodyid[0]), np.zeros(3)
     logged = np.empty_like(q_ref)
-    kp, kd = motion.actuators.stiffness[drive], motion.actuators.damping[drive]
-    # The target takes the wanted velocity in: kp (q_ref + kd/kp v_ref - q) - kd v.
-    target = q_ref[:, drive] + kd / np.maximum(kp, 1e-12) * v_ref[:, drive]
+    control = np.concatenate([q_ref, v_ref], axis=1)
     for k in range(len(q_ref)):
-        data.ctrl[:] = target[k]
+        data.ctrl[:] = control[k]
         data.qfrc_applied[:] = 0.0
         if motion.pushed and _PUSH_START - 1e-9 <= k * h < _PUSH_START + _PUSH_TIME - 1e-9:
             mujoco.mj_kinematics(model, data)
@@ -284,17 +282,17 @@ def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Ar
     return logged
 
 
-def _drive(pepper: PepperModel, model: Any, motion: Motion) -> list[int]:
-    """Give MuJoCo's actuators our gains and limits; return the joint of each."""
+def _drive(model: Any, motion: Motion) -> None:
+    """Give MuJoCo's servos, whose order is the robot's, our gains and limits, and no feed-forward."""
     wanted = motion.actuators
+    n = len(wanted.joint_names)
     limp = wanted.in_mode(TORQUE)
-    joints = [pepper.joint_index(model.actuator(i).name) for i in range(model.nu)]
-    for i, j in enumerate(joints):
-        kp, kd = (0.0, 0.0) if limp[j] else (wanted.stiffness[j], wanted.damping[j])
-        model.actuator_gainprm[i, :3] = kp, 0.0, 0.0
-        model.actuator_biasprm[i, :3] = 0.0, -kp, -kd
-        model.actuator_ctrllimited[i] = 0
-        finite = bool(np.isfinite(wanted.torque_limit[j]))
-        model.actuator_forcelimited[i] = int(finite)
-        model.actuator_forcerange[i] = (-wanted.torque_limit[j], wanted.torque_limit[j]) if finite else (0, 0)
-    return joints
+    kp, kd = np.where(limp, 0.0, wanted.stiffness), np.where(limp, 0.0, wanted.damping)
+    model.actuator_gainprm[:, 0] = np.concatenate([kp, kd])
+    model.actuator_biasprm[:n, 1], model.actuator_biasprm[n:, 2] = -kp, -kd
+    model.actuator_ctrllimited[:] = 0
+    model.body_gravcomp[:] = 0.0
+    for name, limit in zip(wanted.joint_names, wanted.torque_limit, strict=True):
+        finite = bool(np.isfinite(limit))
+        model.jnt_actfrclimited[model.joint(name).id] = finite
+        model.jnt_actfrcrange[model.joint(name).id] = (-limit, limit) if finite else (0.0, 0.0)

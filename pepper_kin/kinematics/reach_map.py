@@ -99,6 +99,41 @@ class ReachMap(FrozenArrays):
         index = np.where(inside[..., None], place, 0).astype(int)
         return np.asarray(inside & (self.counts[index[..., 0], index[..., 1], index[..., 2]] > 0))
 
+    def report(self) -> str:
+        """Return volume, extent and the best place in words."""
+        low, high = self.centers.min(axis=0), self.centers.max(axis=0)
+        spans = (f"{name} {a:.2f} to {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True))
+        top = np.array(np.unravel_index(int(self.best.argmax()), self.best.shape))
+        spot = ", ".join(f"{x:.2f}" for x in self.origin + (top + 0.5) * self.resolution)
+        return "\n".join(
+            [
+                f"{self.frame}, moved by {', '.join(self.joints)}: reaches {self.volume:.3g} m^3, "
+                f"{np.count_nonzero(self.counts)} voxels of {self.resolution:g} m",
+                f"centers of voxels [m]: {', '.join(spans)}",
+                f"best manipulability {self.best.max():.3g} m^3 at ({spot})",
+                f"{self.counts.sum()} of {self.samples} postures counted (seed {self.seed}): "
+                "a voxel that none hit may be reachable all the same",
+            ]
+        )
+
+    def plot(self, path: str | Path, title: str | None = None) -> Path:
+        """Draw the map from the side and from above; see `reach_picture.save_reach_picture` for several.
+
+        Args:
+            path: PNG file; its folder must exist.
+            title: Above the picture; the frame if omitted.
+
+        Returns:
+            The path.
+
+        Raises:
+            MissingDependencyError: where matplotlib is not installed.
+            FileFormatError: where the file cannot be written.
+        """
+        from pepper_kin.kinematics.reach_picture import save_reach_picture
+
+        return save_reach_picture({self.frame if title is None else title: self}, path)
+
     def save(self, path: str | Path) -> Path:
         """Write the map as a compressed NumPy file, whole or not at all.
 

@@ -17,7 +17,7 @@ from pepper_kin.exceptions import ModelError, ModelWarning
 from pepper_kin.model.export_inertia import TINY_INERTIA, TINY_MASS, loadable_bodies
 from pepper_kin.model.kinematic_tree import KinematicTree, PlacedJoint, kinematic_tree
 from pepper_kin.model.mesh_names import mesh_namer
-from pepper_kin.model.mjcf_drive import FOLLOWER_DAMPING, add_drive, interval, is_light
+from pepper_kin.model.mjcf_drive import TIMESTEP, add_drive, interval, light_leaders, mjcf_gains
 from pepper_kin.model.mjcf_meshes import why_unreadable
 from pepper_kin.model.poses import quaternion_from_rotation
 from pepper_kin.model.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -67,7 +67,7 @@ def mjcf_text(
     writer = _MjcfWriter(pepper, tree, mesh_namer(pepper.document, mesh_paths))
     root = ET.Element("mujoco", model=pepper.name)
     child(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
-    child(root, "option", timestep="0.002", integrator="implicitfast", gravity="0 0 -9.81")
+    child(root, "option", timestep=number(TIMESTEP), integrator="implicitfast", gravity="0 0 -9.81")
     child(child(root, "visual"), "global", offwidth="1280", offheight="960")
     asset, world = child(root, "asset"), child(root, "worldbody")
     if floor:
@@ -77,7 +77,7 @@ def mjcf_text(
     for first, second in pepper.semantics.disabled_pairs:
         if first in writer.bodies and second in writer.bodies:
             child(contact, "exclude", body1=first, body2=second)
-    add_drive(root, pepper, writer.tree, writer.joint_order, writer.sites)
+    add_drive(root, pepper, writer.gains, writer.light, writer.joint_order, writer.sites)
     notes = [f"{pepper.name}: exported by pepper_kin; [m], [rad], [kg]."]
     if writer.left_out:
         notes.append(f"Left out, because MuJoCo cannot read them: {'; '.join(writer.left_out)}")
@@ -101,6 +101,8 @@ class _MjcfWriter:
 
     def __init__(self, pepper: PepperModel, tree: KinematicTree, mesh_name: Callable[[Path], str]) -> None:
         self.pepper, self.tree, self.mesh_name = pepper, tree, mesh_name
+        self.light = light_leaders(pepper, tree)
+        self.gains = mjcf_gains(pepper, self.light)
         self.bodies: set[str] = set()
         self.sites: list[str] = []
         self.joint_order: list[str] = []
@@ -152,7 +154,7 @@ class _MjcfWriter:
         if not moving and link not in self.with_shapes and link not in self.tree.bodies:
             self._contents(element, link, here, carrier)
             return
-        body = child(element, "body", name=link, **_pose(here))
+        body = child(element, "body", name=link, gravcomp="1", **_pose(here))
         self.bodies.add(link)
         if moving:
             self._joint(body, placed)
@@ -164,13 +166,19 @@ class _MjcfWriter:
         attributes = {"range": interval(joint.lower, joint.upper)} if math.isfinite(joint.upper) else {}
         damping = joint.damping
         kind = "slide" if joint.type == "prismatic" else "hinge"
-        if joint.mimic is not None and is_light(self.pepper, self.tree, leader_of(self.pepper, joint.name)):
-            damping += FOLLOWER_DAMPING
+        leader = leader_of(self.pepper, joint.name)
+        if leader != joint.name and leader in self.light:
+            damping += self.gains.damping[self.pepper.joint_index(leader)] / self.light[leader]
         if damping:
             attributes["damping"] = number(damping)
         if joint.friction:
             attributes["frictionloss"] = number(joint.friction)
-        child(body, "joint", name=joint.name, type=kind, axis=numbers(placed.axis), **attributes)
+        if joint.name in self.pepper.joint_names:
+            limit = float(self.gains.torque_limit[self.pepper.joint_index(joint.name)])
+            if math.isfinite(limit):
+                attributes["actuatorfrcrange"] = interval(-limit, limit)
+        axis = numbers(placed.axis)
+        child(body, "joint", name=joint.name, type=kind, axis=axis, actuatorgravcomp="true", **attributes)
         self.joint_order.append(joint.name)
 
     def _inertial(self, element: ET.Element, link: str, moving: bool) -> None:

@@ -4,60 +4,65 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model.export_inertia import TINY_INERTIA
 from pepper_kin.model.kinematic_tree import KinematicTree
-from pepper_kin.model.tree_order import coupling_of, leader_of
-from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.model.servos import ServoGains, servo_gains
+from pepper_kin.model.tree_order import coupling_of
 from pepper_kin.model.xml_text import child, number, numbers
 
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
-STIFFNESS_PER_EFFORT = 20.0
-"""Assumed stiffness of a position actuator per unit of its effort limit [1/rad or 1/m].
+pinocchio = lazy_module("pinocchio")
 
-An error of 0.05 rad calls for the whole effort.  The gains of the real robot's boards are not published.
-"""
-DAMPING_TIME = 0.1
-"""Assumed ratio of an actuator's damping to its stiffness [s]; it damps all of Pepper's joints well."""
-FOLLOWER_DAMPING = 3e-4
-"""Assumed damping of joints that follow one without mass, Pepper's fingers [N m s/rad].
-
-It stands in for their leader's: a damper on a body without mass would hold it against the constraints.
-"""
+TIMESTEP = 0.001
+"""Timestep of the file, which is the twin's [s]."""
 NARROWEST = 1e-9
 """Least distance of a lower and an upper limit [rad, m or their units of speed and force]."""
-BASE_DAMPING = 400.0
-"""Assumed gain of the base's velocity actuators [N s/m or N m s/rad]."""
 
 
 def add_drive(
-    root: ET.Element, pepper: PepperModel, tree: KinematicTree, joint_order: list[str], sites: list[str]
+    root: ET.Element,
+    pepper: PepperModel,
+    gains: ServoGains,
+    light: Collection[str],
+    joint_order: list[str],
+    sites: list[str],
 ) -> None:
     """Add couplings, actuators, sensors and key frames to an MJCF root.
 
-    Every coordinate gets one actuator of its name: the base's follow a velocity, as NAOqi commands it, all
-    others a position.  Forces are limited by the effort limits, and so are joints that follow others (by
-    their own).  Sensors: position and velocity of each coordinate, force of each actuator, and an
-    accelerometer or gyroscope at each frame whose name says so.  Each posture becomes a key frame.
+    Every coordinate has the twin's servo, tau = clip(Kp (q_ref - q) + Kd (v_ref - v) + g(q), limits), as two
+    actuators: first all positions, `JOINT_position`, then all velocities, `JOINT_velocity`.  MuJoCo's gravity
+    compensation is g(q), and the range of a joint's actuator force limits the sum.  Sensors: position,
+    velocity and force of each coordinate's servo, and an accelerometer or gyroscope at each frame whose name
+    says so.  Each posture becomes a key frame.
 
     Args:
         root: The <mujoco> element.
         pepper: The robot.
-        tree: Its tree.
+        gains: The gains of its servos.
+        light: Joints whose followers have their servo's damping.
         joint_order: All joints in the order of MuJoCo's qpos.
         sites: Frames that became sites.
     """
     _add_couplings(child(root, "equality"), pepper)
     actuators, sensors = child(root, "actuator"), child(root, "sensor")
     for index, joint in enumerate(pepper.joint_names):
-        _add_actuator(actuators, pepper, tree, index)
+        kp, lower, upper = gains.stiffness[index], pepper.lower_limits[index], pepper.upper_limits[index]
+        bounds = {"ctrlrange": interval(lower, upper)} if math.isfinite(upper - lower) else {}
+        child(actuators, "position", name=f"{joint}_position", joint=joint, kp=number(float(kp)), **bounds)
         child(sensors, "jointpos", name=f"{joint}_position", joint=joint)
         child(sensors, "jointvel", name=f"{joint}_velocity", joint=joint)
-        child(sensors, "actuatorfrc", name=f"{joint}_effort", actuator=joint)
+        child(sensors, "jointactuatorfrc", name=f"{joint}_effort", joint=joint)
+    for joint, kv in zip(pepper.joint_names, gains.damping, strict=True):
+        kind, gain = ("motor", "gear") if joint in light else ("velocity", "kv")
+        child(actuators, kind, name=f"{joint}_velocity", joint=joint, **{gain: number(float(kv))})
     for site in sites:
         name = site.removesuffix("_frame")
         if name.endswith("Accelerometer"):
@@ -69,8 +74,29 @@ def add_drive(
     order = [full_names.index(joint) for joint in joint_order]
     for posture in pepper.posture_names:
         q = pepper.posture(posture)
-        target = np.where(np.isin(pepper.joint_names, BASE_JOINTS), 0.0, q)
-        child(keys, "key", name=posture, qpos=numbers(pepper.to_full(q)[order]), ctrl=numbers(target))
+        target = numbers((*q, *np.zeros(pepper.n)))
+        child(keys, "key", name=posture, qpos=numbers(pepper.to_full(q)[order]), ctrl=target)
+
+
+def mjcf_gains(pepper: PepperModel, light: Collection[str]) -> ServoGains:
+    """Return the gains of the twin's servos, lowered where MuJoCo could not integrate them.
+
+    MuJoCo takes a servo's stiffness from the beginning of a step, the twin from its end, so a joint's own
+    frequency w = sqrt(Kp / I) is bounded: Kp <= I w^2 and Kd <= 2 D I w with w = 1 / h and the damping ratio
+    D = 1.  Of joints that lead others without a mass of their own, w = 0.3 / h and D = 0.3: followers that
+    are damped more come late.
+    """
+    model = pepper.inner_model
+    full = pinocchio.crba(model, pepper.pinocchio_data, pepper.to_full(pepper.neutral()))
+    full = np.triu(full) + np.triu(full, 1).T
+    inertia = np.diag(pepper.full_map.T @ full @ pepper.full_map)
+    reduction = np.where([joint in light for joint in pepper.joint_names], 0.3, 1.0)
+    frequency = reduction / TIMESTEP
+    gains, known = servo_gains(pepper, inertia), np.maximum(inertia, TINY_INERTIA)
+    return gains._replace(
+        stiffness=np.minimum(gains.stiffness, known * frequency**2),
+        damping=np.minimum(gains.damping, 2.0 * reduction * known * frequency),
+    )
 
 
 def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
@@ -84,39 +110,25 @@ def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
         )  # fmt: skip
 
 
-def _add_actuator(actuators: ET.Element, pepper: PepperModel, tree: KinematicTree, index: int) -> None:
-    joint, effort = pepper.joint_names[index], float(pepper.effort_limits[index])
-    force = {"forcerange": interval(-effort, effort)} if math.isfinite(effort) else {}
-    effort = effort if math.isfinite(effort) else 1.0
-    if joint in BASE_JOINTS:
-        speed = float(pepper.velocity_limits[index])
-        bounds = {"ctrlrange": interval(-speed, speed)} if math.isfinite(speed) else {}
-        child(
-            actuators, "velocity", name=joint, joint=joint, kv=number(BASE_DAMPING), **bounds, **force,
-        )  # fmt: skip
-        return
-    lower, upper = float(pepper.lower_limits[index]), float(pepper.upper_limits[index])
-    bounds = {"ctrlrange": interval(lower, upper)} if math.isfinite(upper - lower) else {}
-    stiffness = STIFFNESS_PER_EFFORT * effort
-    damping = 0.0 if is_light(pepper, tree, joint) else DAMPING_TIME * stiffness
-    child(
-        actuators, "position", name=joint, joint=joint, kp=number(stiffness),
-        kv=number(damping), **bounds, **force,
-    )  # fmt: skip
-
-
 def interval(lower: float, upper: float) -> str:
     """Return limits as MuJoCo reads them; equal ones 1e-9 apart, since it takes `0 0` for no limits."""
     apart = max(0.0, NARROWEST - (upper - lower)) / 2
     return numbers((lower - apart, upper + apart))
 
 
-def is_light(pepper: PepperModel, tree: KinematicTree, joint: str) -> bool:
-    """Whether a joint leads others and its own link has no mass."""
-    leads = any(
-        leader_of(pepper, name) == joint
-        for name in list(pepper.inner_model.names)[1:]
-        if name not in pepper.joint_names
-    )
-    link = next(item.child for item in pepper.document.joints if item.name == joint)
-    return leads and link not in tree.bodies
+def light_leaders(pepper: PepperModel, tree: KinematicTree) -> dict[str, float]:
+    """Return joints whose own link has no mass and that lead others, Pepper's hands.
+
+    A damper on a body without mass would hold it against the constraints, so the followers take the servo's
+    damping: each Kd / sum(gain^2), which is Kd for the leader.
+
+    Returns:
+        Joint -> sum(gain^2) of its followers.
+    """
+    links = {joint.name: joint.child for joint in pepper.document.joints}
+    squares: dict[str, float] = {}
+    for joint in list(pepper.inner_model.names)[1:]:
+        leader, gain, _ = coupling_of(pepper, joint)
+        if joint != leader and gain != 0.0 and links[leader] not in tree.bodies:
+            squares[leader] = squares.get(leader, 0.0) + gain**2
+    return squares

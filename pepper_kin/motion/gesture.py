@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
-from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.joint_vectors import as_joint_vector, check_choice
 from pepper_kin.model.requirements import Balance, TorqueScale
+from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.motion.gesture_scores import SCORES, Score
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.enforce_limits import enforce_limits
@@ -19,6 +22,7 @@ SIDES = ("right", "left")
 LARGEST_AMPLITUDE = 1.25
 TEMPOS = (0.25, 4.0)
 _REST = "Stand"
+_SAME = 1e-6  # [rad] off that posture, where a gesture begins
 # Joints that mean the same in a mirror; all others change sign.
 _STRAIGHT = ("KneePitch", "HipPitch", "HeadPitch", "LShoulderPitch", "RShoulderPitch")
 
@@ -48,6 +52,7 @@ def gesture(
     payload: Mapping[str, float] | None = None,
     balance: Balance = "robot",
     torque_scale: TorqueScale = "robot",
+    start: ArrayLike | None = None,
 ) -> Trajectory:
     """Return a gesture of the library, from the posture Stand and back to it.
 
@@ -64,20 +69,23 @@ def gesture(
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
         balance: As in `retime` [m].
         torque_scale: As in `retime`.
+        start: Where it begins and ends [rad or m], shape (n,), such as the end of a drive: the posture Stand,
+            with the base anywhere; with the base at its zero if omitted.
 
     Returns:
         The timed gesture.
 
     Raises:
         UnknownNameError: for another name, or a robot without Pepper's joints.
-        InvalidValueError: for a side, amplitude or tempo out of range.
+        InvalidValueError: for a side, amplitude or tempo out of range, or a start in another posture.
         InfeasibleError: where the robot could not hold a pose of it.
     """
     score = _score(name)
     check_choice("side", side, SIDES)
     _check_between("amplitude", amplitude, 0.0, LARGEST_AMPLITUDE)
     _check_between("tempo", tempo, *TEMPOS)
-    motion = _authored(pepper, score, side, float(amplitude), float(tempo))
+    rest = _rest(pepper, start)
+    motion = _authored(pepper, score, rest, side, float(amplitude), float(tempo))
     return enforce_limits(
         pepper, motion, scene=scene, payload=payload, balance=balance, torque_scale=torque_scale
     )
@@ -96,11 +104,30 @@ def _check_between(quantity: str, value: float, low: float, high: float) -> None
         raise InvalidValueError(quantity, repr(value), f"a number {above} and at most {high:g}")
 
 
-def _authored(pepper: PepperModel, score: Score, side: str, amplitude: float, tempo: float) -> Trajectory:
+def _rest(pepper: PepperModel, start: ArrayLike | None) -> Array:
+    """Return the posture in which a gesture begins [rad or m], shape (n,).
+
+    Raises:
+        InvalidValueError: where the start is another posture, naming the joint.
+    """
+    rest = pepper.posture(_REST)
+    if start is None:
+        return rest
+    given = as_joint_vector(pepper, start, "start")
+    off = np.where(np.isin(pepper.joint_names, BASE_JOINTS), 0.0, np.abs(given - rest))
+    j = int(np.argmax(off))
+    if off[j] > _SAME:
+        allowed = f"the posture {_REST}, {rest[j]:.6g} rad; only the base may be elsewhere"
+        raise InvalidValueError("start", f"{pepper.joint_names[j]} at {given[j]:.6g} rad", allowed)
+    return np.array(given)
+
+
+def _authored(
+    pepper: PepperModel, score: Score, rest: Array, side: str, amplitude: float, tempo: float
+) -> Trajectory:
     """Return the curves through the keys, before rounding and slowing down."""
     from scipy.interpolate import PchipInterpolator
 
-    rest = pepper.posture(_REST)
     named = dict.fromkeys(joint for key in score.keys for joint in key.joints)
     times = np.array([0.0, *(key.time for key in score.keys), score.duration])
     coefficients = np.zeros((times.size - 1, 4, pepper.n))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @remembered
-def base_wrench(pepper: PepperModel) -> casadi.Function:
+def base_wrench(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v, a) -> wrench that the floor exerts on the robot.
 
     It is the rate of change of the momentum of all links about the world's origin minus the wrench of
@@ -25,6 +26,7 @@ def base_wrench(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, a (n each); output `wrench` (6): force [N], then moment about the world's origin
@@ -36,7 +38,7 @@ def base_wrench(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def zero_moment_point(pepper: PepperModel) -> casadi.Function:
+def zero_moment_point(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v, a) -> zero-moment point (-n_y, n_x) / f_z of the base wrench (f, n).
 
     Where the floor would have to pull (f_z <= 0) there is no such point; the function then returns the value
@@ -44,6 +46,7 @@ def zero_moment_point(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, a (n each); output `point` (2): x and y on the floor [m].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.exceptions import ModelError
@@ -19,11 +20,12 @@ if TYPE_CHECKING:
 
 
 @remembered
-def center_of_mass(pepper: PepperModel) -> casadi.Function:
+def center_of_mass(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> center of mass of all links, those fixed to the floor included.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `center` (3) in world coordinates [m].
@@ -33,7 +35,9 @@ def center_of_mass(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
+def center_of_mass_jacobian(
+    pepper: PepperModel, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function q -> J_c(q): velocity of the center of mass of all links = J_c v.
 
     Column i is z_i x h_i / m, or z_i m_i / m where the joint slides: h_i and m_i are the moment of what
@@ -41,6 +45,7 @@ def center_of_mass_jacobian(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `jacobian` (3, n) in world axes [m/rad].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
 
 
 @remembered
-def kinetic_energy(pepper: PepperModel) -> casadi.Function:
+def kinetic_energy(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v) -> v^T M(q) v / 2.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v (n each); output `energy` (1) [J].
@@ -42,11 +44,12 @@ def kinetic_energy(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def potential_energy(pepper: PepperModel) -> casadi.Function:
+def potential_energy(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> -sum(m_i g . c_i) over the moving links; zero where their center is at z = 0.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `energy` (1) [J].

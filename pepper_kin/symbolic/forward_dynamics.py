@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 
 
 @remembered
-def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> casadi.Function:
+def forward_dynamics(
+    pepper: PepperModel, contact_frame: str | None = None, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function (q, v, tau) -> a = M(q)^-1 (tau - C(q, v) v - g(q)).
 
     Composite-rigid-body algorithm and recursive Newton-Euler on base parameters, then M = L^T D L with the
@@ -26,6 +29,7 @@ def forward_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
         pepper: The robot.
         contact_frame: A frame that an external force acts on; the function then has a fourth input `wrench`
             (6) [N, N m], as in `inverse_dynamics`.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, tau (n each); output `a` (n) [rad/s^2 or m/s^2].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
 
 @remembered
-def forward_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
+def forward_dynamics_derivatives(
+    pepper: PepperModel, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function (q, v, tau) -> derivatives of a = M(q)^-1 (tau - C(q, v) v - g(q)).
 
     da/dq = -M^-1 dtau/dq and da/dv = -M^-1 dtau/dv, where the derivatives of inverse dynamics are taken at
@@ -27,6 +30,7 @@ def forward_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, tau (n each); outputs `da_dq`, `da_dv`, `da_dtau` (n, n).

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -26,7 +26,9 @@ Wrench = tuple[Vector, Vector]
 
 
 @remembered
-def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> casadi.Function:
+def inverse_dynamics(
+    pepper: PepperModel, contact_frame: str | None = None, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function (q, v, a) -> tau = M(q) a + C(q, v) v + g(q).
 
     Recursive Newton-Euler (Luh, Walker and Paul, 1980) on base parameters, in body frames.
@@ -36,6 +38,7 @@ def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
         contact_frame: A frame that an external force acts on.  The function then has a fourth input
             `wrench` (6) [N, N m]: force on the robot at the frame's origin, then moment, in world axes;
             J^T wrench is subtracted from tau.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, a (n each); output `tau` (n) [N m or N].
@@ -50,13 +53,14 @@ def inverse_dynamics(pepper: PepperModel, contact_frame: str | None = None) -> c
 
 
 @remembered
-def gravity_torque(pepper: PepperModel) -> casadi.Function:
+def gravity_torque(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> g(q), the torques that hold the robot still.
 
     Each joint holds the weight of its composite body: tau_i = -z . (h_i x g), in the body's axes.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `tau` (n) [N m or N].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.arrays import Array
@@ -17,11 +18,14 @@ if TYPE_CHECKING:
 
 
 @remembered
-def inverse_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
+def inverse_dynamics_derivatives(
+    pepper: PepperModel, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function (q, v, a) -> derivatives of tau = M(q) a + C(q, v) v + g(q).
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v, a (n each); outputs `dtau_dq`, `dtau_dv`, `dtau_da` (n, n), the last is M(q).
@@ -37,7 +41,7 @@ def inverse_dynamics_derivatives(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def coriolis_matrix(pepper: PepperModel) -> casadi.Function:
+def coriolis_matrix(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v) -> C(q, v) of tau = M a + C v + g, by Christoffel symbols.
 
     C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2.  These symbols are symmetric in j and k, so
@@ -46,6 +50,7 @@ def coriolis_matrix(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v (n each); output `coriolis` (n, n).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @remembered
-def mass_matrix(pepper: PepperModel) -> casadi.Function:
+def mass_matrix(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> M(q), symmetric and positive definite.
 
     Composite-rigid-body algorithm (Walker and Orin, 1982) on base parameters.  Joints that do not carry one
@@ -23,6 +24,7 @@ def mass_matrix(pepper: PepperModel) -> casadi.Function:
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `mass` (n, n) [kg m^2, kg m or kg].
@@ -33,11 +35,14 @@ def mass_matrix(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def inverse_mass_matrix(pepper: PepperModel) -> casadi.Function:
+def inverse_mass_matrix(
+    pepper: PepperModel, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function q -> M(q)^-1, by M = L^T D L with the zeros of the tree.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `inverse_mass` (n, n).

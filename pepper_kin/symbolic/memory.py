@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, RobotMemory
+from pepper_kin.model.at_frames import carrying
 
 Result = TypeVar("Result")
 
@@ -35,14 +36,19 @@ def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
     Results are dropped with their robot, and when its masses change.
 
     Args:
-        build: Takes a robot and hashable arguments.
+        build: Takes a robot and hashable arguments.  Where it has an argument `payload`, it is given the
+            robot that carries that, and no payload.
     """
     signature = inspect.signature(build)
+    loadable = "payload" in signature.parameters
 
     @wraps(build)
     def call(pepper: PepperModel, *args: Hashable, **keywords: Hashable) -> Result:
         if not isinstance(pepper, PepperModel):
             raise InvalidValueError("pepper", repr(pepper), "a PepperModel, as load_pepper gives")
+        if loadable and keywords.get("payload") is not None:
+            loaded = carrying(pepper, keywords["payload"])  # type: ignore[arg-type]
+            return call(loaded, *args, **{**keywords, "payload": None})
         bound = signature.bind(pepper, *args, **keywords)
         bound.apply_defaults()
         key = (build.__module__, build.__qualname__, bound.args[1:], tuple(bound.kwargs.items()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
@@ -30,11 +31,14 @@ if TYPE_CHECKING:
 
 
 @remembered
-def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
+def centroidal_momentum(
+    pepper: PepperModel, *, payload: Mapping[str, float] | None = None
+) -> casadi.Function:
     """Return the function (q, v) -> momentum of the robot about the center of mass of all its links.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q, v (n each); output `momentum` (6): linear [kg m/s], then angular [kg m^2/s], in world
@@ -54,11 +58,12 @@ def centroidal_momentum(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def centroidal_map(pepper: PepperModel) -> casadi.Function:
+def centroidal_map(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> A(q) with centroidal momentum = A(q) v (Orin and Goswami, 2008).
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `map` (6, n), linear first, in world axes.
@@ -75,11 +80,12 @@ def centroidal_map(pepper: PepperModel) -> casadi.Function:
 
 
 @remembered
-def centroidal_inertia(pepper: PepperModel) -> casadi.Function:
+def centroidal_inertia(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> inertia of all links about their center of mass, as if joints were locked.
 
     Args:
         pepper: The robot.
+        payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
         Function of q (n); output `inertia` (3, 3) in world axes [kg m^2].

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pepper_kin import kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_left_empty
-from pepper_kin.collision.loads import AtFrames, carrying
+from pepper_kin.collision.loads import carrying
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.core.certificates.polynomials import evaluate
 from pepper_kin.dynamics import inverse_dynamics
@@ -19,6 +19,7 @@ from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.model import PepperModel
+from pepper_kin.model.at_frames import AtFrames
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.balance import floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck

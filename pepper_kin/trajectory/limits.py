@@ -12,15 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
-from pepper_kin.collision.loads import (
-    HANDS,
-    AtFrames,
-    at_frames,
-    carrying,
-    load_torque,
-    load_wrench,
-    loads_of,
-)
+from pepper_kin.collision.loads import carrying, load_torque, load_wrench, loads_of
 from pepper_kin.core.kernel_batch import evaluate, linear_speed_share, matrix_product
 from pepper_kin.core.timing.excess import EffectKernel
 from pepper_kin.core.timing.tables import StateEffects
@@ -33,6 +25,7 @@ from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kinematics import frame_velocity
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
+from pepper_kin.model.at_frames import HANDS, AtFrames, at_frames
 from pepper_kin.model.joint_vectors import as_numbers, shown
 from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale, checked_share, kept_torque_scale
 from pepper_kin.model.wheels import WHEEL_FRAMES

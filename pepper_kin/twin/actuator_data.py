@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -14,12 +11,11 @@ from pepper_kin import dynamics
 from pepper_kin.dynamics.friction import friction_coefficients
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
+from pepper_kin.model.servos import actuator_data, known_actuators, servo_gains
 from pepper_kin.twin.actuators import ActuatorParameters
 
 DETAILS = ("servo", "motor", "measured")
 
-FULL_TORQUE_ERROR = 0.005  # [rad or m] of position error at which a generic servo gives its full torque
-_FREE_FREQUENCY = 50.0  # [rad/s] of a generic servo without a torque limit
 _STOP_RATIO = 200.0  # a joint stop is this much stiffer than the servo
 _STOP_TIME = 0.002  # [s] damping of a joint stop / its stiffness
 _MOTOR = (
@@ -38,7 +34,7 @@ _MOTOR = (
 def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorParameters:
     """Return the actuators of a robot.
 
-    Pepper's come from `data/actuators.json`, each with its source or "assumed".  Any other joint gets
+    Pepper's come from `model/data/actuators.json`, each with its source or "assumed".  Any other joint gets
     a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
     critical damping for the joint's own inertia in the neutral posture.
 
@@ -57,25 +53,17 @@ def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorP
         InvalidValueError: for another detail.
     """
     check_choice("detail", detail, DETAILS)
-    inertia = np.diag(dynamics.mass_matrix(pepper, pepper.neutral()))
-    effort = pepper.effort_limits
-    stiffness = np.where(np.isfinite(effort), effort / FULL_TORQUE_ERROR, inertia * _FREE_FREQUENCY**2)
-    damping = 2.0 * np.sqrt(stiffness * inertia)
-    sources = ["assumed: full torque at 0.005 rad or m, critical damping"] * pepper.n
-    known = dict(_read()["joints"]) if pepper.name.lower().startswith("pepper") else {}
-    for name, row in known.items():
-        if name in pepper.joint_names:
-            j = pepper.joint_index(name)
-            stiffness[j], damping[j], sources[j] = row["stiffness"], row["damping"], row["source"]
-    stop = _STOP_RATIO * stiffness
-    torque_limit = np.where(effort > 0, effort, np.inf)
+    gains = servo_gains(pepper, np.diag(dynamics.mass_matrix(pepper, pepper.neutral())))
+    stop = _STOP_RATIO * gains.stiffness
     servo = ActuatorParameters(
-        pepper.joint_names, stiffness, damping, torque_limit, stop, stop * _STOP_TIME, tuple(sources)
-    )
+        pepper.joint_names, gains.stiffness, gains.damping, gains.torque_limit, stop, stop * _STOP_TIME,
+        gains.sources,
+    )  # fmt: skip
     if detail == "servo":
         return servo
     damping, coulomb = friction_coefficients(pepper)
     motors = servo.changed(viscous_friction=damping, coulomb_friction=coulomb)
+    known = known_actuators(pepper)
     if not known:
         return motors
     motors = _with_motors(motors, known)
@@ -91,12 +79,12 @@ def _with_motors(servo: ActuatorParameters, known: dict[str, dict[str, Any]]) ->
         }
         for quantity in _MOTOR
     }
-    return servo.changed(latency=_read()["latency"], **values)
+    return servo.changed(latency=actuator_data()["latency"], **values)
 
 
 def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
     """Return actuators as stiff as a robot's were, with the damping ratio that they had."""
-    measured = _read()["measured"]
+    measured = actuator_data()["measured"]
     stiffness, damping, sources = {}, {}, list(motors.sources)
     for name, (value, _, _, source) in measured["joints"].items():
         if name in motors.joint_names:
@@ -118,14 +106,8 @@ def measured_ranges(pepper: PepperModel) -> dict[str, dict[str, tuple[float, flo
         -> least and greatest time [s], from that of the twin to that of commands that a robot was sent.
     """
     usual, found = actuator_parameters(pepper), {}
-    for name, (_, low, high, _) in _read()["measured"]["joints"].items():
+    for name, (_, low, high, _) in actuator_data()["measured"]["joints"].items():
         if name in pepper.joint_names:
             assumed = float(usual.stiffness[pepper.joint_index(name)])
             found[name] = (low / assumed, high / assumed)
-    return {"stiffness": found, "latency": {"": (0.0, _read()["latency"])}}
-
-
-@cache
-def _read() -> dict[str, Any]:
-    text = (files("pepper_kin.twin") / "data" / "actuators.json").read_text(encoding="utf-8")
-    return dict(json.loads(text))
+    return {"stiffness": found, "latency": {"": (0.0, actuator_data()["latency"])}}

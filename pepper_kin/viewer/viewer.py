@@ -345,8 +345,7 @@ class Viewer:
             links, drawn = (*links, *map(ghost_link, links)), (*drawn, *self._ghost)
         surroundings, movers = dict(self._surroundings), self._scene.movers
         for item in movers:
-            moving = np.tile(item.transform_object_to_world, (kept.size, 1, 1, 1))
-            moving[:, 0, :3, 3] += np.outer(chosen.times[kept], item.velocity)
+            moving = item.poses(np.asarray(chosen.times)[kept])[:, None]
             poses, links = np.concatenate([poses, moving], axis=1), (*links, f"obstacle {item.name}")
             still = replace(surroundings[item.name], link=links[-1], transform_shape_to_link=np.eye(4))
             surroundings[item.name] = still

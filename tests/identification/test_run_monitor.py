@@ -118,6 +118,37 @@ def test_a_joint_that_is_held_in_a_log_is_named(pepper, made_log):
     assert found.score("stuck joint") == found.scores["stuck joint", "HipPitch"] == fault.score
 
 
+def losing(angles, onset, joint, loss):
+    """Return angles, shape (T, n), of a joint that follows only a part of each way from a row on."""
+    spoiled = np.array(angles)
+    spoiled[onset:, joint] = angles[onset, joint] + (1 - loss) * (
+        angles[onset:, joint] - angles[onset, joint]
+    )
+    return spoiled
+
+
+@pytest.mark.parametrize("loss", [0.2, 0.4, 0.6])
+def test_a_gear_that_loses_a_part_of_each_way_is_named_as_that(pepper, model, made_log, loss):
+    run, joint = planted(pepper), pepper.joint_index("RShoulderPitch")
+    slipping = replace(run, position=losing(run.position, round(ONSET / STEP), joint, loss))
+    fault = only(diagnose(pepper, slipping, model), "slipping gear", "RShoulderPitch")
+    assert fault.begin == pytest.approx(ONSET, abs=1.0)
+    assert fault.size == pytest.approx(loss, rel=0.05)
+    log = made_log(pepper, joint_response(pepper), noise=2e-3, seconds=90.0)
+    measured = losing(log.measured, int(np.argmax(log.time > 40.0)), 3, loss)
+    fault = only(diagnose(pepper, replace(log, measured=measured)), "slipping gear", "RElbowRoll")
+    assert fault.begin == pytest.approx(40.0, abs=5.0)
+    assert fault.size == pytest.approx(loss, rel=0.05)
+
+
+def test_a_gear_of_a_real_session_is_named_and_not_as_a_bias(pepper, real_logs):
+    log = real_logs[-1]
+    measured = losing(log.measured, int(np.argmax(log.time > 60.0)), log.index("RElbowYaw"), 0.4)
+    found = diagnose(pepper, replace(log, measured=measured))
+    assert found.score("biased sensor") > found.score("slipping gear"), "what it has lost looks like a bias"
+    assert only(found, "slipping gear", "RElbowYaw").size == pytest.approx(0.4, abs=0.05)
+
+
 def test_a_real_session_raises_no_alarm_and_a_bias_in_another_is_all_that_is_named(pepper, real_logs):
     assert diagnose(pepper, real_logs[0]).faults == ()
     log = real_logs[-1]

@@ -206,6 +206,18 @@ def test_the_picture_is_a_png(arm_map, tmp_path):
         save_reach_picture({}, path)
 
 
+def test_a_map_draws_and_reports_itself(arm_map, tmp_path):
+    path = arm_map.plot(tmp_path / "one.png", "arm alone")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    text = arm_map.report()
+    low = arm_map.centers.min(axis=0)
+    assert f"x {low[0]:.2f} to" in text
+    assert f"{arm_map.volume:.3g} m^3" in text
+    assert f"{arm_map.counts.sum()} of {arm_map.samples} postures" in text
+    best = arm_map.centers[np.argmax(arm_map.best[arm_map.counts > 0])]
+    assert f"at ({best[0]:.2f}, {best[1]:.2f}, {best[2]:.2f})" in text
+
+
 def test_without_matplotlib_the_command_is_named(arm_map, tmp_path, monkeypatch):
     true_import = builtins.__import__
 
@@ -216,4 +228,4 @@ def test_without_matplotlib_the_command_is_named(arm_map, tmp_path, monkeypatch)
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingDependencyError, match=r'pip install "pepper_kin\[plot\]"'):
-        save_reach_picture({"left": arm_map}, tmp_path / "reach.png")
+        arm_map.plot(tmp_path / "reach.png")

@@ -131,7 +131,7 @@ def test_a_joint_of_no_range_is_held_in_mujoco(at):
     robot = pk.load_robot(urdf(limit=f'<limit lower="{at}" upper="{at}" effort="5" velocity="2"/>'))
     model = mujoco.MjModel.from_xml_string(robot.export("mjcf"))
     assert model.joint("j").limited[0]
-    assert model.actuator("j").ctrllimited[0]
+    assert model.actuator("j_position").ctrllimited[0]
     for push, command in ((1.0, 0.0), (0.0, 1.0)):
         data = mujoco.MjData(model)
         data.qpos[0], data.qfrc_applied[0], data.ctrl[0] = at, push, command

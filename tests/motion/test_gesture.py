@@ -92,6 +92,27 @@ def test_robots_with_hands_and_a_moving_base_gesture_too():
         assert found.check(other).success
 
 
+def test_a_gesture_begins_where_the_base_has_driven():
+    """Its joints are those of the gesture at the base's zero; hands are moved by the base's pose."""
+    planar = pk.load_pepper(base="planar")
+    away = planar.joint_vector({"BaseX": 0.4, "BaseY": -0.1, "BaseYaw": 0.5})
+    drive = pk.retime(planar, [planar.posture("Stand"), away])
+    there, home = gesture(planar, "wave", start=drive.end), gesture(planar, "wave")
+    both = drive.then(there)
+    assert both.duration == pytest.approx(drive.duration + home.duration)
+    assert both.check(planar).success
+    base = pk.pose((0.4, -0.1, 0.0), rpy=(0, 0, 0.5))
+    for t in np.linspace(0.0, home.duration, 9):
+        hand, first = (
+            pk.kinematics.frame_pose(planar, g(t).position, "RArm_effector") for g in (there, home)
+        )
+        np.testing.assert_allclose(hand, base @ first, atol=1e-9)
+    bent = away.copy()
+    bent[planar.joint_index("HeadYaw")] = 0.2
+    with pytest.raises(InvalidValueError, match=r"start: got HeadYaw at 0\.2 rad, expected the posture"):
+        gesture(planar, "wave", start=bent)
+
+
 def test_names_and_meanings():
     names = gesture_names()
     assert len(names) == len(set(names)) == len(SCORES) >= 20

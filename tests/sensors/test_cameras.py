@@ -76,6 +76,27 @@ def test_depth_of_the_floor_is_that_of_the_plane(pepper):
     assert (depth[~floor] < expected[~floor]).all()  # the rest is the robot before it
 
 
+def test_a_depth_camera_sees_as_far_as_the_makers_range(pepper):
+    """Elsewhere the picture is that without a range; points of the floor are not kilometers away."""
+    q = pepper.joint_vector({"HeadPitch": -0.1})
+    near = pk.Scene().add_box(
+        "near", (0.02, 0.02, 0.02), ahead(pepper, q, Camera(pepper, "camera_depth"), 0, 0, 0.2)
+    )
+    every = Camera(pepper, "camera_depth", depth_range=(0.0, np.inf)).depth(q, near)
+    camera = Camera(pepper, "camera_depth")
+    assert camera.depth_range == (0.4, 8.0)
+    found = camera.depth(q, near)
+    assert every[np.isfinite(every)].max() > 50.0
+    assert (every < 0.4).sum() > 100
+    np.testing.assert_array_equal(found, np.where(every < 0.4, -np.inf, np.where(every > 8.0, np.inf, every)))
+    offsets = camera.points(found, q) - pk.kinematics.frame_pose(pepper, q, camera.frame)[:3, 3]
+    assert 7.0 < np.linalg.norm(offsets, axis=1).max() < 10.5
+    assert Camera(pepper, "camera_top").depth_range == (0.0, np.inf)
+    for wrong in ((1.0, 0.5), (-1.0, 2.0), 3.0, (0.0, np.nan)):
+        with pytest.raises(InvalidValueError, match=r"depth_range: .* least and greatest depth"):
+            Camera(pepper, "camera_depth", depth_range=wrong)
+
+
 def test_the_hand_in_front_of_the_eyes_is_seen_where_it_is(pepper):
     camera = Camera(pepper, "camera_top", floor=False)
     q = pepper.joint_vector({"LShoulderPitch": 0.0, "LElbowRoll": -0.9, "HeadYaw": 0.6, "HeadPitch": 0.3})

@@ -85,10 +85,10 @@ def mjcf_differences(pepper, text, rng):
         if not follows:
             yield "friction", max(model.dof_damping[found.dofadr[0]] - joint.damping, 0.0)
     for name, effort in zip(pepper.joint_names, pepper.effort_limits, strict=True):
-        actuator = model.actuator(name)
-        assert bool(actuator.forcelimited[0]) == math.isfinite(effort), name
-        if math.isfinite(effort):
-            yield "limits", np.abs(actuator.forcerange - (-effort, effort)).max()
+        joint, limited = model.joint(name).id, math.isfinite(effort) and effort > 0
+        assert bool(model.jnt_actfrclimited[joint]) == limited, name
+        if limited:
+            yield "limits", np.abs(model.jnt_actfrcrange[joint] - (-effort, effort)).max()
 
 
 def sdf_differences(pepper, text, rng):

@@ -25,7 +25,7 @@ class _CameraSensor(ErringSensor):
         self, pepper: PepperModel, specification: SensorSpecification, seed: int, rays: RobotRays
     ) -> None:
         super().__init__(pepper, specification, seed)
-        self.camera = Camera(pepper, specification.name, rays=rays)
+        self.camera = Camera(pepper, specification.name, rays=rays, depth_range=(0.0, np.inf))
 
 
 class ColorCamera(_CameraSensor):
@@ -66,4 +66,4 @@ class DepthCamera(_CameraSensor):
 
     def limited(self, value: NDArray[Any]) -> NDArray[np.float64]:
         """Return depths [m], shape (240, 320), with -inf below the range and inf above it."""
-        return within_range(self.specification, value)
+        return within_range(self.specification.minimum, self.specification.maximum, value)

@@ -87,12 +87,13 @@ def rounded_to(step: float, values: Array) -> Array:
     return values
 
 
-def within_range(specification: SensorSpecification, distance: Array) -> Array:
+def within_range(minimum: float, maximum: float, distance: Array) -> Array:
     """Return distances with -inf for what is too near and inf for what is too far (ROS's REP 117).
 
     Args:
-        specification: The sensor, with its range.
+        minimum: Least distance that a sensor measures [m].
+        maximum: Greatest distance [m].
         distance: Distances [m], shape (...).
     """
-    near = np.where(distance < specification.minimum, -np.inf, distance)
-    return np.where(distance > specification.maximum, np.inf, near)
+    near = np.where(distance < minimum, -np.inf, distance)
+    return np.where(distance > maximum, np.inf, near)

@@ -134,6 +134,9 @@ class World:
 
     def _as_driven(self, item: SceneObject) -> FreeBody:
         """Return an obstacle that moves as a body that nothing stops."""
+        if item.path is not None:
+            said = "one that stands or has a velocity, as of scene.at(time).standing"
+            raise InvalidValueError("scene", f"{item.name!r} along a trajectory", said)
         velocity = np.concatenate([item.velocity, np.zeros(3)])
         heavy = np.full(3, HEAVY)
         pose = item.transform_object_to_world

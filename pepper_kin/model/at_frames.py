@@ -1,0 +1,72 @@
+"""Numbers given by hand or frame, such as payloads and speeds, and robots that carry them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+
+from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.lazy_names import lazy_module
+from pepper_kin.model.digest import kept_for_robot
+from pepper_kin.model.pepper_model import PepperModel
+
+pinocchio = lazy_module("pinocchio")
+
+AtFrames: TypeAlias = tuple[tuple[str, float], ...]
+"""A positive number for each of some frames."""
+
+HANDS = {"left": "LArm_effector", "right": "RArm_effector"}
+"""Frames that "left" and "right" stand for."""
+
+
+def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | None, unit: str) -> AtFrames:
+    """Check numbers given by hand ("left", "right") or frame.
+
+    Raises:
+        InvalidValueError: for what is no mapping, or a number that is not positive and finite.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    if values is None:
+        return ()
+    if not isinstance(values, Mapping):
+        raise InvalidValueError(
+            quantity, repr(values), f"a mapping from 'left', 'right' or a frame to [{unit}]"
+        )
+    found: dict[str, float] = {}
+    for name, value in values.items():
+        frame = HANDS.get(name, name)
+        pepper.frame_id(frame)
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if not number or not (np.isfinite(value) and value > 0):
+            raise InvalidValueError(f"{quantity} at {name}", value, f"a finite number above 0 [{unit}]")
+        found[frame] = float(value)
+    return tuple(found.items())
+
+
+def carrying(pepper: PepperModel, payload: Mapping[str, float] | None) -> PepperModel:
+    """Return a robot with point masses at frames as parts of its links, the same one at each call.
+
+    Args:
+        pepper: The robot.
+        payload: Masses at "left", "right" or a frame by name [kg]; None or none for the robot itself.
+
+    Raises:
+        InvalidValueError: for a mass that is not a finite number above 0.
+        UnknownNameError: for a frame that the robot lacks.
+    """
+    masses = at_frames(pepper, "payload", payload, "kg")
+    return _with_masses(pepper, masses) if masses else pepper
+
+
+@kept_for_robot(most=8)
+def _with_masses(pepper: PepperModel, masses: AtFrames) -> PepperModel:
+    loaded = copy.deepcopy(pepper)
+    model = loaded.pinocchio_model
+    for name, mass in masses:
+        frame = model.frames[pepper.frame_id(name)]
+        point = pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+        model.appendBodyToJoint(frame.parentJoint, point, frame.placement)
+    return loaded
