@@ -16,6 +16,12 @@ _OPTIONS = 2
 """Arguments with a default from which on a function's calls are looked at: those without run as they are."""
 
 
+_QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "dynamics", "kinematics")}
+"""Packages whose functions take a few microseconds, and half as much again if they answered."""
+_STEPS = {"step"}
+"""Methods of loops."""
+
+
 class Package(ModuleType):
     """A package that names its functions where it is called as if it were one of them."""
 
@@ -33,7 +39,8 @@ class Package(ModuleType):
 def name_options(package: str) -> None:
     """Let calls of a package's public functions and classes name their options, and where the robot belongs.
 
-    A function without a robot and with fewer than two options is left as it is; others cost some 0.1 µs more.
+    A call costs some 1 µs more.  Functions that take no more than a few are left as they are, and so are
+    those without a robot and with fewer than two options.
 
     Args:
         package: Its `__name__`; names of `__all__` that it does not have yet are left to `lazily`.
@@ -47,12 +54,12 @@ def name_options(package: str) -> None:
 
 def with_named_options(value: Any, package: str) -> Any:
     """Return a function that answers as `name_options` says; a class gets such methods, others stay."""
-    if isinstance(value, FunctionType) and _takes_options(value):
+    if isinstance(value, FunctionType) and package not in _QUICK and _takes_options(value):
         return _answering(value, package)
     if inspect.isclass(value) and value.__module__.startswith("pepper_kin"):
         for name, member in list(vars(value).items()):
             function = getattr(member, "__func__", member)
-            is_public = name == "__init__" or not name.startswith("_")
+            is_public = name == "__init__" or not (name.startswith("_") or name in _STEPS)
             if is_public and isinstance(function, FunctionType) and _takes_options(function):
                 answering = _answering(function, function.__module__)
                 setattr(value, name, answering if member is function else type(member)(answering))

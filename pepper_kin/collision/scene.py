@@ -39,12 +39,15 @@ from pepper_kin.collision.solids import (
 )
 from pepper_kin.collision.urdf_object import objects_of_urdf
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_numbers
 from pepper_kin.model.shapes import rotation_to_axis
 
 if TYPE_CHECKING:
     from pepper_kin.collision.robot_motion import JointMotion
+
+robot_motion = lazy_module("pepper_kin.collision.robot_motion")
 
 VOXEL = 0.02
 """Edge of the cubes to which clouds are thinned by default [m]."""
@@ -373,11 +376,11 @@ class Scene:
                 a pose that is not rigid.
             ModelError: for a robot without collision shapes.
         """
-        from pepper_kin.collision.robot_motion import objects_of_robot
-
         self._check_new(name)
         grown, place = self, np.eye(4) if pose is None else pose
-        for item in objects_of_robot(name, robot, q, place, number_of(name, "begin", begin), meshes):
+        for item in robot_motion.objects_of_robot(
+            name, robot, q, place, number_of(name, "begin", begin), meshes
+        ):
             grown._check_new(item.name)
             grown = grown._and_one(item)
         return grown

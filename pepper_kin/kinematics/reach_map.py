@@ -17,8 +17,11 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import write_bytes
 from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
+from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, check_positive, check_seed, check_whole
+
+reach_picture = lazy_module("pepper_kin.kinematics.reach_picture")
 
 MOST_SAMPLES = 1_000_000_000
 MOST_VOXELS = 40_000_000
@@ -130,9 +133,7 @@ class ReachMap(FrozenArrays):
             MissingDependencyError: where matplotlib is not installed.
             FileFormatError: where the file cannot be written.
         """
-        from pepper_kin.kinematics.reach_picture import save_reach_picture
-
-        return save_reach_picture({self.frame if title is None else title: self}, path)
+        return Path(reach_picture.save_reach_picture({self.frame if title is None else title: self}, path))
 
     def save(self, path: str | Path) -> Path:
         """Write the map as a compressed NumPy file, whole or not at all.

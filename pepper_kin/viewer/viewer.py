@@ -23,6 +23,7 @@ from pepper_kin.viewer.camera import CameraView, Viewpoint
 from pepper_kin.viewer.drawable import TARGET_COLOR, Color, Drawable, marker
 from pepper_kin.viewer.ghost import ghost_link, ghost_of
 from pepper_kin.viewer.joint_motion import Playable, joint_motion, still
+from pepper_kin.viewer.meshcat_scene import MeshcatScene
 from pepper_kin.viewer.motion_frames import frames_of_samples, kept_samples, limited_series
 from pepper_kin.viewer.recording import write_frames_page
 from pepper_kin.viewer.server.layers import CAPSULES, SPHERES, VISUAL
@@ -31,7 +32,6 @@ from pepper_kin.viewer.touching import touch_spans
 from pepper_kin.viewer.video import check_video, save_video
 
 if TYPE_CHECKING:
-    from pepper_kin.viewer.meshcat_scene import MeshcatScene
     from pepper_kin.viewer.server import ViewerServer
     from pepper_kin.viewer.server.board import Board
     from pepper_kin.viewer.server.session import Session
@@ -296,8 +296,6 @@ class Viewer:
             InvalidValueError: for something else than a visualizer.
             FileFormatError: A mesh of the robot cannot be read.
         """
-        from pepper_kin.viewer.meshcat_scene import MeshcatScene
-
         drawn = (*self._robot, *self._surroundings.values(), *self._targets.values())
         return MeshcatScene(visualizer, self._pepper, drawn, self._drawn_links)
 
