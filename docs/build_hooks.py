@@ -1,5 +1,6 @@
-"""Parts of the build beyond pages: the package as a wheel lays it out, the gallery, names."""
+"""Parts of the build beyond pages: the package as a wheel lays it out, the gallery, names, the search."""
 
+import json
 import re
 import shutil
 import tempfile
@@ -48,6 +49,37 @@ def on_post_page(output: str, **_: Any) -> str:
 
 
 on_post_template = on_post_page  # of the page for addresses that are not there
+
+
+BOOSTS = {
+    "recipes/": 8.0,
+    "api/": 0.1,
+    "benchmarks": 0.1,
+    "faults": 0.1,
+    "verification": 0.1,
+    "theory": 0.2,
+    "validation": 0.2,
+    "statuses": 0.2,
+    "design": 0.2,
+    "coming_from": 0.5,
+    "notebooks": 0.5,
+}
+"""How much a page counts in the search, by the beginning of its address; 1 for guides and all others."""
+
+
+@event_priority(-100)  # after the index is written
+def on_post_build(config: Any) -> None:
+    """Put recipes and guides before methods in the search, and what `search_tags` names before all."""
+    path = Path(config.site_dir) / "search" / "search_index.json"
+    index = json.loads(path.read_text("utf-8"))
+    tags = dict(config.extra["search_tags"])
+    for entry in index["docs"]:
+        entry["boost"] = next((b for start, b in BOOSTS.items() if entry["location"].startswith(start)), 1.0)
+        if entry["location"] in tags:
+            entry["tags"] = tags.pop(entry["location"])
+    if tags:
+        raise ValueError(f"search_tags of mkdocs.yml names sections that there are not: {', '.join(tags)}")
+    path.write_text(json.dumps(index, separators=(",", ":")), "utf-8")
 
 
 def on_shutdown() -> None:
