@@ -15,7 +15,8 @@ from pepper_kin import __version__
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "arrays", "exceptions", "call_errors", "lazy_names", "forked_children", "status", "file_access", "servers",
+    "arrays", "exceptions", "call_errors", "lazy_names", "forked_children", "status", "file_access",
+    "servers",
     "proxsuite_library", "plugins", "ros_messages",
     "model",
     "symbolic",
