@@ -76,13 +76,14 @@ def by_cartesian_path(case):
 
 
 def by_ik(case):
-    states = [case.start]
+    states, message = [case.start], ""
     for s in np.arange(0.0, case.route.length, SPEED * STEP):
         found = pk.ik.solve(case.pepper, case.at(case.route(s)), start=states[-1], balance="robot")
         if not found.success:
             return None
         states.append(found.q)
-    return np.array(states), ""
+        message += "out of the way" * bool(found.certificate.aside)
+    return np.array(states), message
 
 
 def by_servo(case):

@@ -7,7 +7,7 @@ scene = pk.Scene().add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.0
 point = (0.38, 0.22, 0.82)
 tasks = [pk.ik.HandPosition("left", point), pk.ik.LookAt(point)]
 
-plan = pk.plan(pepper, pepper.posture("Stand"), tasks, scene, seed=0)
+plan = pk.plan(pepper, pepper.posture("Ready"), tasks, scene, seed=0)
 print(plan.report())
 trajectory = pk.retime(pepper, plan)
 certificate = trajectory.check(pepper, scene=scene)

@@ -5,7 +5,7 @@ import numpy as np
 import pepper_kin as pk
 
 pepper = pk.load_pepper()
-servo = pk.servo.Servo(pepper, pepper.posture("Stand"), rate=100.0)
+servo = pk.servo.Servo(pepper, pepper.posture("Ready"), rate=100.0)
 
 
 def point_on_circle(time):

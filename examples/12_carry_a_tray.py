@@ -11,9 +11,9 @@ up, tilt = np.array([0.0, 0.0, 1.0]), np.radians(5.0)
 level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 0, 1), tolerance=tilt, label="tray")
 
 # Left of the post, with the palm level to begin with.
-stand = pepper.posture("Stand")
+ready = pepper.posture("Ready")
 tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level]
-start = pk.ik.solve(pepper, tasks, start=stand, scene=scene, joints="left_arm")
+start = pk.ik.solve(pepper, tasks, start=ready, scene=scene, joints="left_arm")
 print(start.report())
 
 # To the right of it; the constraint is a task of the goal too.

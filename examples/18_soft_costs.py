@@ -42,7 +42,7 @@ def heat_along(places, lengths):
 ways = {}
 for name, costs in (("without", []), ("with", [heat])):
     legs = [Leg(take), Leg(put, constraints=[high], costs=costs)]
-    found = plan_legs(pepper, pepper.posture("Stand"), legs, scene, joints="whole_body", timeout=20.0)
+    found = plan_legs(pepper, pepper.posture("Ready"), legs, scene, joints="whole_body", timeout=20.0)
     print(f"{name} the price:\n{found.report()}")
     assert found.success
     ways[name] = hand_way(found.plans[1].curve)

@@ -3,7 +3,7 @@
     import pepper_kin as pk
 
     pepper = pk.load_pepper()
-    q = pepper.posture("Stand")
+    q = pepper.posture("Ready")
     pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 
 Packages, imported at their first use; `help(pk.ik)` lists the contents of one:

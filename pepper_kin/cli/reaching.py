@@ -70,7 +70,7 @@ def reach(
     ] = None,
     start_from: Annotated[
         str | None,
-        typer.Option(help="Posture to start from; Stand if left out.", autocompletion=complete_posture),
+        typer.Option(help="Posture to start from; Ready if left out.", autocompletion=complete_posture),
     ] = None,
     output: Output = Path("pepper-kin-reach"),
     *,

@@ -86,7 +86,8 @@ def reach(
         at: Where the palm should go, in the world [m], shape (3,).
         look_at: Where the top camera should look [m], shape (3,); None leaves the gaze free.
         scene: The world around the robot.
-        start: Start configuration [rad or m], shape (n,); None for Stand.
+        start: Start configuration [rad or m], shape (n,); None for Ready, or for
+            `pepper.neutral()` of a robot that has no such posture.
         seed: Seed of all random choices.
         timeout: Time budget of IK and planning [s].
         timestep: Step of the twin [s].
@@ -101,7 +102,8 @@ def reach(
     scene = scene if scene is not None else Scene()
     target = read_only(as_finite(at, "at", (3,)))
     gaze = None if look_at is None else read_only(as_finite(look_at, "look_at", (3,)))
-    q_start = pepper.neutral() if start is None else np.asarray(start, dtype=float)
+    first = pepper.posture("Ready") if "Ready" in pepper.posture_names else pepper.neutral()
+    q_start = first if start is None else np.asarray(start, dtype=float)
     tasks: list[Any] = [HandPosition(hand, target)]
     if gaze is not None:
         tasks.append(LookAt(gaze, camera=CAMERA))

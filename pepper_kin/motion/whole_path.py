@@ -46,7 +46,9 @@ _STILL = 5e-3  # [rad or m] of a step that changes little
 _WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # [rad or m] that nodes stay within the position limits
 _FAR = 5e-3  # [rad or m] outside of a limit, at nodes
 _NEARNESS = 0.1
-_IDLE = 1.0  # nearness of joints that no task moves to where they are: more lets them give way in jerks
+_IDLE = (1.0, 10.0, 0.1)  # nearness of joints that no task moves to where they are, in turn
+_INSTANTS = 200  # at which their speed is looked at
+_GENTLE = 0.3  # [rad/s or m/s] of such joints: one that is faster is led another way
 _DRAWN = (30.0, 1e3, 1e5)  # nearness to postures that touch nothing, in turn
 _PREFERRED, _RELAXED = (
     3.0,
@@ -94,7 +96,7 @@ class WholePath:
         self._barriers: PathBarriers | None = None
         self._relaxed, self._fast = set[int](), list[float]()
         self._scale, self._idle = np.ones(self.pepper.n), np.zeros(self.pepper.n, bool)
-        self._start = self.pepper.neutral()
+        self._start, self._rest = self.pepper.neutral(), _IDLE[0]
 
     def followed(
         self, start: Array, weights: Array, *, ramps: bool, laps: int, deadline: float = np.inf
@@ -117,10 +119,12 @@ class WholePath:
         if fault is not None or off:
             message = fault[1] if fault is not None else f"The start does not meet the tasks: {off[0]}."
             raise NotFollowedError(FollowStatus.START_INVALID, message)
-        self._start, top = start, self.pepper.acceleration_limits
+        self._start, self._rest, top = start, _IDLE[0], self.pepper.acceleration_limits
         self._scale, self._fast = weights * np.where(np.isfinite(top) & (top > 0), top, 1.0), []
         curve = self._prioritized(start, tasks)
         first: NotFollowedError | None = None
+        gentlest: tuple[float, Followed] | None = None
+        others = iter(_IDLE[1:])
         for _ in range(_RETRIED):
             try:
                 curve = curve if self._is_clear(curve) else self._around(start, curve)
@@ -128,28 +132,49 @@ class WholePath:
                 motion = self._motion(whole, ramps)
                 slowest = self._slowest(whole, motion) if ramps and self.speed is not None else 1.0
             except NotFollowedError as error:
+                if gentlest is not None:
+                    break
                 first = first or error
                 if error.joint is None or time.perf_counter() > deadline:
                     raise first from None
                 self._scale[error.joint] *= _SLOWER
                 self._fast.append(error.reached * laps % 1.0)
             else:
-                relaxed = tuple(tasks[k].name for k in sorted(self._relaxed))
-                said = f" {' and '.join(relaxed)} only as well as can be." if relaxed else ""
-                aside = self._moved_aside(curve)
-                said += words_for_aside(aside)
-                return Followed(
-                    FollowStatus.DONE, f"The whole path in {motion.duration:.2f} s.{said}", motion, whole,
-                    tuple(task.name for task in tasks), self._errors(curve), relaxed, slowest, 1.0,
-                    aside=aside,
-                )  # fmt: skip
+                pace = self._idle_pace(motion)
+                if gentlest is None or pace < gentlest[0]:
+                    gentlest = pace, self._done(curve, whole, motion, slowest)
+                rest = next(others, None)
+                if pace <= _GENTLE or rest is None or time.perf_counter() > deadline:
+                    break
+                self._rest = rest
             nodes = curve.breaks[: len(curve.breaks) - self.path.closed]
             try:
                 curve = self._curve(start, (nodes, _at(curve, nodes)))
             except NotFollowedError:
                 break
+        if gentlest is not None:
+            return gentlest[1]
         assert first is not None
         raise first
+
+    def _done(self, curve: CubicPath, whole: CubicPath, motion: Trajectory, slowest: float) -> Followed:
+        """Return the result of a motion along the whole of a curve, all laps of it."""
+        tasks = self.path.at_one(0.0)
+        relaxed = tuple(tasks[k].name for k in sorted(self._relaxed))
+        said = f" {' and '.join(relaxed)} only as well as can be." if relaxed else ""
+        aside = self._moved_aside(curve)
+        return Followed(
+            FollowStatus.DONE, f"The whole path in {motion.duration:.2f} s.{said}{words_for_aside(aside)}",
+            motion, whole, tuple(task.name for task in tasks), self._errors(curve), relaxed, slowest, 1.0,
+            aside=aside,
+        )  # fmt: skip
+
+    def _idle_pace(self, motion: Trajectory) -> float:
+        """Return the greatest speed of joints that no task moves at a set speed [rad/s or m/s]."""
+        if self.speed is None or not self._idle.any():
+            return 0.0
+        times = np.linspace(0.0, motion.duration, _INSTANTS)
+        return float(np.abs(motion(times).velocity[:, self._idle]).max())
 
     def _moved_aside(self, curve: CubicPath) -> tuple[str, ...]:
         """Return `Followed.aside`."""
@@ -265,7 +290,7 @@ class WholePath:
         self._idle = ~rows(q)[1].any(axis=(0, 1)) & path.moving
         if preferences is not None:
             self._idle &= ~preferences(q)[1].any(axis=(0, 1))
-        held = np.where(self._idle, max(nearness, _IDLE), nearness)
+        held = np.where(self._idle, max(nearness, self._rest), nearness)
         problem = PathProblem(
             nodes, rows, preferences, self._barriers, self._scale, limits, near, np.tile(held, (len(s), 1)),
             path.moving,
