@@ -59,7 +59,12 @@ class ReachOutcome:
     @property
     def success(self) -> bool:
         """Whether the hand got there, safely and within all limits."""
-        return self.run is not None and self.certificate is not None and self.certificate.success
+        return (
+            self.run is not None
+            and self.run.success
+            and self.certificate is not None
+            and self.certificate.success
+        )
 
 
 def reach(
@@ -126,12 +131,12 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, hold_time=HOLD_TIME)
+    run = Twin(pepper, timestep, scene=scene).execute(trajectory, hold_time=HOLD_TIME)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")
     figures["stage_seconds"] = clock.seconds
-    message = _sentence(hand, figures, certificate)
+    message = _sentence(hand, figures, certificate, run)
     return outcome(message, trajectory=trajectory, certificate=certificate, run=run, figures=figures)
 
 
@@ -166,12 +171,13 @@ def _unmet(result: IKResult) -> str:
     return "; ".join(error.shortfall for error in result.errors if not error.met)
 
 
-def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> str:
+def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate, run: Run) -> str:
     palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
     gaze = figures["gaze_error_rad"]
     look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
     checked = "all limits are kept" if certificate.success else certificate.report()
-    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}."
+    twin = "" if run.success else f"  The twin {run.status.value}: {run.message}."
+    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}.{twin}"
 
 
 class _Clock:
