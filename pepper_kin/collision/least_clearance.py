@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision.bodies import Body
 from pepper_kin.collision.checked_shapes import CheckedShapes, PairsTo
 from pepper_kin.collision.checker import CollisionChecker, checker_for
-from pepper_kin.collision.contact import ClosestPair
+from pepper_kin.collision.contact import Clearance, ClosestPair
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.collision.movers import Movers, checked_times, movers_of
 from pepper_kin.collision.scene import Scene
@@ -45,7 +45,7 @@ _GROWING = ("kept", "kept_bounds")  # arrays of the search that may be too small
 
 
 @dataclass(frozen=True, eq=False)
-class LeastClearance:
+class LeastClearance(BriefRepr):
     """Where along a sequence of configurations bodies come nearest to one another.
 
     Attributes:
@@ -131,6 +131,29 @@ def least_clearance(
         forbidden=int(np.argmax(violated)) if violated.any() else None,
         measured=search.measured,
     )
+
+
+def clearance_along(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
+) -> Clearance:
+    """Return the least distances to itself and to obstacles along configurations; see `least_clearance`.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (T, n).
+        scene: The world around it, with what the robot holds; None for the robot against itself only.
+        times: When the robot is there [s], one number or shape (T,), as in `least_clearance`.
+
+    Returns:
+        Both; that to itself is at most 0 where a table of joint ranges forbids a configuration.
+
+    Raises:
+        InvalidValueError: as `least_clearance` does.
+    """
+    own = least_clearance(pepper, q, scene, to="self")
+    around = least_clearance(pepper, q, scene, times, to="obstacles")
+    itself = own.distance if own.forbidden is None else min(own.distance, 0.0)
+    return Clearance(float(itself), float(around.distance))
 
 
 def least_clearance_of_movers(

@@ -30,19 +30,18 @@ class RunStatus(ResultStatus):
     COMPLETED = "completed", "The run went to its end, and the robot is where its reference is."
     TOUCHED = (
         "touched",
-        "The robot is where its reference is, but it touched the scene on its way: plan with this scene and "
-        "a margin, or allow the pair to touch (`Scene.allow`).",
+        "The robot is where its reference is, but it touched something of the scene on its way: plan more "
+        "clearly of it with plan(margin=0.01), or let the pair touch with Scene.allow().",
     )
     BLOCKED = (
         "blocked",
-        "Something in the way keeps the robot from its reference: plan with this scene, or move what is in "
-        "the way.",
+        "Something in the way keeps the robot from its reference: plan around it, or move it away.",
     )
-    LATE = "late", "The robot is still on its way to its reference: use a `hold_time`, or a slower motion."
+    LATE = "late", "The robot is still on its way to its reference: use a hold_time, or a slower motion."
     OFF_REFERENCE = (
         "off_reference",
-        "The robot does not reach its reference: let `retime` leave torque (`torque_scale`), and know what "
-        "the robot carries (`payload`, `scene`).",
+        "The robot does not reach its reference: leave its motors more torque with retime(torque_scale=0.7), "
+        "and tell what it carries with retime(payload={}).",
     )
     STOPPED = "stopped", "The state diverged, or a contact could not be solved: use a smaller timestep."
 
