@@ -4,9 +4,9 @@
 
 Each scene has a box somewhere before the robot.  A motion into it is timed along the straight line from
 Stand to a posture in which a hand is at the box's center.  A motion around it is planned from Stand to a
-point beside or behind the box, where the straight line to a posture that has the hand there passes
-through the box.  Coal measures how deep a reference goes into the box, and how near the twin comes to it.  Both run on
-`Twin(pepper, scene=scene)`, with the defaults of `retime` and the twin.
+point beside or behind the box, where the straight line to a posture that has the hand there passes through
+the box.  Coal measures how deep a reference goes into the box, and how near the twin comes to it.  Both run
+on `Twin(pepper, scene=scene)`, with the defaults of `retime` and the twin.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ def test_demo_prints_a_table_and_writes_all_files(demo):
     for word in (
         "hand error",
         "duration",
-        "smallest clearance",
+        "clearance from obstacles",
         "peak torque",
         "tracking error",
         "KneePitch",
