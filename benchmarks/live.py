@@ -129,7 +129,7 @@ def splices(pepper, motions, rng, count):
             spent.setdefault(how, []).append(time.thread_time() - begin)
             ways[how] += 1
             if how == "refused":
-                blocked += world == "boxes" and motion.stop(pepper, at, scene=scene).clearance <= 0.0
+                blocked += world == "boxes" and motion.stop(pepper, at, scene=scene).clearance.least <= 0.0
             elif how != "after a stop":
                 go = stop_then_go(pepper, motion, at, goal, scene, how, options)
                 ratio += [(spliced.trajectory.duration - at) / go] if go else []

@@ -32,7 +32,16 @@ from pepper_kin.motion import Cost, optimize
 
 ACCELERATION = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
 """[rad/s^2], from https://frankaemika.github.io/docs/control_parameters.html."""
-CHECKED = ("position", "velocity", "acceleration", "jerk", "torque", "velocity_continuity", "clearance")
+CHECKED = (
+    "position",
+    "velocity",
+    "acceleration",
+    "jerk",
+    "torque",
+    "velocity_continuity",
+    "obstacle_clearance",
+    "self_clearance",
+)
 
 
 def robot_of(resources: Path) -> pk.PepperModel:

@@ -24,7 +24,15 @@ from pepper_kin.motion.static_limits import StaticLimits
 
 PEPPER = pk.load_pepper().with_requirements("limits")
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
-CHECKED = ("position", "velocity", "acceleration", "torque", "velocity_continuity", "clearance")
+CHECKED = (
+    "position",
+    "velocity",
+    "acceleration",
+    "torque",
+    "velocity_continuity",
+    "obstacle_clearance",
+    "self_clearance",
+)
 
 
 @dataclass

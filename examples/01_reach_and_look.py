@@ -12,7 +12,7 @@ print(plan.report())
 trajectory = pk.retime(pepper, plan)
 certificate = trajectory.check(pepper, scene=scene)
 print(certificate.report())
-run = pk.Twin(pepper, timestep=0.001).execute(trajectory)
+run = pk.Twin(pepper, scene=scene).execute(trajectory)
 print(run.report())
 pk.Viewer(pepper).add_scene(scene).save_html("reach_and_look.html", run)
 

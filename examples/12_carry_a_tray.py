@@ -31,10 +31,9 @@ within = np.tile(np.linspace(0.0, 1.0, 200), len(spline.breaks) - 1)
 q = spline.at(segments, within * np.diff(spline.breaks)[segments])
 poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 tilts = np.arccos(np.clip(poses[:, :3, 2] @ up, -1.0, 1.0))
-clearance = pk.collision.clearance(pepper, q, scene).min()
-print(
-    f"tilt up to {np.degrees(tilts.max()):.2f} deg, clearance {1000 * clearance:.1f} mm at {len(q)} postures"
-)
+clearance = pk.collision.clearance(pepper, q, scene, to="obstacles").min()
+tilt = np.degrees(tilts.max())
+print(f"tilt up to {tilt:.2f} deg, {1000 * clearance:.1f} mm off the scene at {len(q)} states")
 assert plan.success
 assert tilts.max() <= tilt
 assert clearance > 0

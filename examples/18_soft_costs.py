@@ -53,10 +53,10 @@ print(f"{trajectory.duration:.2f} s; mean price {cost.mean:.2f}, heat {cost.inte
 # An independent look: heights and heat from poses alone, distances by coal.
 for name, (q, places, lengths) in ways.items():
     nearest = np.linalg.norm(places - plate, axis=1).min()
-    clearance = pk.collision.clearance(pepper, q, scene).min()
+    clearance = pk.collision.clearance(pepper, q, scene, to="obstacles").min()
     print(
         f"{name} the price: heat {heat_along(places, lengths):.2f} m, {100 * nearest:.1f} cm from the plate, "
-        f"lowest {places[:, 2].min():.3f} m, clearance {1000 * clearance:.1f} mm"
+        f"lowest {places[:, 2].min():.3f} m, {1000 * clearance:.1f} mm from obstacles"
     )
     assert places[:, 2].min() >= 0.83 - high.tolerance
     assert clearance > 0

@@ -14,7 +14,7 @@ print(f"optimized: {motion.duration:.2f} s, jerk {plan.optimized.figures.jerk:.0
 
 # By other code: limits, torques by Newton and Euler, distances by coal.
 certificate = motion.check(pepper, scene)
-for part in ("velocity", "acceleration", "torque", "clearance"):
+for part in ("velocity", "acceleration", "torque", "obstacle_clearance", "self_clearance"):
     print(getattr(certificate, part).sentence())
     assert getattr(certificate, part).success
 

@@ -1,7 +1,10 @@
-"""The types of arrays and curves that annotations name, and arrays that nobody can write to."""
+"""Types of arrays and curves for annotations, arrays that nobody can write to, and values in brief."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from enum import Enum
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -56,7 +59,99 @@ def kept_read_only(array: ArrayLike) -> Array:
     return read_only(array)
 
 
-class FrozenArrays:
+LINE = 110
+"""Characters of a line at most."""
+_FIRST = ("status", "success", "duration", "max_error", "errors", "failures", "message")
+_FEW = 3  # numbers that are written out
+
+
+class BriefRepr:
+    """A dataclass whose `repr` has at most two lines: what a person wants to know first, arrays by shape.
+
+    It begins with those of status, success, duration, errors and message that the class has, properties among
+    them; then the fields follow, as far as there is room.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Set the method before `dataclass` looks for one."""
+        super().__init_subclass__(**options)
+        if "__repr__" not in cls.__dict__:
+            cls.__repr__ = brief  # type: ignore[method-assign, assignment]
+
+
+def brief(value: Any) -> str:
+    """Return a dataclass in at most two lines of `LINE` characters."""
+    lines, parts = [f"{type(value).__name__}:"], list(_parts(value))
+    for k, part in enumerate(parts):
+        end = "" if k == len(parts) - 1 else ";"
+        if len(lines[-1]) + len(part) + 6 <= LINE:
+            lines[-1] += f" {part}{end}"
+        elif len(lines) == 1 and len(part) + 8 <= LINE:
+            lines.append(f"  {part}{end}")
+        else:
+            room = LINE - 5 - len(lines[-1])
+            lines[-1] += f" {part[:room]} ..." if room > LINE // 2 else " ..."
+            break
+    return "\n".join(lines)
+
+
+def _parts(value: Any) -> Iterator[str]:
+    """Yield what is said of a dataclass, the most important first."""
+    shown = {field.name for field in fields(value) if field.repr}
+    names = [
+        name for name in _FIRST if name in shown or isinstance(getattr(type(value), name, None), property)
+    ]
+    if "status" in names and "success" in names:
+        names.remove("success")
+    for name in (*names, *(field.name for field in fields(value) if field.repr and field.name not in names)):
+        try:
+            text = _words(name, getattr(value, name))
+        except Exception:  # of a property that cannot be computed: a repr never raises
+            text = ""
+        if text:
+            yield text
+
+
+def _words(name: str, item: Any) -> str:
+    """Return a field in words; "" for what says nothing."""
+    label = name.replace("_", " ")
+    match item:
+        case None:
+            return ""
+        case Enum():
+            return str(item.value) if name == "status" else f"{label} {item.value}"
+        case str():
+            words = " ".join(item.split())
+            return words.rstrip(".") if name == "message" or not words else f"{label} {words!r}"
+        case bool() | np.bool_():
+            return label if item else f"not {label}"
+        case int() | float() | np.number():
+            unit = " s" if name in ("duration", "time") else ""
+            return f"{label} {item:.4g}{unit}" if np.isfinite(item) or name != "length" else ""
+        case np.ndarray():
+            if name == "max_error":
+                return f"off by at most {np.abs(item).max(initial=0.0):.3g}"
+            few = item.ndim <= 1 and item.size <= _FEW
+            return f"{label} {np.array2string(item, precision=4)}" if few else f"{label} {item.shape}"
+        case Mapping() | Sequence():
+            return _many(name, label, item)
+    named = getattr(item, "status", None)
+    return f"{label} {named.value}" if isinstance(named, Enum) else f"{label} {type(item).__name__}"
+
+
+def _many(name: str, label: str, items: Mapping[Any, Any] | Sequence[Any]) -> str:
+    """Return several things in words: names of joints by their number, few short ones each."""
+    if name == "joint_names":
+        return f"{len(items)} joints"
+    if name in ("joint_units", "units") or not len(items):
+        return ""
+    values = [getattr(item, "value", item) for item in items]
+    if len(values) <= _FEW and all(isinstance(each, str | int | float) for each in values):
+        return f"{label} " + ", ".join(each if isinstance(each, str) else f"{each:.3g}" for each in values)
+    return f"{len(items)} {label}"
+
+
+class FrozenArrays(BriefRepr):
     """A frozen value whose arrays are read-only in copies, too.
 
     NumPy forgets that an array is read-only where it is pickled or copied deeply.

@@ -97,7 +97,7 @@ FUNCTIONS = {
     "pepper_kin.servo.state": pk.servo.Servo,
     "pepper_kin.supervision": Robot.follow,
     "pepper_kin.twin.base.tipping": pk.twin.base.simulate_tipping,
-    "pepper_kin.twin.run": pk.twin.Twin.execute,
+    "pepper_kin.twin.run_status": pk.twin.Twin.execute,
 }
 """The function whose results carry a status, by the module of the status."""
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array, read_only
+from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.base_placement.job import make_job
 from pepper_kin.base_placement.moving_base import wrapped
 from pepper_kin.base_placement.score import PlacementWeights
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacementMap:
+class PlacementMap(BriefRepr):
     """The best score in each cell of a grid on the floor.
 
     Attributes:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.base_placement.placement_map import PlacementMap, map_of
 from pepper_kin.base_placement.score import PlacementTerms
 from pepper_kin.ik.result import CONFLICT_ADVICE, NOT_EXAMINED, IKResult, listed
@@ -37,7 +37,7 @@ class PlacementStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class Placement(BriefRepr):
     """One base pose with its solutions.
 
     Attributes:
@@ -79,7 +79,7 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class PlacementResult:
+class PlacementResult(BriefRepr):
     """Base poses, the best first.
 
     Attributes:
@@ -212,6 +212,6 @@ class PlacementResult:
         if terms.manipulability is not None:
             parts.append(f"{100 * terms.manipulability:.0f} % of the largest manipulability")
         if terms.clearance is not None:
-            parts.append(f"clearance {1000 * terms.clearance:.1f} mm")
+            parts.append(f"{1000 * terms.clearance:.1f} mm from obstacles")
         parts.append(f"{terms.distance:.2f} m and {math.degrees(terms.turn):.0f} deg to go")
         return f"score {self.best.score:.2f}: {', '.join(parts)}"

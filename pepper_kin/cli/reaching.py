@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -127,6 +127,16 @@ def _finish_reach(pepper: pk.PepperModel, outcome: pk.jobs.ReachOutcome, output:
         raise typer.Exit(FAILED)
 
 
+def _clearances(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of clearances, planned and executed: first what matters, the distance to obstacles."""
+    rows = []
+    for key, name in (("obstacles", "clearance from obstacles"), ("itself", "clearance from itself")):
+        pair = [figures[f"clearance_{when}_m"][key] for when in ("planned", "executed")]
+        words = [f"{value * 1000:.1f} mm" for value in pair if value is not None]
+        rows.append((f"{name}, planned / executed", " / ".join(words) or "nothing there"))
+    return rows
+
+
 def _print_reach(outcome: pk.jobs.ReachOutcome) -> None:
     from rich.console import Console
     from rich.markup import escape
@@ -141,8 +151,7 @@ def _print_reach(outcome: pk.jobs.ReachOutcome) -> None:
         ("path length, joints", f"{figures['path_length_joint']:.3f} rad"),
         ("path length, hand", f"{figures['hand_path_length_m']:.3f} m"),
         ("duration", f"{figures['duration_s']:.3f} s"),
-        ("smallest clearance, planned", f"{figures['smallest_clearance_planned_m'] * 1000:.1f} mm"),
-        ("smallest clearance, executed", f"{figures['smallest_clearance_executed_m'] * 1000:.1f} mm"),
+        *_clearances(figures),
         ("largest tracking error", f"{figures['tracking_error_max'] * 1000:.2f} mrad"),
     ]
     for row in rows:

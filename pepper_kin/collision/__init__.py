@@ -6,6 +6,7 @@
     closest_pair, ClosestPair, contacts, Contact
     near_pairs, NearPairs                     all pairs within a distance, with gradients
     least_clearance, LeastClearance           the least distance along many states
+    clearance_along, Clearance                the same to itself and to obstacles apart
     approach_speed                            a bound on the speed at which bodies come nearer
     without_robot                             the points of a cloud that are not on the robot
     loads_of, load_torque, load_wrench        what attached objects and payloads add to torques and wrenches
@@ -17,8 +18,13 @@ against itself.  Functions that can ignore collisions take `collisions=False`, a
 
 from pepper_kin.call_errors import name_options
 from pepper_kin.collision.checker import CollisionChecker, checker_for
-from pepper_kin.collision.contact import ClosestPair, Contact
-from pepper_kin.collision.least_clearance import LeastClearance, approach_speed, least_clearance
+from pepper_kin.collision.contact import Clearance, ClosestPair, Contact
+from pepper_kin.collision.least_clearance import (
+    LeastClearance,
+    approach_speed,
+    clearance_along,
+    least_clearance,
+)
 from pepper_kin.collision.loads import load_torque, load_wrench, loads_of
 from pepper_kin.collision.near_pairs import NearPairs, near_pairs
 from pepper_kin.collision.queries import clearance, closest_pair, contacts, in_collision, without_robot
@@ -28,6 +34,7 @@ from pepper_kin.collision.solids import ConvexMesh, HalfSpace, PointCloud, Trian
 
 __all__ = [
     "AttachedObject",
+    "Clearance",
     "ClosestPair",
     "CollisionChecker",
     "Contact",
@@ -42,6 +49,7 @@ __all__ = [
     "approach_speed",
     "checker_for",
     "clearance",
+    "clearance_along",
     "closest_pair",
     "contacts",
     "in_collision",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.bodies import WORLD, Body, GeometryType, bodies, checked_pairs
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import check_choice
+
+PairsTo = Literal["all", "self", "obstacles"]
+"""Which pairs count: of the robot, with what it holds, to "self", to "obstacles" of the world, or "all"."""
 
 
 class CheckedShapes:
@@ -60,6 +64,17 @@ class CheckedShapes:
         """Which pairs are with the world."""
         world = np.array([body.kind == WORLD for body in self.bodies], dtype=bool)
         return np.asarray(world[self.pairs[1]])
+
+    def counted(self, to: PairsTo) -> NDArray[np.bool_]:
+        """Return which pairs count, shape (pairs,).
+
+        Raises:
+            InvalidValueError: for another word than "all", "self" or "obstacles".
+        """
+        check_choice("to", to, ("all", "self", "obstacles"))
+        return (
+            self.to_world == (to == "obstacles") if to != "all" else np.ones(len(self.to_world), dtype=bool)
+        )
 
     @cached_property
     def _balls(self) -> list[tuple[Array, float]]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import read_only
 from pepper_kin.collision.bodies import GeometryType, check_geometry_type, check_names
-from pepper_kin.collision.checked_shapes import CheckedShapes
+from pepper_kin.collision.checked_shapes import CheckedShapes, PairsTo
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
@@ -109,19 +109,20 @@ class CollisionChecker:
             touching[i] = self._touches(flat[i])
         return touching.reshape(q_all.shape[:-1])
 
-    def clearance(self, q: ArrayLike) -> NDArray[np.float64]:
+    def clearance(self, q: ArrayLike, to: PairsTo = "all") -> NDArray[np.float64]:
         """Smallest distance over the checked pairs [m], shape (...,), at q, shape (..., n) [rad or m].
 
-        Below zero: how deep the deepest pair overlaps.  inf where nothing is there to collide with.
+        Below zero: how deep the deepest pair overlaps.  inf where nothing is there to collide with.  `to`
+        takes the pairs of the robot with itself or with obstacles alone.
         """
         q_all = as_joint_vectors(self.pepper, q, "q")
         flat = q_all.reshape(-1, self.pepper.n)
-        distances = np.array([self._distances(state)[0] for state in flat]).reshape(q_all.shape[:-1])
+        distances = np.array([self._distances(state, to)[0] for state in flat]).reshape(q_all.shape[:-1])
         return distances
 
-    def closest_pair(self, q: ArrayLike) -> ClosestPair | None:
+    def closest_pair(self, q: ArrayLike, to: PairsTo = "all") -> ClosestPair | None:
         """Return the nearest pair at one configuration q, shape (n,); None where no pair is checked."""
-        distance, index = self._distances(self._one(q))
+        distance, index = self._distances(self._one(q), to)
         if index < 0:
             return None
         names, points, _, links = self._witness(index)
@@ -206,17 +207,20 @@ class CollisionChecker:
         poses = queries.poses(list(range(len(self._shapes.bodies))))
         return ball_distances(self._shapes, poses) - self._shapes.paddings
 
-    def _distances(self, q: NDArray[np.float64]) -> tuple[float, int]:
+    def _distances(self, q: NDArray[np.float64], to: PairsTo) -> tuple[float, int]:
         """Return the smallest distance [m] at q, shape (n,), and its pair's index, -1 where there is none.
 
         Pairs are visited by the distance of their bounding balls, a lower bound of the true one, until no
         later pair can be nearer.
         """
-        if not self.pair_count:
+        counted = self._shapes.counted(to)
+        if not counted.any():
             return float("inf"), -1
         bounds, queries = self._bounds(q), self._data[1]
         best, best_index = float("inf"), -1
         order = np.argsort(bounds)
+        if to != "all":
+            order = order[counted[order]]
         listed = (order.tolist(), bounds[order].tolist(), self._shapes.paddings[order].tolist())
         for index, bound, padding in zip(*listed, strict=True):
             if bound > best:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,34 @@ class ClosestPair(FrozenArrays):
     distance: float
     points: NDArray[np.float64]
     links: tuple[str | None, str | None] = (None, None)
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Least distances of the robot, with what it holds, to itself and to what is around it.
+
+    Attributes:
+        itself: Between its own parts [m], at most 0 where they touch.
+        obstacles: To the objects of the scene [m], at most 0 in contact; inf where there are none.
+    """
+
+    itself: float
+    obstacles: float
+
+    @property
+    def least(self) -> float:
+        """The lesser of the two [m]."""
+        return min(self.itself, self.obstacles)
+
+    def sentence(self) -> str:
+        """Return both in words, obstacles first."""
+        far = math.isinf(self.obstacles)
+        around = "no obstacles" if far else f"{1000 * self.obstacles:.1f} mm from obstacles"
+        return around if math.isinf(self.itself) else f"{around}, {1000 * self.itself:.1f} mm from itself"
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Return the distances for JSON; None stands for infinity."""
+        return {name: value if math.isfinite(value) else None for name, value in vars(self).items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision.bodies import Body
-from pepper_kin.collision.checked_shapes import CheckedShapes
+from pepper_kin.collision.checked_shapes import CheckedShapes, PairsTo
 from pepper_kin.collision.checker import CollisionChecker, checker_for
-from pepper_kin.collision.contact import ClosestPair
+from pepper_kin.collision.contact import Clearance, ClosestPair
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.collision.movers import Movers, checked_times, movers_of
 from pepper_kin.collision.scene import Scene
@@ -39,11 +39,13 @@ from pepper_kin.model.moving_tree import moving_tree
 
 Indices = NDArray[np.intp]
 
+_FAR = 1e9
+"""Distance that pairs which do not count are taken to be farther apart [m]."""
 _GROWING = ("kept", "kept_bounds")  # arrays of the search that may be too small
 
 
 @dataclass(frozen=True, eq=False)
-class LeastClearance:
+class LeastClearance(BriefRepr):
     """Where along a sequence of configurations bodies come nearest to one another.
 
     Attributes:
@@ -64,9 +66,14 @@ class LeastClearance:
 
 
 def least_clearance(
-    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
+    pepper: PepperModel,
+    q: ArrayLike,
+    scene: Scene | None = None,
+    times: ArrayLike | None = None,
+    *,
+    to: PairsTo = "all",
 ) -> LeastClearance:
-    """Return the least of `clearance(pepper, q, scene)` and its place, without computing all the others.
+    """Return the least of `clearance(pepper, q, scene, to=to)`, and where, without computing all others.
 
     Between configurations q and q', the bodies a and b of a pair come nearer by at most
 
@@ -91,31 +98,32 @@ def least_clearance(
         scene: The world around it, with what the robot holds; None for the robot against itself only.
         times: When the robot is there [s], one number or shape (T,): obstacles that move are where they are
             then, at a distance less what their uncertainty has grown by.  None: all stand as at time 0.
+        to: Which pairs count, as in `clearance`; tables of joint ranges count for all but "obstacles".
 
     Returns:
         What was found.  The distance is the least of all to the accuracy of coal's (2e-6 m); where several
         are equal to that accuracy, the configuration is one of them.
 
     Raises:
-        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity; or a time
-            below 0.
+        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity; a time
+            below 0; or another word for `to`.
     """
     path = as_joint_vectors(pepper, q, "q")
     if path.ndim != 2 or not len(path):
         raise InvalidValueError("q", f"shape {path.shape}", f"one or more of them, shape (T, {pepper.n})")
-    movers = None if times is None else movers_of(pepper, scene)
+    movers = None if times is None or to == "self" else movers_of(pepper, scene)
     if movers is not None and scene is not None and times is not None:
-        still, when = least_clearance(pepper, path, scene.standing), checked_times(times, len(path))
+        still, when = least_clearance(pepper, path, scene.standing, to=to), checked_times(times, len(path))
         found = least_clearance_of_movers(movers, movers.states(path, when), when, still.distance)
         nearest = found if found.distance < still.distance else still
         return replace(nearest, forbidden=still.forbidden, measured=still.measured + found.measured)
     checker = checker_for(pepper, scene)
     violated = np.zeros(len(path), dtype=bool)
-    for table in checker.dependent_ranges:
+    for table in checker.dependent_ranges if to != "obstacles" else ():
         violated |= table.violated(path)
-    search = _Search(checker, path)
+    search = _Search(checker, path, to=to)
     search.run()
-    pair = checker.closest_pair(path[search.index])
+    pair = checker.closest_pair(path[search.index], to)
     return LeastClearance(
         distance=float("inf") if pair is None else pair.distance,
         index=search.index,
@@ -123,6 +131,29 @@ def least_clearance(
         forbidden=int(np.argmax(violated)) if violated.any() else None,
         measured=search.measured,
     )
+
+
+def clearance_along(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
+) -> Clearance:
+    """Return the least distances to itself and to obstacles along configurations; see `least_clearance`.
+
+    Args:
+        pepper: The robot.
+        q: Joint positions [rad or m], shape (T, n).
+        scene: The world around it, with what the robot holds; None for the robot against itself only.
+        times: When the robot is there [s], one number or shape (T,), as in `least_clearance`.
+
+    Returns:
+        Both; that to itself is at most 0 where a table of joint ranges forbids a configuration.
+
+    Raises:
+        InvalidValueError: as `least_clearance` does.
+    """
+    own = least_clearance(pepper, q, scene, to="self")
+    around = least_clearance(pepper, q, scene, times, to="obstacles")
+    itself = own.distance if own.forbidden is None else min(own.distance, 0.0)
+    return Clearance(float(itself), float(around.distance))
 
 
 def least_clearance_of_movers(
@@ -182,6 +213,7 @@ class _Search:
         times: Of the configurations [s], shape (T,); all 0 if omitted.
         growth: What distances of pairs lose with time [m/s], shape (p,).
         known: A distance above which none is looked for [m].
+        to: Which pairs count.
 
     Attributes:
         best: The least distance that was measured, or `known` [m].
@@ -196,17 +228,21 @@ class _Search:
         times: Array | None = None,
         growth: Array | None = None,
         known: float = np.inf,
+        to: PairsTo = "all",
     ) -> None:
+        self._counted = checker._shapes.counted(to)
         self.checker, self.path = checker, np.ascontiguousarray(checker.pepper.to_full(path))
         self.times = np.zeros(len(path)) if times is None else np.asarray(times, dtype=float)
         self.bodies = _known(checker.pepper, checker._shapes).bodies
         if growth is not None:
             self.bodies = self.bodies._replace(growth=growth)
+        if to != "all":
+            self.bodies = self.bodies._replace(paddings=self.bodies.paddings - _FAR * ~self._counted)
         self.best, self.index, self.measured = known, 0, 0
 
     def run(self) -> None:
         """Find the configuration at which the bodies come nearest."""
-        if not self.checker.pair_count:
+        if not self._counted.any():
             return
         poses, search = self._workspace()
         while (status := search_least(self.bodies, self.path, self.times, poses, search)) != DONE:
@@ -255,7 +291,7 @@ class _Search:
         for k, pair in enumerate(search.pair[:count].tolist()):
             if bounds[k] >= self.best + ROUNDING:
                 continue
-            found = queries.distance(pair).min_distance - self.checker._shapes.paddings[pair]
+            found = queries.distance(pair).min_distance - self.bodies.paddings[pair]
             found -= self.times[index] * self.bodies.growth[pair]
             search.low[k] = found
             if found < self.best:

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.scene import Scene
 from pepper_kin.core.collision.distances import CARRIER, NearTable, find_near, near_points, slopes
@@ -21,7 +21,7 @@ from pepper_kin.model.joint_vectors import as_joint_vectors, check_positive
 
 
 @dataclass(frozen=True, eq=False)
-class NearPairs:
+class NearPairs(BriefRepr):
     """Pairs of shapes nearer than a distance at one configuration, nearest first.
 
     Attributes:

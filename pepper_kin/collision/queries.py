@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.collision.bodies import GeometryType
+from pepper_kin.collision.checked_shapes import PairsTo
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.least_clearance import least_clearance_of_movers
@@ -98,8 +99,10 @@ def without_robot(
     return cloud[~fast_checker_for(pepper, scene).near(q, cloud, not_negative("margin", margin))]
 
 
-def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> NDArray[np.float64]:
-    """Return the exact smallest distance of the robot to itself and the scene.
+def clearance(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, *, to: PairsTo = "all"
+) -> NDArray[np.float64]:
+    """Return the exact smallest distance of the robot to itself and the scene, or to one of them.
 
     Neighboring bodies that `in_collision` decides by joint ranges have no distance and do not count here.
 
@@ -107,31 +110,36 @@ def clearance(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> 
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         scene: The world around it; None for the robot against itself only.
+        to: "self" for the distance of the robot, and of what it holds, to itself; "obstacles" for that to
+            the objects of the scene; "all" for the lesser.
 
     Returns:
-        Distances [m], shape (...,); below zero where shapes overlap.
+        Distances [m], shape (...,); below zero where shapes overlap, inf where there is no such pair.
 
     Raises:
-        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity, or another word for `to`.
     """
-    return checker_for(pepper, scene).clearance(q)
+    return checker_for(pepper, scene).clearance(q, to)
 
 
-def closest_pair(pepper: PepperModel, q: ArrayLike, scene: Scene | None = None) -> ClosestPair | None:
+def closest_pair(
+    pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, *, to: PairsTo = "all"
+) -> ClosestPair | None:
     """Return the nearest pair of bodies at one configuration, with distance and nearest points.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
         scene: The world around it; None for the robot against itself only.
+        to: As in `clearance`.
 
     Returns:
         The pair; None where nothing is checked.
 
     Raises:
-        InvalidValueError: for a q of wrong length, or with NaN or infinity.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity, or another word for `to`.
     """
-    return checker_for(pepper, scene).closest_pair(q)
+    return checker_for(pepper, scene).closest_pair(q, to)
 
 
 def contacts(

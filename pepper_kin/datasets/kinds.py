@@ -22,7 +22,7 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.requirements import ROBOT
 from pepper_kin.motion import Plan, plan
 from pepper_kin.trajectory import Trajectory, retime
-from pepper_kin.twin import ActuatorParameters, Run, Twin, actuator_parameters
+from pepper_kin.twin import ActuatorParameters, Run, RunStatus, Twin, actuator_parameters
 from pepper_kin.twin.sensors import SensorSuite
 
 learning = lazy_module("pepper_kin.learning")  # needs another extra
@@ -31,6 +31,7 @@ identification = lazy_module("pepper_kin.identification")
 SOLVED = "solved"
 NOT_CERTIFIED = "not_certified"
 NO_TIMING = "no_timing"
+_NOT_KEPT = (RunStatus.STOPPED, RunStatus.TOUCHED, RunStatus.BLOCKED)  # a late run is data
 _ROW = Column("row", "int64")
 _STATUS = Column("status", "str")
 _REASON = Column("reason", "str")
@@ -250,7 +251,7 @@ class RunRows(TrajectoryRows):
         suite = self._suite(row, scene)
         options = {**self._options, "actuators": self._actuators(row), "sensors": suite, "scene": scene}
         run: Run = Twin(self.recipe.pepper, **options).execute(motion, self._hold)
-        if not run.success:
+        if run.status in _NOT_KEPT:
             return self._ended(row, run.status.value, run.message, **about)
         names = ("time", "position", "velocity", "torque", "reference_position")
         frames: dict[str, Array] = {name: getattr(run, name)[:: self._stride] for name in names}

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pepper_kin.arrays import BriefRepr
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.identification.log_file import read_log
@@ -14,7 +15,7 @@ from pepper_kin.model import PepperModel, load_pepper
 
 
 @dataclass(frozen=True, eq=False)
-class LogCheck:
+class LogCheck(BriefRepr):
     """The twin beside a robot, over several logs.
 
     Attributes:

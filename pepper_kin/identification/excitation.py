@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
@@ -42,7 +42,7 @@ _ENDLESS = np.pi  # [rad or m] amplitude of a joint without position limits
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(BriefRepr):
     """A motion that excites joints.
 
     Attributes:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.replay import (
     CYCLE,
@@ -60,7 +60,7 @@ _SMALL = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(BriefRepr):
     """Responses of joints that were fitted to logs.
 
     Attributes:

@@ -47,6 +47,7 @@ from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.base import OmniBase, arc_between
 from pepper_kin.twin.joint_response import JointResponse, joint_response
 from pepper_kin.twin.run import Run
+from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.twin import Twin
 
 FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor", "slipping gear")
@@ -331,7 +332,7 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
         raise InvalidValueError("model", given, f"a twin of the run's joints with its steps of {step:g} s")
     twin.reset(np.clip(run.position[0], pepper.lower_limits, pepper.upper_limits), run.velocity[0])
     expected = twin.follow(run.reference_position[1:], run.reference_velocity[1:])
-    if not expected.success:
+    if expected.status is RunStatus.STOPPED:
         raise InvalidValueError("model", expected.message, "a twin that follows the run's references")
     length = max(round(BLOCK / step), 1)
     if len(run) <= 3 * length:

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import clearance
+from pepper_kin.collision import clearance_along
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.fast import fast_checker_for
 from pepper_kin.collision.loads import load_torque, loads_of
@@ -26,7 +26,7 @@ from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
-    from pepper_kin.collision import Scene
+    from pepper_kin.collision import Clearance, Scene
     from pepper_kin.collision.fast import FastChecker
 
 MARGIN = 0.005
@@ -96,11 +96,11 @@ class Collisions:
             return np.ones(len(q), dtype=bool)
         return ~fast_checker_for(self.pepper, self.scene, self.margin).in_collision(q)
 
-    def clearance(self, q: Array) -> float | None:
-        """Return the smallest distance [m] at q, shape (n,) [rad or m]; None where nothing is checked."""
+    def clearance(self, q: Array) -> Clearance | None:
+        """Return the least distances at q, shape (n,) [rad or m]; None where nothing is checked."""
         if self.scene is None:
             return None
-        return float(clearance(self.pepper, q, self.scene))
+        return clearance_along(self.pepper, q[None], self.scene)
 
     def half_spaces(self, q: Array, count: int) -> Array:
         """Return half-spaces of joint positions near q that keep a step clear, g . q' >= b.

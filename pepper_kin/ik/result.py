@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.exceptions import ModelError
 from pepper_kin.ik.tasks.task import words_for
 from pepper_kin.status import ResultStatus
+
+if TYPE_CHECKING:
+    from pepper_kin.collision import Clearance
 
 
 class IKStatus(ResultStatus):
@@ -101,7 +104,7 @@ class IKCertificate:
     errors: tuple[TaskError, ...]
     active_limits: tuple[str, ...]
     blocking_limits: tuple[str, ...]
-    clearance: float | None
+    clearance: Clearance | None
     in_collision: bool | None
     torque_use: TorqueUse
     proof: str
@@ -218,8 +221,8 @@ class IKResult(FrozenArrays):
         return self.certificate.blocking_limits
 
     @property
-    def clearance(self) -> float | None:
-        """Smallest distance to itself and the scene [m]; None with `collisions=False`."""
+    def clearance(self) -> Clearance | None:
+        """Distances to obstacles and to itself [m]; None with `collisions=False`."""
         return self.certificate.clearance
 
     @property
@@ -299,7 +302,7 @@ class IKResult(FrozenArrays):
         if self.clearance is not None:
             touching = "; it touches" if self.in_collision else ""
             note = f".  {self.certificate.note}" if self.certificate.note else ""
-            lines.append(f"clearance {1000 * self.clearance:.1f} mm{touching}{note}")
+            lines.append(f"clearance: {self.clearance.sentence()}{touching}{note}")
         else:
             lines.append(NOT_EXAMINED)
         if self.certificate.aside:

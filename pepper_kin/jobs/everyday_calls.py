@@ -60,7 +60,7 @@ def _motion_calls() -> None:
     trajectory = retime(pepper, found, balance=0.01)
     trajectory.check(pepper, scene=_scene())
     trajectory.replaced(pepper, 0.5 * trajectory.duration, trajectory.start, balance=0.01)
-    Twin(pepper, timestep=0.001).execute(trajectory)
+    Twin(pepper, scene=_scene()).execute(trajectory)
     run_demo(pepper)
 
 

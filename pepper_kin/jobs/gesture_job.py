@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pepper_kin.arrays import BriefRepr
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.jobs.result_files import write_results
@@ -18,7 +19,7 @@ CSV_STEP = 0.01  # [s]
 
 
 @dataclass(frozen=True, eq=False)
-class MadeGesture:
+class MadeGesture(BriefRepr):
     """A gesture with the certificate of its independent examination.
 
     Attributes:

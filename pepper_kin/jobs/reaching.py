@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import read_only
-from pepper_kin.collision import Scene, clearance
+from pepper_kin.arrays import BriefRepr, read_only
+from pepper_kin.collision import Scene, clearance_along
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.ik import HandPosition, IKResult, IKStatus, LookAt, solve
 from pepper_kin.kinematics import frame_pose
@@ -29,7 +29,7 @@ HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
 
 
 @dataclass(frozen=True, eq=False)
-class ReachOutcome:
+class ReachOutcome(BriefRepr):
     """Outcome of one reach.
 
     Attributes:
@@ -59,7 +59,12 @@ class ReachOutcome:
     @property
     def success(self) -> bool:
         """Whether the hand got there, safely and within all limits."""
-        return self.run is not None and self.certificate is not None and self.certificate.success
+        return (
+            self.run is not None
+            and self.run.success
+            and self.certificate is not None
+            and self.certificate.success
+        )
 
 
 def reach(
@@ -128,12 +133,12 @@ def reach(
     clock.enter("certificate")
     certificate = trajectory.check(pepper, scene=scene)
     clock.enter("twin")
-    run = Twin(pepper, timestep=timestep).execute(trajectory, hold_time=HOLD_TIME)
+    run = Twin(pepper, timestep, scene=scene).execute(trajectory, hold_time=HOLD_TIME)
     clock.enter("report")
     figures = _figures(pepper, tasks, scene, found, trajectory, run)
     clock.enter("done")
     figures["stage_seconds"] = clock.seconds
-    message = _sentence(hand, figures, certificate)
+    message = _sentence(hand, figures, certificate, run)
     return outcome(message, trajectory=trajectory, certificate=certificate, run=run, figures=figures)
 
 
@@ -168,12 +173,13 @@ def _unmet(result: IKResult) -> str:
     return "; ".join(error.shortfall for error in result.errors if not error.met)
 
 
-def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate) -> str:
+def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate, run: Run) -> str:
     palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
     gaze = figures["gaze_error_rad"]
     look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
     checked = "all limits are kept" if certificate.success else certificate.report()
-    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}."
+    twin = "" if run.success else f"  The twin {run.status.value}: {run.message}."
+    return f"{palm}{look}, after {figures['duration_s']:.2f} s; {checked}.{twin}"
 
 
 class _Clock:
@@ -202,15 +208,15 @@ def _figures(
     palm_path = frame_pose(pepper, run.position[::10], reached.frame)[:, :3, 3]
     palm = frame_pose(pepper, q_end, reached.frame)[:3, 3]
     gaze_error = _gaze_error(frame_pose(pepper, q_end, CAMERA), tasks[1].target) if len(tasks) > 1 else None
-    executed = clearance(pepper, run.position[::5], scene)
+    executed = clearance_along(pepper, run.position[::5], scene)
     return {
         "hand_error_m": float(np.linalg.norm(palm - reached.target)),
         "gaze_error_rad": gaze_error,
         "path_length_joint": found.length,
         "hand_path_length_m": float(np.sum(np.linalg.norm(np.diff(palm_path, axis=0), axis=1))),
         "duration_s": trajectory.duration,
-        "smallest_clearance_planned_m": found.clearance,
-        "smallest_clearance_executed_m": float(executed.min()),
+        "clearance_planned_m": found.clearance.as_dict(),
+        "clearance_executed_m": executed.as_dict(),
         "peak_torque_use": dict(zip(pepper.joint_names, run.torque_use.tolist(), strict=True)),
         "tracking_error_rms": dict(zip(pepper.joint_names, run.rms_error.tolist(), strict=True)),
         "tracking_error_max": float(run.max_error.max()),

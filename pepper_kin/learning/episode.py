@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import Scene
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
@@ -28,7 +28,7 @@ _HOME_SPEED = 0.3  # share of the fastest, on the way to where episodes begin
 
 
 @dataclass(frozen=True, eq=False)
-class Episode:
+class Episode(BriefRepr):
     """What a robot did by a policy.
 
     Attributes:

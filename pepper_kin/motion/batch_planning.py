@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import FrozenArrays
+from pepper_kin.arrays import BriefRepr, FrozenArrays
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
@@ -71,7 +71,7 @@ class PlanProblem(PlanOptions, FrozenArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class PlanBatch:
+class PlanBatch(BriefRepr):
     """The outcome of many problems, in their order.
 
     Attributes:

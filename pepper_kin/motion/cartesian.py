@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin import ik
-from pepper_kin.arrays import Array, read_only
-from pepper_kin.collision import Scene, checker_for
+from pepper_kin.arrays import Array, BriefRepr, read_only
+from pepper_kin.collision import Clearance, Scene, checker_for, clearance_along
 from pepper_kin.exceptions import suspect_millimeters
 from pepper_kin.ik.problem import joints_used, moved_aside
 from pepper_kin.kinematics import frame_pose
@@ -58,7 +58,7 @@ class CartesianStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class CartesianPath:
+class CartesianPath(BriefRepr):
     """How far a hand could follow, and the joint positions on the way.
 
     Attributes:
@@ -70,7 +70,7 @@ class CartesianPath:
         position_error: Largest distance of the hand from the curve at the stops [m], recomputed.
         direction_error: Largest angle between the hand and the target direction at the stops [rad],
             recomputed; nan without a direction.
-        clearance: Smallest distance at the stops [m], by coal; inf where nothing can touch.
+        clearance: Least distances at the stops to obstacles and to itself [m], by coal.
         time: Wall time [s].
     """
 
@@ -81,7 +81,7 @@ class CartesianPath:
     distances: Array
     position_error: float
     direction_error: float
-    clearance: float
+    clearance: Clearance
     time: float
 
     @property
@@ -101,7 +101,7 @@ class CartesianPath:
             lines.append(
                 f"{len(self.path)} stops over {100 * self.distances[-1]:.1f} cm; the hand is at most "
                 f"{1000 * self.position_error:.2f} mm from the curve; "
-                f"clearance {1000 * self.clearance:.1f} mm"
+                f"clearance: {self.clearance.sentence()}"
             )
         if np.isfinite(self.direction_error):
             lines.append(f"direction off by at most {np.degrees(self.direction_error):.1f} deg")
@@ -178,7 +178,7 @@ def cartesian_path(
         direction_error=float("nan")
         if direction_task is None
         else max(direction_task.error(pepper, state) for state in path),
-        clearance=float(follower.checker.clearance(path).min()),
+        clearance=clearance_along(pepper, path, follower.checker.scene),
         time=time.perf_counter() - begin,
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath
@@ -27,7 +27,7 @@ class FollowStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class Followed(BriefRepr):
     """A motion along a path of tasks, or why there is none.
 
     Attributes:

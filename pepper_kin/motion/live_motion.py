@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import CollisionChecker, Scene, in_collision
 from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
@@ -58,7 +58,7 @@ class LiveStatus(ResultStatus):
 
 
 @dataclass(frozen=True)
-class LiveState:
+class LiveState(BriefRepr):
     """What a robot is to do from one cycle on.
 
     Attributes:

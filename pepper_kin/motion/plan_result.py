@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.arrays import read_only
-from pepper_kin.collision import CollisionChecker, Scene, checker_for
+from pepper_kin.arrays import BriefRepr, read_only
+from pepper_kin.collision import Clearance, CollisionChecker, Scene, clearance_along
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.splines import polyline_length
 from pepper_kin.dynamics.load import Loads
@@ -84,7 +84,7 @@ RESTS = "Nothing has to move, so there is nothing to time."
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(BriefRepr):
     """The outcome of planning.
 
     Attributes:
@@ -142,13 +142,16 @@ class Plan:
     balance: Balance = "robot"
     torque_scale: TorqueScale = "robot"
     alternative: int | None = None
-    evidence: Callable[[], float] | None = field(default=None, repr=False)
+    evidence: Callable[[], Clearance] | None = field(default=None, repr=False)
     proof: Callable[[], float] | None = field(default=None, repr=False)
 
     @cached_property
-    def clearance(self) -> float:
-        """Smallest distance along the path, computed by coal when first asked for [m]; nan unless solved."""
-        return float("nan") if self.evidence is None else self.evidence()
+    def clearance(self) -> Clearance:
+        """Least distances to obstacles and to itself along the curve [m], by coal, when first asked for.
+
+        Both are nan unless solved.
+        """
+        return Clearance(math.nan, math.nan) if self.evidence is None else self.evidence()
 
     @cached_property
     def margin(self) -> float:
@@ -180,8 +183,7 @@ class Plan:
         """Say in plain words what was found, or why nothing was and what to try."""
         suffix = ""
         if self.success:
-            near = math.isfinite(self.clearance)
-            suffix = f" Its clearance is {1000 * self.clearance:.1f} mm." if near else " Nothing is near it."
+            suffix = f" Clearance: {self.clearance.sentence()}."
         return f"{self.message}{suffix} {self.advice}"
 
 
@@ -257,8 +259,8 @@ def length_of(path: NDArray[np.float64]) -> float:
 
 def _clearance_along(
     pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None
-) -> float:
-    """Return the smallest distance along a curve through way-points, four times between any two [m].
+) -> Clearance:
+    """Return the least distances along a curve through way-points, four times between any two.
 
     Args:
         pepper: The robot.
@@ -271,4 +273,4 @@ def _clearance_along(
         segments = np.arange(len(curve.breaks) - 1)
         parts = [curve.at(segments, x * np.diff(curve.breaks)) for x in (0.0, 0.25, 0.5, 0.75)]
         dense = np.concatenate([*parts, path[-1:]])
-    return float(checker_for(pepper, scene).clearance(dense).min())
+    return clearance_along(pepper, dense, scene)

@@ -592,7 +592,9 @@ def _timed(
     status = RetargetStatus.DONE
     if not certificate.success:
         status = (
-            RetargetStatus.IN_COLLISION if "clearance" in certificate.failures else RetargetStatus.NOT_HELD
+            RetargetStatus.IN_COLLISION
+            if {"self_clearance", "obstacle_clearance"} & set(certificate.failures)
+            else RetargetStatus.NOT_HELD
         )
         message += f"; the check fails: {', '.join(certificate.failures)}"
     return Retargeted(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.arrays import Array, read_only
+from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
 from pepper_kin.model import PepperModel
@@ -45,7 +45,7 @@ class ValidationStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(BriefRepr):
     """The outcome of `validate`.
 
     Attributes:

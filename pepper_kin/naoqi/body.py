@@ -288,7 +288,7 @@ class Body:
             self._set_strength()
         position, velocity, acceleration = self._references()
         run = self._twin.follow(position, velocity, acceleration=acceleration)
-        if run.status is not RunStatus.COMPLETED:
+        if run.status is RunStatus.STOPPED:
             raise RuntimeError(f"the simulation of the body stopped: {run.message}")
         for listener in tuple(self.listeners):
             listener()

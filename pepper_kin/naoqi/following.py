@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.supervision import RobotMotionStatus
 from pepper_kin.twin import Run
 
@@ -37,7 +37,7 @@ class FollowOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class RobotMotionResult:
+class RobotMotionResult(BriefRepr):
     """What came of a motion on a robot.
 
     Attributes:

@@ -191,7 +191,7 @@ class Mirror:
         )
         self._last, self._rate = command, rate
         self._reached += rows * STEP
-        return run.status is RunStatus.COMPLETED
+        return run.status is not RunStatus.STOPPED
 
 
 def states_of_run(run: Run) -> Iterator[RobotState]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array, read_only
+from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.dynamics.support_polygon import inner_radius
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, as_finite
@@ -36,7 +36,7 @@ _ACTS = 0.99  # share of a limit from which on it is said to act
 
 
 @dataclass(frozen=True, eq=False)
-class ActiveLimits:
+class ActiveLimits(BriefRepr):
     """The limit that is used most at each instant; arrays are read-only.
 
     Attributes:

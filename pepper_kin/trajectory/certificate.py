@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pepper_kin.arrays import Array, FrozenArrays, kept_read_only
+from pepper_kin.arrays import Array, BriefRepr, FrozenArrays, kept_read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class ScalarCheck:
         word = "" if self.success else "VIOLATED: "
         between = _between(self.resolution, self.unit, "worse")
         value = f"{word}{self.value:.3g} {self.unit}"
-        return f"{self.quantity}: {value} {self.detail}, at {self.time:.3f} s{between}"
+        return f"{self.quantity.replace('_', ' ')}: {value} {self.detail}, at {self.time:.3f} s{between}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; None stands for infinity."""
@@ -141,8 +141,8 @@ class ScalarCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
-    """Limits, continuity, balance and clearance of a trajectory, from code other than what made it.
+class Certificate(BriefRepr):
+    """Limits, continuity, balance and clearances of a trajectory, from code other than what made it.
 
     Attributes:
         duration: Of the trajectory [s].
@@ -156,8 +156,9 @@ class Certificate:
         velocity_continuity: Greatest jump of a joint's velocity at a knot.
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
             None for a robot without Pepper's wheels, and with `balance=None`.
-        clearance: Least distance between bodies, which succeeds where its bound is above zero everywhere;
-            None with `collisions=False`.
+        obstacle_clearance: Least distance to the objects of the scene, which succeeds where its bound is
+            above zero everywhere; None with `collisions=False` and where the scene is empty.
+        self_clearance: The same of the robot's own parts and what it holds; None with `collisions=False`.
         jerk: Against jerk limits; None if none were given.
         acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
         hand_speed: Speeds of frames against their limits; None if none were given.
@@ -176,7 +177,8 @@ class Certificate:
     position_continuity: ScalarCheck
     velocity_continuity: ScalarCheck
     balance: ScalarCheck | None
-    clearance: ScalarCheck | None
+    obstacle_clearance: ScalarCheck | None
+    self_clearance: ScalarCheck | None
     jerk: LimitCheck | None = None
     acceleration_continuity: ScalarCheck | None = None
     hand_speed: ScalarCheck | None = None
@@ -195,7 +197,8 @@ class Certificate:
             "position_continuity": self.position_continuity,
             "velocity_continuity": self.velocity_continuity,
             "balance": self.balance,
-            "clearance": self.clearance,
+            "obstacle_clearance": self.obstacle_clearance,
+            "self_clearance": self.self_clearance,
             "jerk": self.jerk,
             "acceleration_continuity": self.acceleration_continuity,
             "hand_speed": self.hand_speed,
@@ -222,7 +225,8 @@ class Certificate:
             f"Trajectory of {self.duration:.3f} s, {self.samples} states examined "
             f"(every {self.step * 1e3:g} ms and both sides of every knot): {verdict}."
         )
-        missing = [name for name in ("balance", "clearance", "jerk") if getattr(self, name) is None]
+        names = ("balance", "obstacle_clearance", "self_clearance", "jerk")
+        missing = [name.replace("_", " ") for name in names if getattr(self, name) is None]
         lines = [f"  {check.sentence()}" for check in self.checks.values()]
         return "\n".join([head, *lines, *(f"  {name}: not examined" for name in missing)])
 

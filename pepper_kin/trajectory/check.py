@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pepper_kin import kinematics
 from pepper_kin.arrays import Array
+from pepper_kin.collision.checked_shapes import PairsTo
 from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_left_empty
 from pepper_kin.collision.loads import carrying
 from pepper_kin.collision.solids import not_negative
@@ -126,7 +127,12 @@ def check(
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
         balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
-        clearance=None if world is None else _clearance(pepper, trajectory, examined, world, start_time),
+        obstacle_clearance=None
+        if world is None or not world.objects
+        else _clearance(pepper, trajectory, examined, world, start_time, "obstacles"),
+        self_clearance=None
+        if world is None
+        else _clearance(pepper, trajectory, examined, world, start_time, "self"),
         jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, examined, speeds) if speeds else None,
@@ -357,9 +363,14 @@ def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
 
 
 def _clearance(
-    pepper: PepperModel, trajectory: Trajectory, examined: _Examined, scene: Scene, start_time: float
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    examined: _Examined,
+    scene: Scene,
+    start_time: float,
+    to: PairsTo,
 ) -> ScalarCheck:
-    """Find the least distance, proven between the states examined; see `proven_clearance`.
+    """Find the least distance to itself or to obstacles, proven in between; see `proven_clearance`.
 
     Neighbors decided by joint ranges count as yes or no.
     """
@@ -367,7 +378,7 @@ def _clearance(
     begin = not_negative("start_time", start_time)
     pieces = Pieces(examined.breaks, examined.rates)
     times = examined.time[:count]
-    found, time, bound, forbidden = proven_clearance(pepper, trajectory, times, pieces, scene, begin)
+    found, time, bound, forbidden = proven_clearance(pepper, trajectory, times, pieces, scene, begin, to)
     worst = found.distance
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
@@ -376,8 +387,8 @@ def _clearance(
         detail = "two neighboring links touch, by their joint ranges"
     if bound <= 0.0 < worst:
         detail += ", too small to prove that nothing touches"
-    if is_left_empty(scene):
+    if to == "obstacles" and is_left_empty(scene):
         detail += f" ({LEFT_EMPTY})"
-    return ScalarCheck(
-        "clearance", bound, worst, time, "m", detail, worst - bound if np.isfinite(worst) else 0.0
-    )
+    name = "obstacle_clearance" if to == "obstacles" else "self_clearance"
+    between = worst - bound if np.isfinite(worst) else 0.0
+    return ScalarCheck(name, bound, worst, time, "m", detail, between)

@@ -12,6 +12,7 @@ from pepper_kin.arrays import Array
 
 if TYPE_CHECKING:
     from pepper_kin.collision import LeastClearance, Scene
+    from pepper_kin.collision.checked_shapes import PairsTo
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.trajectory import Trajectory
 
@@ -54,7 +55,13 @@ class Pieces(NamedTuple):
 
 
 def proven_clearance(
-    pepper: PepperModel, motion: Trajectory, times: Array, pieces: Pieces, scene: Scene, start_time: float
+    pepper: PepperModel,
+    motion: Trajectory,
+    times: Array,
+    pieces: Pieces,
+    scene: Scene,
+    start_time: float,
+    to: PairsTo,
 ) -> ProvenClearance:
     """Return the least distance along a motion, and a bound for all of it.
 
@@ -70,8 +77,9 @@ def proven_clearance(
         pieces: Its pieces.
         scene: The world around it.
         start_time: Time of the scene at which the motion begins [s].
+        to: Which pairs count: "self" or "obstacles".
     """
-    found = collision.least_clearance(pepper, motion(times).position, scene, start_time + times)
+    found = collision.least_clearance(pepper, motion(times).position, scene, start_time + times, to=to)
     at = float(times[found.index])
     forbidden = None if found.forbidden is None else float(times[found.forbidden])
     step = float(np.diff(times).max(initial=0.0))
@@ -84,7 +92,7 @@ def proven_clearance(
     while waiting:
         start, end = waiting.pop()
         local = np.linspace(start, end, STATES + 1)
-        nearest = collision.least_clearance(pepper, motion(local).position, scene, start_time + local)
+        nearest = collision.least_clearance(pepper, motion(local).position, scene, start_time + local, to=to)
         if nearest.distance < found.distance:
             found, at = nearest, float(local[nearest.index])
         if forbidden is None and nearest.forbidden is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin import collision
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.collision.curve_checks import curve_checks_for
 from pepper_kin.collision.curve_examination import is_clear_along
@@ -53,7 +53,7 @@ _SLOW = 0.25  # of the accelerations of all joints, at which something may still
 
 
 @dataclass(frozen=True)
-class Splice:
+class Splice(BriefRepr):
     """A motion with a new goal from an instant on.
 
     Attributes:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin import collision
-from pepper_kin.arrays import Array, read_only
+from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.core.splines import (
     derivatives_on_segments,
@@ -43,7 +43,7 @@ from pepper_kin.trajectory.samples import known, refuse_other_joints
 from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
 
 if TYPE_CHECKING:
-    from pepper_kin.collision import Scene
+    from pepper_kin.collision import Clearance, Scene
     from pepper_kin.trajectory.trajectory import Trajectory
 
 _STEP = 0.005  # [s] greatest length of an interval
@@ -57,7 +57,7 @@ _AT_REST = 1e-9  # [rad/s or m/s]
 
 
 @dataclass(frozen=True)
-class Stop:
+class Stop(BriefRepr):
     """A stop, which begins with position and velocity of the motion that it ends.
 
     Attributes:
@@ -67,14 +67,14 @@ class Stop:
         exceeded: Limits that the stop does not keep: "position", "velocity", "acceleration", "jerk" (also
             where accelerations jump), "torque", "balance".  Empty for stops along the path, but for those of
             a motion that does not keep jerk limits itself, where no slow-down does.
-        clearance: Least distance between bodies at every millisecond [m], at most 0 in contact; None without
-            a scene.
+        clearance: Least distances to obstacles and to itself at every millisecond [m], at most 0 in contact;
+            None without a scene.
     """
 
     trajectory: Trajectory
     how: str
     exceeded: tuple[str, ...] = ()
-    clearance: float | None = None
+    clearance: Clearance | None = None
 
     @property
     def duration(self) -> float:
@@ -482,12 +482,11 @@ def _jumps(motion: Trajectory) -> bool:
     return bool(np.abs(after - before).max(initial=0.0) > JUMP_TOLERANCE)
 
 
-def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene, begin: float) -> float:
-    """Return the least distance between bodies at every millisecond [m], at most 0 in contact.
+def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene, begin: float) -> Clearance:
+    """Return the least distances of bodies at every millisecond, at most 0 in contact.
 
     The motion begins at a time [s] of the scene.
     """
     times = sample_times(motion.duration, EXAMINED_EVERY)
     states: NDArray[np.float64] = motion(times).position
-    nearest = collision.least_clearance(pepper, states, checked_world(scene), begin + times)
-    return float(nearest.distance if nearest.forbidden is None else min(nearest.distance, 0.0))
+    return collision.clearance_along(pepper, states, checked_world(scene), begin + times)

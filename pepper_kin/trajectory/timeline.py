@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
 from pepper_kin.file_access.reading import repeated
 from pepper_kin.model import PepperModel
@@ -96,7 +96,7 @@ class Timeline:
 
 
 @dataclass(frozen=True, eq=False)
-class ImportedMotion:
+class ImportedMotion(BriefRepr):
     """An animation made into a motion that the robot can make.
 
     Attributes:

@@ -26,7 +26,8 @@ from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Timing, run_real_time
 from pepper_kin.twin.recorder import Recorder
 from pepper_kin.twin.recording import Recording, load_recording
-from pepper_kin.twin.run import Run, RunStatus, load_run
+from pepper_kin.twin.run import Run, load_run
+from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.state import DivergedError, TwinState
 from pepper_kin.twin.twin import Twin
 

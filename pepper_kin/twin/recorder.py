@@ -21,6 +21,7 @@ from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_record
 from pepper_kin.twin.recording_header import HEADER, STATES, described, write_header
 from pepper_kin.twin.reference import sampled
 from pepper_kin.twin.run import SERIES, Run
+from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
@@ -176,7 +177,7 @@ class Recorder:
             run = self.twin.follow(**part)
             parts.append(run)
             self._write(part, run, self.twin.pushes)
-            if not run.success:
+            if run.status is RunStatus.STOPPED:
                 break
             first = last
         return _joined(parts, self.twin.timestep)
@@ -214,7 +215,7 @@ class Recorder:
         }
         if sensor_series:
             arrays["readings"] = pack_together(sensor_series)
-        arrays["message"] = np.array(run.message)
+        arrays["message"], arrays["status"] = np.array(run.message), np.array(run.status.value)
         content = io.BytesIO()
         np.savez(content, **arrays)
         atomic_file.write_bytes(chunk_path(self.folder, self._count), content.getvalue())

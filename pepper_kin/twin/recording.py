@@ -19,7 +19,8 @@ from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.recording_files import save_recording
 from pepper_kin.twin.recording_header import STATES, described, loads_in, read_header
-from pepper_kin.twin.run import Run, RunStatus
+from pepper_kin.twin.run import Run
+from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
@@ -88,7 +89,7 @@ class Recording:
         first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
         rows: dict[str, list[Array]] = {name: [first[name]] for name in STATES}
         recorded: dict[str, list[Array]] = {"position": [first["position"]], "velocity": [np.zeros((1, n))]}
-        message, wrench = "", [np.zeros((1, 6))]
+        message, status, wrench = "", RunStatus.COMPLETED, [np.zeros((1, 6))]
         before = first["position"][-1]
         for index, chunk in enumerate(self._read()):
             with self._named(index):
@@ -104,6 +105,10 @@ class Recording:
                 wrench.append(unpack(chunk[key]) if key in chunk else np.zeros((count, 6)))
                 _check_shapes({key: wrench[-1]}, 6, count)
                 message = str(chunk["message"])
+                earlier = (
+                    RunStatus.STOPPED if message else RunStatus.COMPLETED
+                )  # of before statuses were kept
+                status = RunStatus(str(chunk["status"])) if "status" in chunk else earlier
                 before = np.concatenate([before[None], states["position"]])[-1]
         whole = {name: np.concatenate(parts) for name, parts in rows.items()}
         time: Array = self.timestep * np.arange(len(whole["position"]), dtype=float)
@@ -117,7 +122,7 @@ class Recording:
             np.concatenate(recorded["position"]),
             np.concatenate(recorded["velocity"]),
             np.full(n, math.inf) if torque_limit is None else torque_limit,
-            RunStatus.STOPPED if message else RunStatus.COMPLETED,
+            status,
             message,
             self.readings(),
             np.concatenate(wrench),

@@ -17,8 +17,8 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.files.table_file import TIME, load_table, save_table
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory.motion_plots import plot_motions
+from pepper_kin.twin.run_status import RunEnd, RunStatus, status_of
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
@@ -41,13 +41,6 @@ _FORCE = tuple(f"robot.external_{what}_{axis}" for what in ("force", "moment") f
 _KNOWN = "robot.external_known"
 
 
-class RunStatus(ResultStatus):
-    """How a run of the twin ended."""
-
-    COMPLETED = "completed", "The run went to its end."
-    STOPPED = "stopped", "The state diverged, or a contact could not be solved: use a smaller timestep."
-
-
 @dataclass(frozen=True, eq=False)
 class Run(FrozenArrays):
     """A motion of the twin; arrays are read-only.
@@ -67,7 +60,8 @@ class Run(FrozenArrays):
         reference_velocity: [rad/s or m/s], shape (T, n).
         torque_limit: Of the servos [N m or N], shape (n,), inf for none.
         status: How it ended.
-        message: Why it stopped, naming joint, step and cause; empty if it completed.
+        message: Why it did not complete: joint, distance from its reference and what it touches, or step and
+            cause of a stop; empty if it completed.
         readings: What the twin's sensors said meanwhile, by name; times from 0.
         external_wrench: Force [N] of pushes and contacts on the robot and moment about the world's origin
             [N m], in world axes, the mean of the step that ends at each time, shape (T, 6); zero in the first
@@ -109,7 +103,7 @@ class Run(FrozenArrays):
 
     @property
     def success(self) -> bool:
-        """Whether the run went to its end."""
+        """Whether the run went to its end, untouched by its scene, and the robot is on its reference."""
         return self.status is RunStatus.COMPLETED
 
     @property
@@ -190,7 +184,7 @@ class Run(FrozenArrays):
             f"{self.torque_use[j]:>10.1%}"
             for j, name in enumerate(names)
         ]
-        return "\n".join(head + rows)
+        return "\n".join(head + rows + ([] if self.success else [self.status.advice]))
 
     def as_dict(self) -> dict[str, Any]:
         """Return status and numbers per joint for JSON (the series themselves go to CSV)."""
@@ -257,7 +251,7 @@ def load_run(pepper: Any, path: PathName, loads: Loads = ()) -> Run:
         loads: What the robot carried, which the file does not say; see `pepper_kin.collision.loads_of`.
 
     Returns:
-        The run, with status COMPLETED.
+        The run; its status is that of its end, since the file does not say what it touched.
 
     Raises:
         FileFormatError: naming path and line and what is wrong there.
@@ -277,6 +271,8 @@ def load_run(pepper: Any, path: PathName, loads: Loads = ()) -> Run:
     wrench[table[_KNOWN] == 0.0] = np.nan
     if time[0] != 0.0:
         raise FileFormatError(path, f"time begins at {float(time[0])!r}, expected 0", 2)
+    end = RunEnd(time, values["position"], values["velocity"][-1], values["reference_position"][-1])
+    status, message = status_of(pepper, end)
     return Run(
         names,
         pepper.joint_units,
@@ -287,6 +283,8 @@ def load_run(pepper: Any, path: PathName, loads: Loads = ()) -> Run:
         values["reference_position"],
         values["reference_velocity"],
         pepper.effort_limits,
+        status,
+        message,
         external_wrench=wrench,
         loads=held,
     )

@@ -31,9 +31,12 @@ from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joine
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, run_real_time
 from pepper_kin.twin.reference import sampled
-from pepper_kin.twin.run import Run, RunStatus
+from pepper_kin.twin.run import Run
+from pepper_kin.twin.run_status import RunEnd, RunStatus, status_of
 from pepper_kin.twin.segment import SegmentRunner
 from pepper_kin.twin.state import TwinState, diverged
+from pepper_kin.twin.world.ground import standing_on_ground
+from pepper_kin.twin.world.world import World
 
 LONGEST_ALONE = 30_000  # steps, after which the interpreter runs: interrupts are handled
 LONGEST_RUN = 500  # the same with a world
@@ -51,14 +54,17 @@ class Twin:
         feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
-        world: What the robot may touch; computes the load of each step.
+        world: What the robot may touch; computes the load of each step.  A `World` of the scene if omitted.
         sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
         substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
             its velocity.
         payload: Point masses at "left", "right" or a frame by name [kg], besides attached objects.
-        scene: The scene whose attached objects count with their mass; that of a `World` if omitted.
+        scene: What stands around the robot and moves there, which the robot cannot pass, and what is attached
+            to the robot, whose mass counts; that of a `World` if omitted.  With a `world` it counts only for
+            what is attached.
 
     Attributes:
+        world: What the robot may touch; None for nothing.
         loads: What the robot carries.  Feed-forward does not know it: it uses the robot as it is described,
             as a robot's controller does.
 
@@ -83,7 +89,9 @@ class Twin:
         self.pepper = pepper
         self.feedforward = check_choice("feedforward", feedforward, FEEDFORWARDS)
         self.actuators = actuators if actuators is not None else actuator_parameters(pepper)
-        self.world, self.sensors = world, sensors
+        self.world, self.sensors, self._own_world = world, sensors, None
+        if scene is not None and scene.objects and world is None:
+            self.world = self._own_world = World(pepper, standing_on_ground(pepper, scene))
         self.substeps = check_whole("substeps", substeps)
         self._timestep = check_timestep(timestep)
         check_joints(pepper, self.actuators)
@@ -128,7 +136,8 @@ class Twin:
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
         """Put the twin somewhere with cold motors and set its clock to zero; pushes stay.
 
-        What lies in a world stays where it lies, for `execute` resets too: see `twin.world.reset()`.
+        What lies in a world that was given stays where it lies, for `execute` resets too: see
+        `twin.world.reset()`.  What moves in the twin's scene is where it is at time 0.
 
         Args:
             q: Position [rad or m], shape (n,); the neutral posture (Stand) if omitted.
@@ -150,6 +159,8 @@ class Twin:
         feedforward = self._feedforward(position, rest, rest, rest)
         self._delay.fill(Command(position, rest, feedforward))
         self._integrator.reset()
+        if self._own_world is not None and self._own_world.scene.movers:
+            self._own_world.reset()
         held = self._integrator.gravity_torque(self._q) if self.feedforward == "gravity" else 0 * self._q
         held = np.where(self._torque_mode, 0.0, held)
         self._torque = self._integrator.present_torque(self._q, self._v, self._q, self._v, held)
@@ -257,8 +268,11 @@ class Twin:
                 it raises ends the run.
 
         Returns:
-            The run; where the state diverged, or the world could not do its step, its status is STOPPED,
-            its message names step, joint or contact, and cause, and it holds everything up to there.
+            The run.  Its status is COMPLETED where the robot ends on its reference (see `RunStatus`), and was
+            touched by nothing of the twin's scene; else its message names the joint, its distance from the
+            reference and what it touches.  Where the state diverged, or the world could not do its step, its
+            status is STOPPED, its message names step, joint or contact, and cause, and it holds everything up
+            to there.
 
         Raises:
             InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
@@ -369,6 +383,13 @@ class Twin:
                 wanted = self._integrator.wanted_torque(self._q, *command.row(count))
                 message = str(diverged(self.pepper.joint_names, step, at, before, after, wanted))
             time, *logged = (rows[:count] for rows in (time, *logged))
+        else:
+            position, velocity, _, *wrench = logged
+            reference = np.where(self._torque_mode, np.nan, command.position[-1])
+            end = RunEnd(time, position, velocity[-1], reference, wrench[0] if wrench else None)
+            status, message = status_of(
+                self.pepper, end, self.world, self.world is self._own_world, first * self.timestep
+            )
         part = slice(count)
         return Run(
             self.pepper.joint_names,

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import read_only
+from pepper_kin.arrays import BriefRepr, read_only
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
@@ -23,7 +23,7 @@ _RIGID_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Drawable:
+class Drawable(BriefRepr):
     """One solid in the scene.
 
     Attributes:

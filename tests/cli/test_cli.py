@@ -20,7 +20,7 @@ def test_demo_prints_a_table_and_writes_all_files(demo):
     for word in (
         "hand error",
         "duration",
-        "smallest clearance",
+        "clearance from obstacles",
         "peak torque",
         "tracking error",
         "KneePitch",
@@ -85,7 +85,7 @@ def test_boxes_are_avoided(run, tmp_path):
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert summary["obstacles"]["box1"]["position_m"] == [0.47, 0.05, 0.715]
-    assert summary["smallest_clearance_planned_m"] > 0
+    assert summary["clearance_planned_m"]["obstacles"] > 0
 
 
 @pytest.mark.parametrize(

@@ -93,9 +93,11 @@ def test_a_certificate_looks_at_its_own_times(pepper):
     scene = pk.Scene().add_sphere("ball", 0.1, (2.0, 0.0, 0.9), velocity=(-1.0, 0.0, 0.0))
     assert motion.check(pepper, scene).success
     late = motion.check(pepper, scene, start_time=1.6)
-    assert set(late.failures) == {"clearance"}
+    assert set(late.failures) == {"obstacle_clearance"}
     assert "ball" in late.report()
-    assert motion.check(pepper, scene.at(1.6)).clearance.value == pytest.approx(late.clearance.value)
+    assert motion.check(pepper, scene.at(1.6)).obstacle_clearance.value == pytest.approx(
+        late.obstacle_clearance.value
+    )
     with pytest.raises(InvalidValueError, match="start_time"):
         motion.check(pepper, scene, start_time=-1.0)
 

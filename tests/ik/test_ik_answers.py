@@ -218,10 +218,12 @@ def test_collision_states_its_clearance():
     assert "comes to point" in report
     check_stop(result, report, target)
     check_torque(result, report)
-    stated = float(re.search(r"clearance ([\d.]+) mm", report)[1])
-    assert result.clearance > 0
+    stated = float(re.search(r"clearance: ([\d.]+) mm from obstacles", report)[1])
+    assert result.clearance.least > 0
     assert "touches" not in report
-    assert stated == pytest.approx(1000 * float(pk.collision.clearance(PEPPER, result.q, TABLE)), abs=0.051)
+    assert stated == pytest.approx(
+        1000 * float(pk.collision.clearance(PEPPER, result.q, TABLE, to="obstacles")), abs=0.051
+    )
 
 
 def test_timed_out_states_how_far_it_came():

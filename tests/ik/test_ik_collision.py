@@ -20,8 +20,9 @@ def test_reaches_over_the_table_without_touching(solver):
         assert result.success, result.report()
         assert not pk.collision.in_collision(PEPPER, result.q, TABLE)
         assert result.in_collision is False
-        assert result.clearance == pytest.approx(float(pk.collision.clearance(PEPPER, result.q, TABLE)))
-        assert f"clearance {1000 * result.clearance:.1f} mm" in result.report()
+        for mine, to in ((result.clearance.itself, "self"), (result.clearance.obstacles, "obstacles")):
+            assert mine == pytest.approx(float(pk.collision.clearance(PEPPER, result.q, TABLE, to=to)))
+        assert f"clearance: {1000 * result.clearance.obstacles:.1f} mm from obstacles" in result.report()
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -58,7 +59,7 @@ def test_nothing_free_is_said():
     result = pk.ik.solve(PEPPER, pk.ik.LookAt((2.0, 0.5, 1.0)), scene=wall, restarts=2)
     assert result.status is IKStatus.CLOSEST_COLLISION
     assert result.in_collision is True
-    assert result.clearance < 0
+    assert result.clearance.obstacles < 0
     assert "it touches" in result.report()
 
 

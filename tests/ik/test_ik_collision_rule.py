@@ -72,10 +72,10 @@ def test_placements_and_certificates():
     )
     motion = pk.retime(PEPPER, [STAND, inward])
     certificate = motion.check(PEPPER)
-    assert certificate.clearance.value == pytest.approx(motion.check(PEPPER, pk.Scene()).clearance.value)
+    assert certificate.self_clearance.value == motion.check(PEPPER, pk.Scene()).self_clearance.value
     left_out = motion.check(PEPPER, collisions=False)
-    assert left_out.clearance is None
-    assert "clearance: not examined" in left_out.report()
+    assert left_out.self_clearance is None
+    assert "self clearance: not examined" in left_out.report()
 
 
 def test_misuse_is_refused_by_name():

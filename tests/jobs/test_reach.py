@@ -71,7 +71,7 @@ def test_figures_are_those_of_the_run(demo):
     np.testing.assert_allclose(list(figures["peak_torque_use"].values()), use)
     assert use.max() <= 1 + 1e-9
     assert figures["duration_s"] == outcome.trajectory.duration
-    assert figures["smallest_clearance_planned_m"] > 0
+    assert figures["clearance_planned_m"]["obstacles"] > 0
     assert 0.2 < figures["hand_path_length_m"] < 3
 
 

@@ -62,7 +62,7 @@ def test_drives_around_walls(cart, seed):
     plan = pk.plan(cart, cart.neutral(), there(cart), SCENE, seed=seed)
     assert plan.success, plan.report()
     assert plan.message.startswith("Drive of ")
-    assert plan.clearance > 0
+    assert plan.clearance.obstacles > 0
     np.testing.assert_array_equal(plan.path[0], cart.neutral())
     full_turns = (plan.goal - there(cart)) / (2 * np.pi)
     np.testing.assert_allclose(full_turns, [0, 0, np.round(full_turns[2]), 0], atol=1e-15)

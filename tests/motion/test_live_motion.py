@@ -133,7 +133,7 @@ def test_a_way_around_what_stands_is_planned(careful):
     a, b = (pk.kinematics.frame_pose(careful, q, "r_gripper")[:3, 3] for q in (start, goal))
     bar = pk.Scene().add_box("bar", (0.06, 0.3, 0.06), (a + b) / 2 + np.array([0.1, 0.0, 0.0]))
     straight = pk.retime(careful, [start, goal])
-    assert straight.check(careful, bar).clearance.value < 0.0
+    assert straight.check(careful, bar).obstacle_clearance.value < 0.0
     live = LiveMotion(careful, start, bar, budget=5.0)
     live.set_goal(goal)
     found = run(live, 12.0)
@@ -171,7 +171,7 @@ def test_a_given_way_that_is_not_clear_or_too_heavy_is_left(careful):
     hand = pk.kinematics.frame_pose(careful, careful.joint_vector({"LShoulderPitch": -0.5}), "l_gripper")
     ball = pk.Scene().add_sphere("ball", 0.1, hand[:3, 3])
     away = pk.retime(careful, [start, careful.joint_vector({"LShoulderPitch": -0.8}), goal])
-    assert away.check(careful, ball).clearance.value < 0.0
+    assert away.check(careful, ball).obstacle_clearance.value < 0.0
     jumps = pk.Trajectory(careful.joint_names, [0.0, 1.0], np.stack([start, goal - start])[None])
     for way in (away, jumps):
         live = LiveMotion(careful, start, ball, budget=2.0)

@@ -61,7 +61,10 @@ def test_motions_begin_with_the_velocity_and_keep_all_limits(pepper, boxes):
         assert np.allclose(before.velocity, after.velocity, rtol=0, atol=1e-6)
         certificate = motion.check(pepper, scene, balance=None)
         assert set(certificate.failures) <= {"balance"}, certificate.report()
-        assert plan.clearance == pytest.approx(certificate.clearance.value, abs=1e-6)
+        if scene is not None and scene.objects:
+            near = certificate.obstacle_clearance.value
+            assert plan.clearance.obstacles == pytest.approx(near, abs=1e-6)
+        assert plan.clearance.itself == pytest.approx(certificate.self_clearance.value, abs=1e-6)
         assert plan.path.shape == (len(motion.breaks), pepper.n)
         assert np.array_equal(plan.goal, motion.end)
     assert sum(way in HOW for way in ways) >= (14 if boxes else 22), ways
@@ -118,7 +121,7 @@ def test_toward_a_board(pepper):
         assert not plan.success or plan.trajectory.check(pepper, board).success
     assert said == ["straight", "after a stop", PlanStatus.START_TOO_FAST, PlanStatus.START_TOO_FAST]
     line = pk.Trajectory(pepper.joint_names, [0.0, 1.0], np.stack([start, velocity])[None])
-    assert line.stop(pepper, 0.0, scene=board).clearance <= 0.0
+    assert line.stop(pepper, 0.0, scene=board).clearance.obstacles <= 0.0
     touching = pk.Scene().add_box("wall", (0.2, 0.2, 0.02), hand)
     plan = pk.plan(pepper, start, goal, touching, start_velocity=velocity)
     assert plan.status is PlanStatus.START_IN_COLLISION

@@ -7,7 +7,7 @@ from pepper_kin.motion import Cost, OptimizedStatus, optimize
 from pepper_kin.motion.optimization.cost import figures_of
 
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
-PARTS = ("position", "velocity", "acceleration", "torque", "velocity_continuity", "clearance")
+PARTS = ("position", "velocity", "acceleration", "torque", "velocity_continuity", "self_clearance")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_motion_is_shorter_or_smoother_and_its_certificate_is_green(over_the_tab
     for part in PARTS:
         check = getattr(certificate, part)
         assert check.success, check.sentence()
-    assert found.clearance == pytest.approx(certificate.clearance.value, abs=2e-6)
+    assert found.clearance.obstacles == pytest.approx(certificate.obstacle_clearance.value, abs=2e-6)
 
 
 def test_accelerations_are_continuous_and_vanish_at_the_ends(over_the_table):
@@ -142,7 +142,7 @@ def test_balance_is_kept_where_asked(over_the_table):
     check = found.trajectory.check(pepper, TABLE)
     assert check.balance.success, check.balance.sentence()
     assert check.balance.value >= 0.005 - 1e-3
-    assert check.clearance.success
+    assert check.obstacle_clearance.success
 
 
 def test_joints_that_stand_still_in_the_path_stay_still():
@@ -163,7 +163,7 @@ def test_straight_line_through_an_obstacle_is_never_returned_as_improved():
     assert pk.collision.in_collision(pepper, dense, TABLE).any()
     found = optimize(pepper, straight, TABLE)
     if found.success:
-        assert found.trajectory.check(pepper, TABLE).clearance.success
+        assert found.trajectory.check(pepper, TABLE).obstacle_clearance.success
     else:
         assert found.trajectory is found.before
         assert found.report()
@@ -183,9 +183,9 @@ def test_straight_line_that_grazes_an_obstacle_is_repaired():
     assert pk.collision.in_collision(pepper, straight, scene).any()
     found = optimize(pepper, ends, scene)
     assert found.success, found.message
-    assert not found.before.check(pepper, scene).clearance.success
+    assert not found.before.check(pepper, scene).obstacle_clearance.success
     at_start = float(pk.collision.clearance(pepper, start, scene))  # the other wrist is near the pelvis
-    assert found.trajectory.check(pepper, scene).clearance.value >= min(0.005, 0.9 * at_start) > 0
+    assert found.trajectory.check(pepper, scene).obstacle_clearance.value >= min(0.005, 0.9 * at_start) > 0
 
 
 def test_too_short_a_duration_gives_the_motion_before(over_the_table):
@@ -194,7 +194,8 @@ def test_too_short_a_duration_gives_the_motion_before(over_the_table):
     assert found.status is OptimizedStatus.NO_ROOM
     assert found.trajectory is found.before
     assert "No motion of 0.05 s near the path keeps all limits." in found.message
-    assert found.clearance == pytest.approx(found.before.check(pepper, TABLE).clearance.value, abs=2e-6)
+    before = found.before.check(pepper, TABLE)
+    assert found.clearance.obstacles == pytest.approx(before.obstacle_clearance.value, abs=2e-6)
 
 
 def test_a_motion_that_is_given_is_slowed_to_the_scales_asked_for(over_the_table):
@@ -257,7 +258,7 @@ def test_limits_of_jerk_hold_at_every_time(over_the_table):
     limited = optimize(pepper, plan, TABLE, jerk="moderate", cost=Cost(jerk=1e-6))
     assert limited.success, limited.message
     certificate = limited.trajectory.check(pepper, TABLE, jerk="moderate")
-    for part in ("jerk", "acceleration_continuity", "acceleration", "torque", "clearance"):
+    for part in ("jerk", "acceleration_continuity", "acceleration", "torque", "self_clearance"):
         assert getattr(certificate, part).success, getattr(certificate, part).sentence()
     free = found.trajectory.check(pepper, TABLE, jerk="moderate")
     assert not free.jerk.success
@@ -280,7 +281,7 @@ def test_other_starts_go_round_what_the_straight_line_hits():
     one = optimize(pepper, ends, scene)
     many = optimize(pepper, ends, scene, starts=12)
     assert many.success, many.message
-    assert many.trajectory.check(pepper, scene).clearance.success
+    assert many.trajectory.check(pepper, scene).obstacle_clearance.success
     np.testing.assert_allclose(many.trajectory.end, goal, atol=1e-9)
     assert not one.success or many.descent.cost <= one.descent.cost
     again = optimize(pepper, ends, scene, starts=12)
@@ -300,5 +301,5 @@ def test_a_robot_without_bodies_is_optimized():
     )
     found = optimize(robot, [[0.0], [1.0]], cost=Cost(jerk=1e-3))
     assert found.success, found.report()
-    assert found.clearance == np.inf
+    assert found.clearance.least == np.inf
     assert found.trajectory.check(robot).success

@@ -40,7 +40,7 @@ def test_a_tray_stays_level_in_a_motion_that_is_cheaper(tray):
     assert worst_tilt(found.trajectory) <= 5.0
     assert np.degrees(found.constraint_errors[0]) == pytest.approx(worst_tilt(found.trajectory), abs=0.02)
     assert found.figures.cost(found.cost) < found.figures_before.cost(found.cost)
-    assert found.trajectory.check(PEPPER, POST).clearance.success
+    assert found.trajectory.check(PEPPER, POST).obstacle_clearance.success
     free = optimize(PEPPER, tray, POST)
     assert free.constraint_errors == ()
     assert worst_tilt(free.trajectory) > 5.0  # without the constraint the tray tips

@@ -37,6 +37,6 @@ def test_all_three_agree(solved):
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 def test_the_certificate_is_green(solved, solver):
     certificate = solved[solver].trajectory.check(PEPPER, TABLE)
-    for part in ("position", "velocity", "acceleration", "torque", "velocity_continuity", "clearance"):
+    for part in ("position", "velocity", "acceleration", "torque", "velocity_continuity", "self_clearance"):
         check = getattr(certificate, part)
         assert check.success, check.sentence()

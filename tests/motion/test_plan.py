@@ -272,7 +272,7 @@ def test_a_plan_that_stays_advises_nothing_that_refuses(pepper):
 def test_where_nothing_is_near_the_report_names_no_infinite_clearance(one_joint):
     report = pk.plan(one_joint, [0.0], [1.0]).report()
     assert "inf" not in report
-    assert "Nothing is near it." in report
+    assert "Clearance: no obstacles." in report
 
 
 def test_a_failure_counts_what_was_done_at_all_margins(one_joint):

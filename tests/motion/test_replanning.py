@@ -36,7 +36,7 @@ def test_ways_among_boxes_keep_all_limits(pepper):
             splice = replan(pepper, motion, at, goal, scene, torque=False)
         except InfeasibleError:
             stop = motion.stop(pepper, at, scene=scene, torque=False)
-            assert stop.clearance <= 0.0
+            assert stop.clearance.least <= 0.0
             continue
         ways.append(splice.how)
         found = splice.trajectory

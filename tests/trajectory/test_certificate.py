@@ -149,11 +149,14 @@ def test_tipping_is_found(pepper):
 
 def test_clearance_in_a_scene(pepper, trajectory):
     free = trajectory.check(pepper, pk.Scene())
-    assert free.clearance.value > 0
+    assert free.self_clearance.value > 0
+    assert free.obstacle_clearance is None
+    assert "obstacle clearance: not examined" in free.report()
     hand = pk.kinematics.frame_pose(pepper, trajectory(0.5 * trajectory.duration).position, "l_wrist")[:3, 3]
     blocked = trajectory.check(pepper, pk.Scene().add_sphere("ball", radius=0.01, position=hand))
-    assert blocked.failures == ("clearance",)
-    assert "ball" in blocked.clearance.sentence()
+    assert blocked.failures == ("obstacle_clearance",)
+    assert "ball" in blocked.obstacle_clearance.sentence()
+    assert blocked.self_clearance.value == free.self_clearance.value
 
 
 def test_other_robots_have_no_wheels_to_stand_on(pepper, trajectory):
@@ -178,14 +181,16 @@ def test_clearance_is_that_of_every_millisecond(pepper, seed):
     goal = np.clip(q + 0.3 * rng.normal(size=pepper.n), pepper.lower_limits, pepper.upper_limits)
     motion = pk.retime(pepper, [q, goal], torque=False)
     scene = pk.Scene().add_sphere("ball", radius=0.05, position=(0.35, 0.2, 0.8))
-    found = motion.check(pepper, scene).clearance
+    certificate = motion.check(pepper, scene)
+    checks = {"self": certificate.self_clearance, "obstacles": certificate.obstacle_clearance}
     at = motion.sample(0.001)
-    distance = pk.collision.clearance(pepper, at.position, scene)
     touching = pk.collision.in_collision(pepper, at.position, scene)
-    here = int(np.argmin(np.abs(at.time - found.time)))
-    assert distance[here] == pytest.approx(distance.min(), abs=2e-6)
-    assert found.value == pytest.approx(distance.min(), abs=2e-6)
-    assert found.success == (not touching.any())
+    for to, found in checks.items():
+        distance = pk.collision.clearance(pepper, at.position, scene, to=to)
+        here = int(np.argmin(np.abs(at.time - found.time)))
+        assert distance[here] == pytest.approx(distance.min(), abs=2e-6)
+        assert found.value == pytest.approx(distance.min(), abs=2e-6)
+    assert all(found.success for found in checks.values()) == (not touching.any())
 
 
 def test_neighbors_that_touch_fail_without_a_distance(pepper):
@@ -198,7 +203,7 @@ def test_neighbors_that_touch_fail_without_a_distance(pepper):
     hit = pk.collision.in_collision(pepper, q) & (pk.collision.clearance(pepper, q) > 0)
     assert hit.any()
     motion = pk.retime(pepper, [pepper.posture("Stand"), q[np.argmax(hit)]], torque=False)
-    found = motion.check(pepper, pk.Scene()).clearance
+    found = motion.check(pepper, pk.Scene()).self_clearance
     assert not found.success
     assert found.value == -1e-9
     assert "two neighboring links touch, by their joint ranges" in found.sentence()

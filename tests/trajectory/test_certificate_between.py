@@ -43,7 +43,7 @@ def test_what_touches_between_two_milliseconds_is_not_certified(pepper, swing, s
     scene = thin_plate(pepper, swing, at)
     times = at + np.arange(-60, 61) * 1e-5
     assert pk.collision.in_collision(pepper, swing(times).position, scene).any()
-    found = swing.check(pepper, scene).clearance
+    found = swing.check(pepper, scene).obstacle_clearance
     assert not found.success
     assert "VIOLATED" in found.sentence()
 
@@ -52,9 +52,9 @@ def test_what_keeps_a_millimeter_is_certified_with_a_bound_that_holds(pepper, sw
     for at in np.linspace(0.4, 0.6, 4) * swing.duration:
         scene = thin_plate(pepper, swing, at, gap=0.0012)
         times = at + np.arange(-400, 401) * 1e-5
-        least = pk.collision.least_clearance(pepper, swing(times).position, scene).distance
+        least = pk.collision.least_clearance(pepper, swing(times).position, scene, to="obstacles").distance
         assert 0.0 < least < 0.0025
-        found = swing.check(pepper, scene).clearance
+        found = swing.check(pepper, scene).obstacle_clearance
         assert found.success, found.sentence()
         assert 0.0 < found.margin <= least + 2e-6
         assert found.margin == pytest.approx(found.value - found.resolution)

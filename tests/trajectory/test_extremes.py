@@ -131,8 +131,8 @@ def test_the_zero_moment_point_and_distances_between_states_are_within_their_bou
     assert margin.min() >= found.balance.value - found.balance.resolution
     assert found.balance.resolution < 0.002
     near = trajectory(
-        np.clip(found.clearance.time + np.linspace(-0.001, 0.001, 201), 0.0, trajectory.duration)
+        np.clip(found.obstacle_clearance.time + np.linspace(-0.001, 0.001, 201), 0.0, trajectory.duration)
     )
-    distance = pk.collision.clearance(pepper, near.position, scene)
-    assert distance.min() >= found.clearance.value - found.clearance.resolution - 2e-6
-    assert 0 < found.clearance.resolution < 0.02
+    distance = pk.collision.clearance(pepper, near.position, scene, to="obstacles")
+    assert distance.min() >= found.obstacle_clearance.value - found.obstacle_clearance.resolution - 2e-6
+    assert 0 < found.obstacle_clearance.resolution < 0.02

@@ -173,7 +173,8 @@ def test_the_clearance_of_a_stop_is_that_of_its_check(pepper, trajectory):
     scene = pk.Scene().add_box("box", (0.2, 0.2, 0.2), (0.5, 0.2, 0.8))
     stop = trajectory.stop(pepper, 0.5 * trajectory.duration, scene=scene)
     found = stop.trajectory.check(pepper, scene)
-    assert stop.clearance == pytest.approx(found.clearance.value, abs=1e-5)
+    assert stop.clearance.itself == pytest.approx(found.self_clearance.value, abs=1e-5)
+    assert stop.clearance.obstacles == pytest.approx(found.obstacle_clearance.value, abs=1e-5)
 
 
 @pytest.mark.parametrize("how", ["path", "joints"])
@@ -214,8 +215,9 @@ def test_the_clearance_of_a_stop_is_that_to_where_obstacles_are_then(pepper):
     wanted = min(
         float(pk.collision.clearance(pepper, q, ball.at(at + t))) for q, t in zip(states, times, strict=True)
     )
-    assert found.clearance == pytest.approx(wanted, abs=1e-3)
-    assert found.clearance < motion.stop(pepper, at, scene=pk.Scene()).clearance
+    assert found.clearance.least == pytest.approx(wanted, abs=1e-3)
+    assert found.clearance.obstacles < found.clearance.itself
+    assert motion.stop(pepper, at, scene=pk.Scene()).clearance.obstacles == np.inf
     with pytest.raises(InvalidValueError, match="'ball' moving"):
         motion.replaced(pepper, at, motion.start, scene=ball)
 

@@ -279,9 +279,9 @@ def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, s
     motion = page.evaluate("pepperKin.values.motion")
     index = np.argmin(np.abs(np.array(motion["times"]) - 1.0))
     q = waving.positions[np.argmin(np.abs(waving.times - motion["times"][index]))]
-    assert motion["clearance"][index] == pytest.approx(float(pk.collision.clearance(pepper, q)), abs=1e-5)
+    assert motion["itself"][index] == pytest.approx(float(pk.collision.clearance(pepper, q)), abs=1e-5)
     page.wait_for_timeout(400)
-    for kind, limit, high in (("torque", 1.0, 1.0), ("speed", 1.0, 1.0), ("clearance", 0.0, 0.05)):
+    for kind, limit, high in (("torque", 1.0, 1.0), ("speed", 1.0, 1.0), ("itself", 0.0, 0.05)):
         values = np.array(motion[kind], dtype=float)
         assert values.min() >= 0
         top = 1.06 * max(high, values.max())

@@ -230,7 +230,7 @@ def test_a_motions_curves_are_those_of_dynamics_and_distance(pepper):
         *sides.T
     )
     assert curves.balance[k] == pytest.approx(inside.min(), abs=1e-6)
-    assert curves.clearance[k] == pytest.approx(float(pk.collision.clearance(pepper, position)))
+    assert curves.clearance["itself"][k] == pytest.approx(float(pk.collision.clearance(pepper, position)))
 
 
 def test_time_passes_only_while_something_moves(session, pepper):

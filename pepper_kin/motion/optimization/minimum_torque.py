@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
@@ -51,7 +51,7 @@ class MinimumTorqueStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class MinimumTorqueTrajectory:
+class MinimumTorqueTrajectory(BriefRepr):
     """The outcome of `minimum_torque_trajectory`.
 
     Attributes:

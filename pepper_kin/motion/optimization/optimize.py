@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene, least_clearance
+from pepper_kin.collision import Clearance, Scene, clearance_along
 from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
@@ -396,10 +396,10 @@ class _Judge:
         q = motion(times).position
         return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
 
-    def _measured(self, motion: Trajectory) -> Callable[[], float]:
-        """Return what measures the least distance along a motion at every millisecond, by coal [m]."""
+    def _measured(self, motion: Trajectory) -> Callable[[], Clearance]:
+        """Return what measures the least distances along a motion at every millisecond, by coal."""
         times = sample_times(motion.duration, examination_step(motion.duration))
-        return lambda: least_clearance(self.pepper, motion(times).position, self.scene).distance
+        return lambda: clearance_along(self.pepper, motion(times).position, self.scene)
 
     def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
         """Return the least distance along a motion [m], by the search; -inf where something touches.

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from pepper_kin.arrays import BriefRepr
+from pepper_kin.collision import Clearance
 from pepper_kin.motion.optimization.cost import Cost, Figures
 from pepper_kin.planners.optimization import LocalResult
 from pepper_kin.status import ResultStatus
@@ -24,7 +26,7 @@ class OptimizedStatus(ResultStatus):
 
 
 @dataclass(frozen=True, eq=False)
-class Optimized:
+class Optimized(BriefRepr):
     """The outcome of `optimize`.
 
     Attributes:
@@ -50,14 +52,14 @@ class Optimized:
     figures: Figures
     figures_before: Figures
     cost: Cost
-    evidence: Callable[[], float] | float
+    evidence: Callable[[], Clearance] | Clearance
     descent: LocalResult | None
     time: float
     constraint_errors: tuple[float, ...] = ()
 
     @cached_property
-    def clearance(self) -> float:
-        """Least distance of `trajectory` to the scene and between parts of the robot [m], by coal.
+    def clearance(self) -> Clearance:
+        """Least distances of `trajectory` to obstacles and between parts of the robot [m], by coal.
 
         Of every millisecond, measured when first asked for; by how much bodies may come nearer in between is
         the `resolution` that `check` states.

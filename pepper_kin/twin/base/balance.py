@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array, read_only
+from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.collision.loads import checked_loads, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads, carried_words
@@ -51,7 +51,7 @@ class BalanceEvent:
 
 
 @dataclass(frozen=True, eq=False)
-class BalanceReport:
+class BalanceReport(BriefRepr):
     """Balance over a motion; arrays are read-only.
 
     Attributes:

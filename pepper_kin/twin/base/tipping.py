@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.arrays import Array, BriefRepr, FrozenArrays, read_only
 from pepper_kin.core.simulation.tipping import Hinges, Rules, Tilts, follow_tilts
 from pepper_kin.dynamics import center_of_mass, centroidal_inertia, total_mass
 from pepper_kin.dynamics.load import Loads
@@ -68,7 +68,7 @@ class TippingRun(FrozenArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeMoments:
+class EdgeMoments(BriefRepr):
     """The robot as a body that hinges on an edge, over a motion.
 
     Attributes:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import ConvexMesh, HalfSpace, PointCloud, TriangleMesh
 from pepper_kin.collision.kept_size import MOST_BYTES, bytes_of, kept_within
 from pepper_kin.collision.mesh_file import file_state, read_mesh
@@ -42,7 +42,7 @@ _SOLIDS_IN_LEAF = 2
 
 
 @dataclass(frozen=True, eq=False)
-class RayHits:
+class RayHits(BriefRepr):
     """What rays met first.
 
     Attributes:

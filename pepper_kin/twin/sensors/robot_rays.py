@@ -8,7 +8,7 @@ from operator import is_
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import AttachedObject, HalfSpace, Scene, SceneObject
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.core.shading import TILES, Surfaces
@@ -23,7 +23,7 @@ _EMPTY = Scene()
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Sight(BriefRepr):
     """What rays met.
 
     Attributes:

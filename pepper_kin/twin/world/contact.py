@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.arrays import Array, BriefRepr, FrozenArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class WorldContact(FrozenArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class StepSolution:
+class StepSolution(BriefRepr):
     """Velocities after a step, and the impulses that made them.
 
     Attributes:

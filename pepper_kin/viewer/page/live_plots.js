@@ -1,6 +1,6 @@
 "use strict";
-// Small plots: torque and speed of each joint as shares of their limits, the smallest clearance, and how far inside
-// the wheels the zero-moment point is.  They show the last seconds, or the whole of a motion with a mark at its time.
+// Small plots: torque and speed of each joint as shares of their limits, the smallest distances to obstacles and of the
+// robot to itself, and how far inside the wheels the zero-moment point is.  They show the last seconds, or the whole of a motion with a mark at its time.
 class Plots {
   static SPAN = 12; // seconds
   static STEP = 100; // milliseconds between two paintings: curves cost more than a robot where there is no card
@@ -8,7 +8,8 @@ class Plots {
   static KINDS = {
     torque: { scale: 100, unit: "%", limit: 1, span: [0, 1] },
     speed: { scale: 100, unit: "%", limit: 1, span: [0, 1] },
-    clearance: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.05] },
+    obstacles: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.05] },
+    itself: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.05] },
     balance: { scale: 1000, unit: "mm", limit: 0, span: [0, 0.1] },
   };
 
@@ -59,10 +60,16 @@ class Plots {
     const say = (kind, text) => (document.getElementById(`plot-${kind}-reading`).textContent = text);
     for (const kind of ["torque", "speed"]) {
       const most = sample[kind].indexOf(Math.max(...sample[kind]));
-      say(kind, `${Axes.fixed(100 * sample[kind][most], 0)} % ${this.joints[most]}`);
+      const over = sample[kind][most] > 1 ? ", over its limit" : "";
+      say(kind, `${Axes.fixed(100 * sample[kind][most], 0)} % ${this.joints[most]}${over}`);
     }
+    // While the body follows, nothing limits torque: the plot shows what the motors would need.
+    const name = this.inMotion ? "Torque, share of limit" : "Torque needed, not limited";
+    document.getElementById("plot-torque-name").textContent = name;
     const length = (value) => (value === null ? "–" : `${Axes.fixed(1000 * value, 1)} mm`);
-    say("clearance", `${length(sample.clearance)} ${sample.pair.join(" – ")}`);
+    for (const kind of ["obstacles", "itself"]) {
+      say(kind, sample[kind] === null ? "none" : `${length(sample[kind])} ${sample.pairs[kind].join(" – ")}`);
+    }
     say("balance", length(sample.balance));
   }
 

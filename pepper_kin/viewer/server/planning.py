@@ -91,8 +91,8 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
     if trajectory is None:
         return Planned(f"{found.message} {found.advice}", None)
     report = (
-        f"A motion of {trajectory.duration:.2f} s is ready, within every limit and at least "
-        f"{1000 * found.clearance:.1f} mm clear of everything. Press play."
+        f"A motion of {trajectory.duration:.2f} s is ready, within every limit; clearance: "
+        f"{found.clearance.sentence()}. Press play."
     )
     frames = [task.frame for task in tasks if task.unit == "m" and task.frame is not None]
     return Planned(report, show_motion(pepper, trajectory, scene, "Planned motion", frames))

@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene, clearance, closest_pair, load_wrench, loads_of
+from pepper_kin.collision.checked_shapes import PairsTo
 from pepper_kin.collision.loads import center_of_mass_with, inverse_dynamics_with
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
@@ -20,6 +21,8 @@ from pepper_kin.viewer.joint_motion import ExecutedMotion, JointMotion, Playable
 
 KEPT = 300
 """Samples that pages which come later still see."""
+CLEARANCES: dict[str, PairsTo] = {"obstacles": "obstacles", "itself": "self"}
+"""The plots of clearance, and the pairs that count in each."""
 MOST_POINTS = 240
 """Points of a motion's curves: as many as a small plot has pixels."""
 
@@ -66,7 +69,7 @@ class Readings:
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
             scene: The world around the robot, with what it carries.
         """
-        pair, loads = closest_pair(self._pepper, q, scene), loads_of(self._pepper, scene)
+        loads = loads_of(self._pepper, scene)
         balance = balance_of(self._pepper, q[None], v[None], a[None], loads)
         torque = inverse_dynamics_with(self._pepper, loads, q, v, a)
         sample = {
@@ -74,9 +77,12 @@ class Readings:
             "torque": np.round(torque_use(self._pepper, torque), 4).tolist(),
             "speed": np.round(speed_use(self._pepper, v), 4).tolist(),
             "balance": _finite(balance)[0] if len(balance) else None,
-            "clearance": None if pair is None else round(float(pair.distance), 5),
-            "pair": [] if pair is None else list(pair.names),
+            "pairs": {},
         }
+        for name, to in CLEARANCES.items():
+            pair = closest_pair(self._pepper, q, scene, to=to)
+            sample[name] = None if pair is None else round(float(pair.distance), 5)
+            sample["pairs"][name] = [] if pair is None else list(pair.names)
         self._samples.append(sample)
         return sample
 
@@ -130,7 +136,7 @@ class Curves:
         times: Shape (k,) [s].
         torque: Share of the limit that each joint uses, shape (k, n).
         speed: Share of the velocity limit that each joint uses, shape (k, n).
-        clearance: Smallest distance to itself and the scene, shape (k,) [m].
+        clearance: Smallest distances by the plots of `CLEARANCES`, shape (k,) each [m].
         balance: How far inside the wheels the zero-moment point is, shape (k,) [m]; empty for a robot without
             such wheels.
     """
@@ -138,7 +144,7 @@ class Curves:
     times: Array
     torque: Array
     speed: Array
-    clearance: Array
+    clearance: dict[str, Array]
     balance: Array
 
     def as_dict(self) -> dict[str, Any]:
@@ -147,7 +153,7 @@ class Curves:
             "times": np.round(self.times, 4).tolist(),
             "torque": np.round(self.torque, 4).tolist(),
             "speed": np.round(self.speed, 4).tolist(),
-            "clearance": _finite(self.clearance),
+            **{name: _finite(distances) for name, distances in self.clearance.items()},
             "balance": _finite(self.balance),
         }
 
@@ -177,7 +183,8 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
         loads = getattr(executed, "loads", ())
         torque = np.asarray(executed.torque, dtype=float)[kept]
     return Curves(
-        times, torque_use(pepper, torque), speed_use(pepper, v), np.atleast_1d(clearance(pepper, q, scene)),
+        times, torque_use(pepper, torque), speed_use(pepper, v),
+        {name: np.atleast_1d(clearance(pepper, q, scene, to=to)) for name, to in CLEARANCES.items()},
         balance_of(pepper, q, v, a, loads),
     )  # fmt: skip
 
