@@ -105,10 +105,10 @@ class Recording:
                 wrench.append(unpack(chunk[key]) if key in chunk else np.zeros((count, 6)))
                 _check_shapes({key: wrench[-1]}, 6, count)
                 message = str(chunk["message"])
-                earlier = (
-                    RunStatus.STOPPED if message else RunStatus.COMPLETED
-                )  # of before statuses were kept
-                status = RunStatus(str(chunk["status"])) if "status" in chunk else earlier
+                # Of before statuses were kept.
+                word = "stopped" if message else "completed"
+                word = str(chunk["status"]) if "status" in chunk else word
+                status = RunStatus(word)  # type: ignore[call-arg]
                 before = np.concatenate([before[None], states["position"]])[-1]
         whole = {name: np.concatenate(parts) for name, parts in rows.items()}
         time: Array = self.timestep * np.arange(len(whole["position"]), dtype=float)
