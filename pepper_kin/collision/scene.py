@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.collision.attachment import attached, released
 from pepper_kin.collision.mesh_file import points_of, triangles_of
 from pepper_kin.collision.named_items import NamedItems
+from pepper_kin.collision.robot_motion import JointMotion, objects_of_robot
 from pepper_kin.collision.scene_object import (
     PALETTE,
     PLASTER,
@@ -41,9 +42,6 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.model.joint_vectors import as_finite, as_numbers
 from pepper_kin.model.shapes import rotation_to_axis, transform
-
-if TYPE_CHECKING:
-    from pepper_kin.collision.robot_motion import JointMotion
 
 VOXEL = 0.02
 """Edge of the cubes to which clouds are thinned by default [m]."""
@@ -373,8 +371,6 @@ class Scene:
                 a pose that is not rigid.
             ModelError: for a robot without collision shapes.
         """
-        from pepper_kin.collision.robot_motion import objects_of_robot
-
         self._check_new(name)
         grown, place = self, np.eye(4) if pose is None else pose
         for item in objects_of_robot(name, robot, q, place, number_of(name, "begin", begin), meshes):

@@ -17,6 +17,7 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access.atomic_file import write_bytes
 from pepper_kin.file_access.numpy_archive import read_arrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
+from pepper_kin.kinematics.reach_picture import save_reach_picture
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_batch, check_positive, check_seed, check_whole
 
@@ -130,8 +131,6 @@ class ReachMap(FrozenArrays):
             MissingDependencyError: where matplotlib is not installed.
             FileFormatError: where the file cannot be written.
         """
-        from pepper_kin.kinematics.reach_picture import save_reach_picture
-
         return save_reach_picture({self.frame if title is None else title: self}, path)
 
     def save(self, path: str | Path) -> Path:
