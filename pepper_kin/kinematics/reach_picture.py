@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.picture import new_figure, write_figure
-from pepper_kin.kinematics.reach_map import ReachMap
+
+if TYPE_CHECKING:
+    from pepper_kin.kinematics.reach_map import ReachMap
 
 VIEWS = (("from the side", 1, "x [m]", "z [m]"), ("from above", 2, "x [m]", "y [m]"))
 
