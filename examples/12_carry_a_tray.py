@@ -33,7 +33,7 @@ poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 tilts = np.arccos(np.clip(poses[:, :3, 2] @ up, -1.0, 1.0))
 clearance = pk.collision.clearance(pepper, q, scene, to="obstacles").min()
 print(
-    f"tilt up to {np.degrees(tilts.max()):.2f} deg, {1000 * clearance:.1f} mm off the scene at {len(q)} states"
+    f"tilt to {np.degrees(tilts.max()):.2f} deg, {1000 * clearance:.1f} mm off the scene at {len(q)} states"
 )
 assert plan.success
 assert tilts.max() <= tilt
