@@ -18,7 +18,7 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.learning.vector_env import PepperVectorEnv
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Samples, Trajectory
-from pepper_kin.twin import Twin
+from pepper_kin.twin import RunStatus, Twin
 from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.world import World
 
@@ -194,7 +194,7 @@ class _TwinBody:
         outer = None if load is None else np.repeat(load, len(position), axis=0)
         run = self._twin.follow(position, velocity, load=outer)
         self._states.append(np.stack([run.position, run.velocity])[:, 1:])
-        return np.array([run.success])
+        return np.array([run.status is not RunStatus.STOPPED])
 
     def hold(self) -> None:
         """Do nothing: a twin stands still between calls."""

@@ -353,8 +353,13 @@ class Body:
         return position, velocity, acceleration
 
     def _twin_with(self, parameters: ActuatorParameters) -> Twin:
+        """Return a twin that carries what is attached; scenes of a body change, and it meets none of them."""
         return Twin(
-            self.pepper, CYCLE / ROWS, feedforward="inverse_dynamics", actuators=parameters, scene=self.scene
+            self.pepper,
+            CYCLE / ROWS,
+            feedforward="inverse_dynamics",
+            actuators=parameters,
+            scene=None if self.scene is None else Scene(attached=self.scene.attached),
         )
 
     def _set_strength(self) -> None:

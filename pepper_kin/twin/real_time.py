@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import check_positive
+from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.state import TwinState
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def run_real_time(
             on_state(twin.state)
         end = time.perf_counter()
         busy.append(end - begin)
-        if not run.success:
+        if run.status is RunStatus.STOPPED:
             message = run.message
             late.append(max(end - due, 0.0))
             break
