@@ -11,9 +11,9 @@ up, tilt = np.array([0.0, 0.0, 1.0]), np.radians(5.0)
 level = pk.ik.AxisAlignment("LArm_effector", up, axis=(0, 0, 1), tolerance=tilt, label="tray")
 
 # Left of the post, with the palm level to begin with.
-ready = pepper.posture("Ready")
+stand = pepper.posture("Stand")
 tasks = [pk.ik.HandPosition("left", (0.28, 0.32, 0.85)), level]
-start = pk.ik.solve(pepper, tasks, start=ready, scene=scene, joints="left_arm")
+start = pk.ik.solve(pepper, tasks, start=stand, scene=scene, joints="left_arm")
 print(start.report())
 
 # To the right of it; the constraint is a task of the goal too.
@@ -32,8 +32,9 @@ q = spline.at(segments, within * np.diff(spline.breaks)[segments])
 poses = pk.kinematics.frame_pose(pepper, q, "LArm_effector")
 tilts = np.arccos(np.clip(poses[:, :3, 2] @ up, -1.0, 1.0))
 clearance = pk.collision.clearance(pepper, q, scene, to="obstacles").min()
-tilt = np.degrees(tilts.max())
-print(f"tilt up to {tilt:.2f} deg, {1000 * clearance:.1f} mm off the scene at {len(q)} states")
+print(
+    f"tilt to {np.degrees(tilts.max()):.2f} deg, {1000 * clearance:.1f} mm off the scene at {len(q)} states"
+)
 assert plan.success
 assert tilts.max() <= tilt
 assert clearance > 0
