@@ -49,7 +49,7 @@ def test_what_robots_are_sent_passes(nod, export):
     with pytest.raises(InvalidValueError, match="one that fails"):
         export(nod.scaled(0.2))
     assert tuple(export(nod)[0]) == nod.joint_names
-    with pytest.raises(TypeError, match="no argument 'blance' .did you mean 'balance'"):
+    with pytest.raises(TypeError, match=r"no argument 'blance' .did you mean 'balance'"):
         export(nod, blance=0.01, unchecked=True)
 
 
