@@ -76,7 +76,7 @@ class BriefRepr:
         """Set the method before `dataclass` looks for one."""
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
-            cls.__repr__ = brief  # type: ignore[method-assign, assignment]
+            cls.__repr__ = brief  # type: ignore[method-assign]
 
 
 def brief(value: Any) -> str:
