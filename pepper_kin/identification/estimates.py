@@ -9,11 +9,11 @@ import numpy as np
 
 from pepper_kin import dynamics
 from pepper_kin.arrays import Array, FrozenArrays, kept_read_only
-from pepper_kin.collision.loads import HANDS
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.base_parameters import base_parameters
 from pepper_kin.identification.recorded_motion import CUTOFF, RecordedMotion, Solution, recorded_motion, solve
 from pepper_kin.model import PepperModel
+from pepper_kin.model.at_frames import HANDS
 from pepper_kin.model.moving_tree import moving_tree
 from pepper_kin.twin.run import Run
 

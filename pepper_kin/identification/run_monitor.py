@@ -35,7 +35,6 @@ import numpy as np
 
 from pepper_kin import dynamics, kinematics
 from pepper_kin.arrays import Array
-from pepper_kin.collision.loads import HANDS
 from pepper_kin.dynamics.newton_euler import GRAVITY
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.fit import used_readings
@@ -43,6 +42,7 @@ from pepper_kin.identification.replay import replay
 from pepper_kin.identification.robot_log import RobotLog
 from pepper_kin.identification.stretches import NEAR_LIMIT, Tolerance
 from pepper_kin.model import PepperModel
+from pepper_kin.model.at_frames import HANDS
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.base import OmniBase, arc_between
 from pepper_kin.twin.joint_response import JointResponse, joint_response

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision.loads import HANDS, load_parameters, loads_of
+from pepper_kin.collision.loads import load_parameters, loads_of
 from pepper_kin.dynamics.load import Load
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model import PepperModel
+from pepper_kin.model.at_frames import HANDS
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.twin.actuators import QUANTITIES, ActuatorParameters
 
