@@ -10,8 +10,8 @@ import pytest
 from numpy.polynomial import polynomial
 
 import pepper_kin as pk
-from pepper_kin.collision.loads import HANDS
 from pepper_kin.exceptions import InfeasibleError, PepperKinError
+from pepper_kin.model.at_frames import HANDS
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import NAMED, jerk_limits
