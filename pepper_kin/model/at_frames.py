@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import TypeAlias
 
@@ -63,10 +62,9 @@ def carrying(pepper: PepperModel, payload: Mapping[str, float] | None) -> Pepper
 
 @kept_for_robot(most=8)
 def _with_masses(pepper: PepperModel, masses: AtFrames) -> PepperModel:
-    loaded = copy.deepcopy(pepper)
-    model = loaded.pinocchio_model
+    model = pepper.pinocchio_model
     for name, mass in masses:
         frame = model.frames[pepper.frame_id(name)]
         point = pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
         model.appendBodyToJoint(frame.parentJoint, point, frame.placement)
-    return loaded
+    return pepper.with_pinocchio_model(model)

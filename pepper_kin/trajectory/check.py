@@ -387,7 +387,7 @@ def _clearance(
         detail = "two neighboring links touch, by their joint ranges"
     if bound <= 0.0 < worst:
         detail += ", too small to prove that nothing touches"
-    if to == "obstacles" and is_left_empty(scene):
+    if to == "self" and is_left_empty(scene):
         detail += f" ({LEFT_EMPTY})"
     name = "obstacle_clearance" if to == "obstacles" else "self_clearance"
     between = worst - bound if np.isfinite(worst) else 0.0

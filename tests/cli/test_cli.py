@@ -152,7 +152,7 @@ def test_export_with_meshes_beside_it_loads_in_mujoco(run, tmp_path):
     done = run("export", "mjcf", "--mesh-paths", "relative", "-o", "here/pepper.xml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "here" / "pepper.xml"))
-    assert model.nu == 15
+    assert model.nu == 30  # position and velocity of each joint
     assert (tmp_path / "here" / "meshes").is_dir()
 
 

@@ -97,9 +97,9 @@ def test_certificates_and_verdicts_count_where_it_is_then():
             for t in times
         ]
         assert touched.tolist() == theirs
-        assert found.clearance.success == (not any(theirs))
-    assert rows[0.0].clearance.success
-    assert not rows[2.0].clearance.success
+        assert found.obstacle_clearance.success == (not any(theirs))
+    assert rows[0.0].obstacle_clearance.success
+    assert not rows[2.0].obstacle_clearance.success
 
 
 def test_speed_bounds_hold_for_every_point():

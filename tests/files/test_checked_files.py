@@ -111,14 +111,14 @@ def test_the_conditions_of_the_certificate_are_those_given(reach, tmp_path):
         with pytest.raises(InvalidValueError, match=f"one that fails .*{name.replace('payload', 'torque')}"):
             save(reach[1], tmp_path / "a.npz", **{name: value})
     below = pk.Scene().add_box("block", size=(0.2, 0.2, 0.2), position=(0.0, 0.0, 0.8))
-    with pytest.raises(InvalidValueError, match="one that fails clearance"):
+    with pytest.raises(InvalidValueError, match="one that fails obstacle_clearance"):
         save(reach[1], tmp_path / "a.csv", scene=below)
 
 
 def test_what_is_around_the_robot_and_what_it_holds_count(pepper, nod, tmp_path):
     head = pk.kinematics.frame_pose(pepper, nod.start, "Head")[:3, 3]
     scene = pk.Scene().add_sphere("ball", radius=0.1, position=head)
-    with pytest.raises(InvalidValueError, match="one that fails clearance"):
+    with pytest.raises(InvalidValueError, match="one that fails obstacle_clearance"):
         save(nod, tmp_path / "nod.yaml", scene=scene)
     with pytest.raises(InvalidValueError, match="one that fails torque"):
         save(nod, tmp_path / "nod.yaml", payload={"left": 5.0})

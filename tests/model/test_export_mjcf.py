@@ -193,7 +193,7 @@ def test_a_motor_without_the_torque_lets_the_arm_sink_as_on_the_twin():
     """The sum of servo and gravity's torque is limited; MuJoCo's step damps a saturated servo by h Kd."""
     pepper = pk.load_pepper().with_limits(effort={"RShoulderPitch": 0.5})
     raised = pepper.joint_vector({"RShoulderPitch": 0.2})
-    motion = pk.Trajectory.from_positions([0.0, 0.3], [raised, raised], pepper)
+    motion = pk.Trajectory.from_positions(pepper, [0.0, 0.3], [raised, raised])
     sunk = np.abs(pk.Twin(pepper).execute(motion).position[-1] - raised).max()
     assert sunk > 0.2
     assert greatest_distance(pepper, motion, 1e-4) < 0.03 * sunk

@@ -171,7 +171,8 @@ def test_pictures_are_those_of_the_twins_camera(broker):
     assert angles[0] == -angles[2] == pytest.approx(0.48, abs=0.05)
     deep = video.getImageRemote(video.subscribeCamera("test", 2, 1, 17, 10))
     millimeters = np.frombuffer(deep[6], "<u2").reshape(240, 320)
-    assert millimeters[200, 160] > 300
+    assert 4000 < millimeters[235, 160] < 5000  # the floor
+    assert millimeters[200, 160] == 0  # beyond the camera's range
     gray = video.getImageRemote(video.subscribeCamera("test", 1, 0, 0, 10))
     assert len(gray[6]) == 160 * 120
     assert video.unsubscribe(handle)

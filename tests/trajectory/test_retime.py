@@ -276,7 +276,7 @@ def test_refused_options(pepper):
         ({"torque_scale": float("nan")}, "torque_scale: got nan"),
         ({"gridpoints": 1}, "gridpoints: got 1"),
         ({"gridpoints": 10.5}, "gridpoints: got 10.5"),
-        ({"solver": "magic"}, "solver: got 'magic', expected one of 'fast', 'toppra'"),
+        ({"solver": "magic"}, "solver: got 'magic', expected one of 'robot', 'fast', 'toppra'"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             retime(pepper, [q, goal], **options)

@@ -73,7 +73,7 @@ def test_late_and_off_reference(pepper, reach):
 def test_status_survives_files(pepper, reach, tmp_path):
     """A saved run is as far from its reference as it was; a recording keeps the status itself."""
     run = pk.Twin(pepper, scene=WALL).execute(reach)
-    assert not pk.twin.load_run(run.save(tmp_path / "run.csv"), pepper).success
+    assert not pk.twin.load_run(pepper, run.save(tmp_path / "run.csv")).success
     recorder = pk.twin.Recorder(pk.Twin(pepper, scene=WALL), tmp_path / "recording", chunk=0.2)
     twin = recorder.twin
     twin.reset(reach(0.0).position)

@@ -175,7 +175,8 @@ def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, 
     page.click("#plan")
     until(page, "pepperKin.values.motion !== null", 60)
     assert re.match(
-        r"A motion of \d\.\d\d s is ready, .* \d\.\d mm clear of everything", page.inner_text("#message")
+        r"A motion of \d\.\d\d s is ready, .*; clearance: \d+\.\d mm from obstacles, \d\.\d mm from itself",
+        page.inner_text("#message"),
     )
     ghost = "pepperKin.viewer.scene_tree.find(['ghost']).object.children.length"
     assert page.evaluate(ghost) > 0
