@@ -300,9 +300,7 @@ def test_no_curve_in_a_file_breaks_a_limit_of_its_certificate(amount, rng, tried
     assert counts["written"] > 0.2 * want, counts
 
 
-@pytest.mark.parametrize(
-    "fault", ["position", "velocity", "acceleration", "torque", "balance", "obstacle_clearance"]
-)
+@pytest.mark.parametrize("fault", ["position", "velocity", "acceleration", "torque", "balance", "clearance"])
 def test_the_examination_of_files_finds_a_planted_fault(fault):
     """The oracle itself, on a motion that keeps everything, and on one that does not."""
     pepper = pk.load_pepper()
@@ -316,7 +314,7 @@ def test_the_examination_of_files_finds_a_planted_fault(fault):
         "acceleration": still._replace(a=still.a + 1e3),
     }
     scene = pk.Scene()
-    if fault == "obstacle_clearance":
+    if fault == "clearance":
         scene = scene.add_box("box", size=(0.2, 0.2, 0.2), position=(0.0, 0.0, 0.8))
     given = {"torque": {"payload": {"left": 9.0}}, "balance": {"balance": 0.2}}.get(fault, {})
     assert broken(pepper, bad.get(fault, still), scene, given).startswith(fault)
