@@ -56,7 +56,7 @@ class Movers:
             places[:, k, 4] = np.arctan2(-poses[:, 2, 0], np.hypot(poses[:, 0, 0], poses[:, 1, 0]))
             places[:, k, 5] = np.arctan2(poses[:, 2, 1], poses[:, 2, 2])
         places[:, :, 3:] = np.unwrap(places[:, :, 3:], axis=0)
-        return self.joined(q, places.reshape(len(times), -1))
+        return self.joined(q, places.reshape(len(times), len(self.items) * _PLACE))
 
     def joined(self, own: Array, places: Array) -> Array:
         """Return numbers of the robot's own joints, shape (T, n), and of places, (T, 6 k), as one row."""
