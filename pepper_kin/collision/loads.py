@@ -24,7 +24,7 @@ from pepper_kin.collision.scene import Scene
 from pepper_kin.dynamics.load import PARAMETERS, STATIC_PARAMETERS, Load, Loads
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.at_frames import HANDS, at_frames
+from pepper_kin.model.at_frames import HANDS, at_frames, with_inertias
 from pepper_kin.model.joint_vectors import shown
 from pepper_kin.model.moving_tree import moving_tree
 
@@ -72,19 +72,9 @@ def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
     return tuple(loads)
 
 
-@kept_for_robot(most=8)
 def carrying(pepper: PepperModel, loads: Loads) -> PepperModel:
-    """Return the robot with what it carries added to Pinocchio's model of it."""
-    if not loads:
-        return pepper
-    import pinocchio
-
-    model = pepper.pinocchio_model
-    for load in loads:
-        frame = model.frames[pepper.frame_id(load.frame)]
-        inertia = pinocchio.Inertia(load.mass, np.array(load.center), load.tensor)
-        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
-    return pepper.with_pinocchio_model(model)
+    """Return the robot with what it carries added to Pinocchio's model of it, the same one at each call."""
+    return with_inertias(pepper, tuple((one.frame, one.mass, one.center, one.inertia) for one in loads))
 
 
 def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:

@@ -17,6 +17,9 @@ pinocchio = lazy_module("pinocchio")
 AtFrames: TypeAlias = tuple[tuple[str, float], ...]
 """A positive number for each of some frames."""
 
+AtFrame: TypeAlias = tuple[str, float, tuple[float, ...], tuple[float, ...]]
+"""Frame, mass [kg], center of mass in its axes [m], and xx, xy, xz, yy, yz, zz about that [kg m^2]."""
+
 HANDS = {"left": "LArm_effector", "right": "RArm_effector"}
 """Frames that "left" and "right" stand for."""
 
@@ -56,15 +59,20 @@ def carrying(pepper: PepperModel, payload: Mapping[str, float] | None) -> Pepper
         InvalidValueError: for a mass that is not a finite number above 0.
         UnknownNameError: for a frame that the robot lacks.
     """
+    none = (0.0, 0.0, 0.0)
     masses = at_frames(pepper, "payload", payload, "kg")
-    return _with_masses(pepper, masses) if masses else pepper
+    return with_inertias(pepper, tuple((frame, mass, none, (*none, *none)) for frame, mass in masses))
 
 
 @kept_for_robot(most=8)
-def _with_masses(pepper: PepperModel, masses: AtFrames) -> PepperModel:
+def with_inertias(pepper: PepperModel, inertias: tuple[AtFrame, ...]) -> PepperModel:
+    """Return a robot with rigid objects at frames as parts of its links."""
+    if not inertias:
+        return pepper
     model = pepper.pinocchio_model
-    for name, mass in masses:
+    for name, mass, center, (xx, xy, xz, yy, yz, zz) in inertias:
         frame = model.frames[pepper.frame_id(name)]
-        point = pinocchio.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-        model.appendBodyToJoint(frame.parentJoint, point, frame.placement)
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertia = pinocchio.Inertia(mass, np.array(center), tensor)
+        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     return pepper.with_pinocchio_model(model)

@@ -348,6 +348,8 @@ class Integrator:
         with self._turn:
             tables = self._simulator.tables
             outcome = rollout(Span(steps, every, 0, 1), tables, self._space, inputs, state, log, world)
+            if good[0] < steps:
+                self._simulator.reraise()
         kept = (position, velocity, torque)
         return Series(position[1:], velocity[1:], torque[1:], int(good[0]) // every, int(outcome), kept)
 
@@ -371,6 +373,8 @@ class Integrator:
             raise InvalidValueError("state, command and load", got, wanted) from None
         single.log.good[0] = 1
         outcome = rollout(_ONE, tables, self._space, single.inputs, single.state, single.log, world)
+        if not single.log.good[0]:
+            self._simulator.reraise()
         position, velocity, torque = single.step_output.copy()
         return Series(position, velocity, torque, int(single.log.good[0]), outcome)
 

@@ -70,6 +70,7 @@ class PythonKernel:
     def __init__(self, function: Callable[[Array, Array], None]) -> None:
         self._function = function
         self._sizes = (0, 0)
+        self._raised: BaseException | None = None
         self._callback = _CALLED(self._call)
 
     def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
@@ -80,8 +81,17 @@ class PythonKernel:
     def _call(self, read: int, written: int, work: int) -> None:
         inputs, outputs = self._sizes
         result = floats_at(written, outputs)
-        result[:] = np.nan  # what fails diverges, and is reported
-        self._function(floats_at(read, inputs), result)
+        result[:] = np.nan  # what fails ends the run, and `reraise` says why
+        try:
+            self._function(floats_at(read, inputs), result)
+        except BaseException as error:  # Ctrl-C too: nothing may pass through compiled code
+            self._raised = self._raised or error
+
+    def reraise(self) -> None:
+        """Raise what the function has raised first since the last time, and forget it."""
+        error, self._raised = self._raised, None
+        if error is not None:
+            raise error
 
 
 def pinocchio_steps(

@@ -30,6 +30,7 @@ from pepper_kin.core.simulation.shaped_steps import (
 )
 from pepper_kin.kernels.threads import run_in_pieces
 from pepper_kin.model import PepperModel
+from pepper_kin.twin.pinocchio_step import PythonKernel
 from pepper_kin.twin.step_kernel import Variant, mass_places, parameters, step_kernels
 
 if TYPE_CHECKING:
@@ -196,6 +197,7 @@ class Simulator:
             progress(min(rows // _WEIGHT, self.robots), self.robots)
 
         run_in_pieces(state.shape[1] * weight, threads, weight, work, _most(steps), tell)
+        self.reraise()
         return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
     def delay(self, ticks: NDArray[np.int64]) -> None:
@@ -250,6 +252,7 @@ class Simulator:
                 shaped_steps(span, self.tables, space, blocks, sent, worlds.bodies, world, good)
 
         run_in_pieces(blocks.shape[1] * weight, threads, weight, work, _most(steps))
+        self.reraise()
         self._clock += steps
         q, v, torque = (self._robots(blocks[part]) for part in (POSITION, VELOCITY, EFFORT))
         return q, v, torque, good
@@ -266,6 +269,12 @@ class Simulator:
         for name, part in self.checkpoint().items():
             part[...] = found[name]
         self._clock = int(found["clock"])
+
+    def reraise(self) -> None:
+        """Raise what a step by Pinocchio has raised, such as KeyboardInterrupt; its state is not sound."""
+        for kernel in self._kernels:
+            if isinstance(kernel, PythonKernel):
+                kernel.reraise()
 
     def workspace(self) -> StepWorkspace:
         """Return the arrays of one thread."""

@@ -31,7 +31,7 @@ class _Command:
 
 
 class MeshcatScene:
-    """What `Viewer.in_meshcat` has drawn, which moves as it is told.
+    """A drawing made by `Viewer.in_meshcat`, in which `display` and `play` move the robot.
 
     Args:
         visualizer: A `meshcat.Visualizer`, or a part of one.

@@ -158,3 +158,18 @@ def test_a_plan_writes_no_margins_where_nothing_is_compiled():
     empty = np.empty(0)
     set_margins.python(empty, 0.01, 0.0, 0.1)  # in Python, where an index is checked
     assert empty.size == 0
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_what_a_step_raises_ends_the_run_as_itself(monkeypatch, many):
+    """Ctrl-C within Pinocchio was printed, and the run called diverged."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    q = BY_THE_FIELD.posture("Stand")
+    twin = pk.Twin(BY_THE_FIELD)
+    twin.step(q)
+    monkeypatch.setattr(pinocchio_step.pinocchio, "aba", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        twin.execute(motion_of(FAST)) if many else twin.step(q)
