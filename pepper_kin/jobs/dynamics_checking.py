@@ -129,7 +129,7 @@ def _forms(
     return {
         **one_by_one,
         "symbolic": np.array(results).reshape(shape),
-        "batch": np.asarray(batched),
+        "batch": np.reshape(batched, shape),  # a matrix of one column comes as a vector
     }
 
 

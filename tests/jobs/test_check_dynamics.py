@@ -1,6 +1,5 @@
 import functools
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -44,11 +43,6 @@ def arm(mass=1.0):
     return pk.load_robot(ARM.format(mass=mass))
 
 
-def calls(module):
-    """Return whether a module of the library calls Pinocchio by that name."""
-    return getattr(module, "__name__", "").startswith("pepper_kin.") and "pinocchio" in vars(module)
-
-
 def failing(check):
     return {name.rsplit(" (", 1)[0] for name in check.failures}
 
@@ -66,6 +60,14 @@ def test_a_sound_robot_passes():
         assert 0 < max(row.errors.values()) <= row.limit
     assert set(check.rows[-1].errors) == {"pinocchio", "compiled"}
     assert 0 < max(check.rows[-1].errors.values()) < 1e-9
+
+
+def test_a_robot_of_one_joint_passes():
+    """Its Jacobians have one column, which batches return as vectors: the check ended in a traceback."""
+    one = ARM.format(mass=1).replace('"elbow" type="revolute"', '"elbow" type="fixed"')
+    check = check_dynamics(pk.load_robot(one), states=5)
+    assert check.success, check.report()
+    assert check.joints == 1
 
 
 def test_the_same_seed_gives_the_same_numbers():
@@ -97,24 +99,6 @@ def test_a_wrong_mass_in_the_symbolic_form_is_named(monkeypatch):
     }  # fmt: skip
     assert check.report().splitlines()[-1].startswith("Beyond the limit: inverse dynamics (symbolic), ")
     assert " !" in check.report()
-
-
-@pytest.mark.parametrize(
-    "called",
-    ["rnea", "crba", "aba", "computeFrameJacobian", "jacobianCenterOfMass", "computeRNEADerivatives"],
-)
-def test_the_column_of_pinocchio_calls_it(monkeypatch, called):
-    """Each function of Pinocchio by itself is missed where it gives something else."""
-
-    def broken(*args):
-        raise RuntimeError(f"{called} was called")
-
-    robot = arm()
-    users = {id(vars(m)["pinocchio"]): vars(m)["pinocchio"] for m in list(sys.modules.values()) if calls(m)}
-    for user in users.values():
-        monkeypatch.setattr(user, called, broken)
-    with pytest.raises(RuntimeError, match=f"{called} was called"):
-        check_dynamics(robot, states=2)
 
 
 def test_a_wrong_mass_in_one_state_at_a_time_is_named_and_keeps_its_energy(monkeypatch):
