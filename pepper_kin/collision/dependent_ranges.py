@@ -56,8 +56,8 @@ class DependentRange(FrozenArrays):
             x: Positions of the first joint [rad], shape (...,).
         """
         last = len(self.positions) - 1
-        below = np.clip(np.searchsorted(self.positions, x, side="right") - 1, 0, last)
-        above = np.clip(np.searchsorted(self.positions, x, side="left"), 0, last)
+        below = np.maximum(np.searchsorted(self.positions, x, side="right") - 1, 0)
+        above = np.minimum(np.searchsorted(self.positions, x, side="left"), last)
         lower = np.maximum(self.lower[below], self.lower[above])
         return lower, np.minimum(self.upper[below], self.upper[above])
 

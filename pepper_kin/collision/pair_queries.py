@@ -14,6 +14,10 @@ MOST_KEPT = 20_000
 """Most pairs that Pinocchio keeps requests and results of: its table of pairs grows with the square of the
 shapes, and is copied for each of them."""
 
+MOST_COMPARED = 100
+"""Bodies whose boxes are all compared with one another; a tree of them, which is made anew for each state,
+takes twice as long for 41 bodies, as long for 120."""
+
 
 class KeptPairs:
     """Pairs of which Pinocchio keeps requests and results; a broad phase finds those that touch.
@@ -31,7 +35,8 @@ class KeptPairs:
         self._kept, self._round = self._data(), round_pairs(shapes)
         self._better: dict[int, Any] = {}
         # The broad phase takes over the margins when it is made.
-        broad = pinocchio.BroadPhaseManager_DynamicAABBTreeCollisionManager
+        kind = "Naive" if len(shapes.bodies) <= MOST_COMPARED else "DynamicAABBTree"
+        broad = getattr(pinocchio, f"BroadPhaseManager_{kind}CollisionManager")
         self._broad_phase = broad(model, shapes.model, self._kept)
         self._without_box = None
         if len(shapes.without_box):

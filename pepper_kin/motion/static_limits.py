@@ -24,7 +24,7 @@ from pepper_kin.collision.loads import (
 from pepper_kin.core.collision.curve_check import LONGEST
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.kernel_batch import evaluate
-from pepper_kin.dynamics import gravity_torque, total_mass
+from pepper_kin.dynamics import base_wrench, gravity_torque, total_mass
 from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
 from pepper_kin.dynamics.mass import joint_masses
 from pepper_kin.dynamics.support_polygon import checked_balance
@@ -141,12 +141,13 @@ class StaticLimits:
             margin: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
         """
         if self.pepper.solvers != "fast":
-            still, torque = np.zeros_like(q), gravity_torque(carrying(self.pepper, self.carrying), q)
-            held = (np.abs(torque) <= self.effort_limits).all(axis=1)
-            polygon = support_polygon(self.pepper)
-            if self.balance is not None and polygon is not None:
-                inside = balance_margin(self.pepper, polygon, q, still, still, self.carrying)
-                held &= inside >= self.balance + margin
+            robot = carrying(self.pepper, self.carrying)
+            held = (np.abs(gravity_torque(robot, q)) <= self.effort_limits).all(axis=1)
+            if self.balance is not None:
+                placed = q.copy()
+                placed[:, self._base] = 0.0
+                wrench = base_wrench(robot, placed, np.zeros_like(q), np.zeros_like(q))
+                held &= (wrench[:, _WRENCH] @ self._edges(margin).T >= 0.0).all(axis=1)
             return np.asarray(held)
         n, inputs, carried = self.pepper.n, np.ascontiguousarray(q), self._parameters.static
         if carried.size:
@@ -249,10 +250,25 @@ class StaticLimits:
 
     def _edges(self, margin: float) -> Array:
         """Return what the floor's force and moments are multiplied with, shape (k, 3)."""
-        polygon = support_polygon(self.pepper)
-        if self.balance is None or polygon is None:
-            return np.empty((0, EDGE_NUMBERS))
-        return np.asarray(moment_matrix(polygon, self.balance + margin)[_WRENCH].T)
+        found = self._known_edges.get(margin)
+        if found is None:
+            polygon = support_polygon(self.pepper)
+            if self.balance is None or polygon is None:
+                found = np.empty((0, EDGE_NUMBERS))
+            else:
+                found = np.asarray(moment_matrix(polygon, self.balance + margin)[_WRENCH].T)
+            self._known_edges[margin] = found
+        return found
+
+    @cached_property
+    def _known_edges(self) -> dict[float, Array]:
+        """`_edges` of the margins that were asked for: `ROOM_TO_MOVE`, `ROOM_ALONG` and few more."""
+        return {}
+
+    @cached_property
+    def _base(self) -> list[int]:
+        """Places of the base's joints: a robot at rest stands as well wherever its base is."""
+        return [self.pepper.joint_index(joint) for joint in BASE_JOINTS] if moves_base(self.pepper) else []
 
     def _carried_masses(self) -> Array:
         """Return the mass that each joint carries [kg], shape (n,)."""

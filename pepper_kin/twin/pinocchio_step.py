@@ -10,26 +10,15 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable
-from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.loads import carrying
-from pepper_kin.core.simulation.actuator_model import (
-    CREEP,
-    drive_segment,
-    encoder_reading,
-    friction_segment,
-    servo_feedback,
-    servo_gain,
-    speed_torque_line,
-)
-from pepper_kin.core.simulation.implicit_step import RUNAWAY, SAME_FORCE
 from pepper_kin.dynamics.load import PARAMETERS, Load
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.compiled_function import CompiledFunction
+from pepper_kin.kernels import Kernel
 from pepper_kin.kernels.intrinsics import floats_at
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -41,20 +30,8 @@ pinocchio = lazy_module("pinocchio")
 
 _CALLED = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
 
-
-def on_arrays(function: CompiledFunction) -> Callable[..., Any]:
-    """Return a formula of the actuator model as a function of arrays."""
-    meanings: dict[str, Any] = {
-        "select": np.where,
-        "floor": np.floor,
-        "copysign": np.copysign,
-        "abs": np.abs,
-        "min": np.minimum,
-        "max": np.maximum,
-    }
-    if function is drive_segment:
-        meanings["speed_torque_line"] = on_arrays(speed_torque_line)
-    return FunctionType(function.python.__code__, {**function.python.__globals__, **meanings})
+MOST_ARRAYS = 64
+"""Views of memory that a function called at an address keeps, two for each workspace in use."""
 
 
 class PythonKernel:
@@ -70,6 +47,7 @@ class PythonKernel:
     def __init__(self, function: Callable[[Array, Array], None]) -> None:
         self._function = function
         self._sizes = (0, 0)
+        self._arrays: dict[tuple[int, int], Array] = {}
         self._raised: BaseException | None = None
         self._callback = _CALLED(self._call)
 
@@ -80,12 +58,22 @@ class PythonKernel:
 
     def _call(self, read: int, written: int, work: int) -> None:
         inputs, outputs = self._sizes
-        result = floats_at(written, outputs)
-        result[:] = np.nan  # what fails ends the run, and `reraise` says why
+        result = self._array(written, outputs)
+        result[-1] = np.nan  # what fails ends the run, and `reraise` says why
         try:
-            self._function(floats_at(read, inputs), result)
+            self._function(self._array(read, inputs), result)
         except BaseException as error:  # Ctrl-C too: nothing may pass through compiled code
+            result[:] = np.nan
             self._raised = self._raised or error
+
+    def _array(self, address: int, size: int) -> Array:
+        """Return memory as an array, which is made once for each address."""
+        found = self._arrays.get((address, size))
+        if found is None:
+            if len(self._arrays) >= MOST_ARRAYS:
+                self._arrays.clear()
+            found = self._arrays[address, size] = floats_at(address, size)
+        return found
 
     def reraise(self) -> None:
         """Raise what the function has raised first since the last time, and forget it."""
@@ -94,15 +82,41 @@ class PythonKernel:
             raise error
 
 
+class _Thread(threading.local):
+    """What one thread computes with.
+
+    Attributes:
+        loads: Parameters of what is carried, as bytes.
+        robot: The robot that carries it.
+        model: A model of it whose rotor inertias change from step to step.
+        data: Of that model.
+        inputs: Of both drive kernels: the step's inputs without loads, gravity, accelerations.
+        force: Output of the first: force, implicit and servo, shape (3, n).
+        ends: Output of the second, shape (3 n + 1,).
+        work: Memory of both.
+    """
+
+    def __init__(self, before: Kernel, after: Kernel, n: int) -> None:
+        self.loads = b"none"
+        self.robot: PepperModel | None = None
+        self.model: Any = None
+        self.data: Any = None
+        self.inputs = np.empty(sum(after.signature.input_sizes))
+        self.force, self.ends = np.empty((3, n)), np.empty(3 * n + 1)
+        self.work = np.empty(max(before.work_size, after.work_size))
+        self.addresses = [x.ctypes.data for x in (self.inputs, self.force, self.ends, self.work)]
+
+
 def pinocchio_steps(
-    pepper: PepperModel, variant: Variant, names: tuple[str, ...], places: tuple[Place, ...]
+    pepper: PepperModel, variant: Variant, before: Kernel, after: Kernel, places: tuple[Place, ...]
 ) -> tuple[PythonKernel, PythonKernel]:
     """Return what steps and what solves: see `step_kernel.step_function` and `step_kernel.solve_function`.
 
     Args:
         pepper: The robot.
         variant: What the step has to take into account.
-        names: Of the actuators' parameters.
+        before: What actuators do, see `step_kernel.drive_functions`.
+        after: What follows from the accelerations.
         places: Entries of the mass matrix that may not be zero.
 
     Raises:
@@ -112,62 +126,49 @@ def pinocchio_steps(
         raise InvalidValueError("solvers", repr(pepper.solvers), "'fast' where masses of a batch are scaled")
     rows, columns = np.array(places).T
     n, count = pepper.n, len(places)
-    formulas = friction_segment, encoder_reading, servo_feedback, servo_gain, drive_segment
-    friction_of, reading_of, feedback_of, gain_of, drive_of = map(on_arrays, formulas)
+    thread, coupled = _Thread(before, after, n), pepper.is_coupled  # it keeps the kernels alive, too
+    size, work_size = thread.inputs.size - 2 * n, thread.work.size
+    drive, end = (
+        _CALLED(kernel.address_of("single", inputs=read, outputs=written, work=work_size))
+        for kernel, read, written in ((before, size + n, 3 * n), (after, size + 2 * n, 3 * n + 1))
+    )
 
-    local = threading.local()
-
-    def mine(robot: PepperModel) -> tuple[Any, Any]:
-        """Return a model of this thread, whose rotor inertias change from step to step, and its data."""
-        if getattr(local, "robot", None) is not robot:
-            local.robot, local.model = robot, robot.pinocchio_model
-            local.data = local.model.createData()
-        return local.model, local.data
+    def robot_of(loads: Array) -> PepperModel:
+        robot = carrying(pepper, _loads(variant.load_frames, loads))
+        thread.loads, thread.robot, thread.model = loads.tobytes(), robot, robot.pinocchio_model
+        thread.data = thread.model.createData()
+        return robot
 
     def step(inputs: Array, result: Array) -> None:
-        q, v, q_ref, v_ref, own_torque, load = inputs[: 6 * n].reshape(6, n)
-        size = 6 * n + len(names) * n
-        x = dict(zip(names, inputs[6 * n : size].reshape(-1, n), strict=True))
-        h, robot = float(inputs[size]), carrying(pepper, _loads(variant.load_frames, inputs[size + 1 :]))
-        model, data, full, still = robot.inner_model, robot.pinocchio_data, robot.to_full(q), np.zeros(n)
-        gravity = pinocchio.computeGeneralizedGravity(pepper.inner_model, pepper.pinocchio_data, full).copy()
-        bias = pinocchio.nonLinearEffects(model, data, full, robot.rate_to_full(v))
+        robot, x = thread.robot, thread.inputs
+        if robot is None or (variant.load_frames and inputs[size:].tobytes() != thread.loads):
+            robot = robot_of(inputs[size:])
+        q, v, full, rate = inputs[:n], inputs[n : 2 * n], inputs[:n], inputs[n : 2 * n]
+        if coupled:
+            full, rate = robot.to_full(q), robot.rate_to_full(v)
+        model, data = robot.inner_model, robot.pinocchio_data
+        gravity = pinocchio.computeGeneralizedGravity(pepper.inner_model, pepper.pinocchio_data, full)
+        x[:size] = inputs[:size]
+        x[size : size + n] = gravity @ robot.full_map if coupled else gravity
+        bias = pinocchio.nonLinearEffects(model, data, full, rate)
         mass = pinocchio.crba(model, data, full)  # the upper half
-        if robot.is_coupled:
+        if coupled:
             upper, full_map = np.triu(mass), robot.full_map
             mass = full_map.T @ (upper + np.triu(upper, 1).T) @ full_map
-            gravity, bias = gravity @ full_map, bias @ full_map
-        friction, stick = friction_of(x["coulomb"], v) if variant.motor else (still, still)
-        stick = stick + x.get("viscous", 0.0)
-        reading = reading_of(x["resolution"], q) if variant.motor else q
-        servo = (
-            feedback_of(x["kp"], x["kd"], q_ref - reading, v_ref) + own_torque + x["feedforward"] * gravity
-        )
-        gain, motor = gain_of(h, x["kp"], x["kd"]), (x["limit"], x.get("stall", np.inf), x.get("line", 0.0))
-        _, intercept, slope = drive_of(servo, gain, *motor, v)
-        implicit = x.get("rotor", 0.0) + h * (slope + stick)
-        force = intercept - friction - (slope + stick) * v + load
-        if robot.is_coupled:
-            a = np.linalg.solve(mass + np.diag(implicit), force - bias)
+            bias = bias @ full_map
+        at_inputs, at_force, at_ends, work = thread.addresses
+        drive(at_inputs, at_force, work)
+        force, implicit, servo = thread.force
+        if coupled:
+            x[size + n :] = np.linalg.solve(mass + np.diag(implicit), force - bias)
         else:
-            own, own_data = mine(robot)
+            own = thread.model
             own.armature = model.armature + implicit
-            a = pinocchio.aba(own, own_data, q, v, force)
-        w = v + h * a
-        end = q + h * w
-        torque = drive_of(servo, gain, *motor, w)[0]
-        wrong = [
-            np.maximum(end, q) - x["upper"],
-            x["lower"] - np.minimum(end, q),
-            np.abs(w) - RUNAWAY,
-            np.abs(intercept - slope * w - torque) - SAME_FORCE,
-        ]
-        if variant.motor:
-            turned = CREEP - np.copysign(1.0, v) * w
-            wrong.append(x["coulomb"] * np.where(np.abs(v) <= CREEP, np.abs(w) - CREEP, turned))
-        result[: 5 * n] = np.concatenate([end, w, torque, servo, bias])
+            x[size + n :] = pinocchio.aba(own, thread.data, q, v, force)
+        end(at_inputs, at_ends, work)
+        result[: 3 * n], result[3 * n : 4 * n], result[4 * n : 5 * n] = thread.ends[:-1], servo, bias
         result[5 * n : 5 * n + count] = mass[columns, rows]
-        result[-1] = np.max(wrong)
+        result[-1] = thread.ends[-1]
 
     def solve(inputs: Array, result: Array) -> None:
         mass = np.zeros((n, n))

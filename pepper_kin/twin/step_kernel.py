@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from types import FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -124,6 +124,38 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
         more.append(casadi.SX.sym("loads", PARAMETERS * len(variant.load_frames)))
     q, v = x["position"], x["velocity"]
     bias, gravity, mass = _terms(pepper, variant)(q, v, *more)
+    drive = _drive(x, variant, h, gravity)
+    a = solve_function(pepper)(mass, drive.implicit, drive.force - bias)
+    after, violation = _ends(x, variant, h, drive, a)
+    outputs = [after, drive.servo, bias, mass, violation]
+    return casadi.Function("twin_step", [*x.values(), h, *more], outputs)
+
+
+class _Drive(NamedTuple):
+    """What actuators, friction and loads do on the segments at the velocities at the start of a step.
+
+    Attributes:
+        servo: The actuators' torque demand at w = 0, shape (n,).
+        force: c - k v + load, shape (n,).
+        implicit: What is added to the diagonal of the mass matrix: J + h k, shape (n,).
+        intercept: c of the motors, shape (n,).
+        slope: k of the motors, shape (n,).
+        torque: From velocities w to the motors' torques.
+    """
+
+    servo: Any
+    force: Any
+    implicit: Any
+    intercept: Any
+    slope: Any
+    torque: Callable[[Any], Any]
+
+
+def _drive(x: dict[str, Any], variant: Variant, h: Any, gravity: Any) -> _Drive:
+    """Return what the joints' actuators do, by symbols of the step's inputs; gravity: torques at rest."""
+    import casadi
+
+    q, v = x["position"], x["velocity"]
     friction, stick, rotor, reading = casadi.SX(0), casadi.SX(0), casadi.SX(0), q
     if variant.motor:
         friction, stick = _traced(friction_segment)(x["coulomb"], v)
@@ -134,16 +166,41 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
     servo += x["feedforward_torque"] + x["feedforward"] * gravity
     gain = _traced(servo_gain)(h, x["kp"], x["kd"])
     motor = x["limit"], x.get("stall", np.inf), x.get("line", 0.0)
-    _, intercept, slope = _traced(drive_segment)(servo, gain, *motor, v)
-    force = intercept - friction - (slope + stick) * v + x["load"] - bias
-    a = solve_function(pepper)(mass, h * (slope + stick) + rotor, force)
-    w = v + h * a
-    following = q + h * w
-    torque, _, _ = _traced(drive_segment)(servo, gain, *motor, w)
-    violation = _violation(x, variant, following, w, casadi.fabs(intercept - slope * w - torque))
-    inputs = [*x.values(), h, *more]
-    outputs = [casadi.vertcat(following, w, torque), servo, bias, mass, violation]
-    return casadi.Function("twin_step", inputs, outputs)
+    segment = _traced(drive_segment)
+    _, intercept, slope = segment(servo, gain, *motor, v)
+    force = intercept - friction - (slope + stick) * v + x["load"]
+    implicit = h * (slope + stick) + rotor
+    return _Drive(servo, force, implicit, intercept, slope, lambda w: segment(servo, gain, *motor, w)[0])
+
+
+def _ends(x: dict[str, Any], variant: Variant, h: Any, drive: _Drive, a: Any) -> tuple[Any, Any]:
+    """Return position, velocity and torque at the end of a step with accelerations a, and the violation."""
+    import casadi
+
+    w = x["velocity"] + h * a
+    following, torque = x["position"] + h * w, drive.torque(w)
+    wrong = casadi.fabs(drive.intercept - drive.slope * w - torque)
+    return casadi.vertcat(following, w, torque), _violation(x, variant, following, w, wrong)
+
+
+@remembered
+def drive_functions(pepper: PepperModel, variant: Variant) -> tuple[casadi.Function, casadi.Function]:
+    """Return what a step does before and after its accelerations are known, which Pinocchio computes.
+
+    The first takes `STEP_INPUTS`, `parameters`, `h` and `gravity` (n) to `force`, `implicit` and `servo`
+    (n each); the second the same and accelerations `a` (n) to `next` (3 n) and `violation`, as in
+    `step_function`.
+    """
+    import casadi
+
+    x = {name: casadi.SX.sym(name, pepper.n) for name in (*STEP_INPUTS, *parameters(variant))}
+    h, gravity, a = casadi.SX.sym("h"), casadi.SX.sym("gravity", pepper.n), casadi.SX.sym("a", pepper.n)
+    drive, inputs = _drive(x, variant, h, gravity), [*x.values(), h, gravity]
+    before = [casadi.densify(part) for part in (drive.force, drive.implicit, drive.servo)]
+    return (
+        casadi.Function("twin_drive", inputs, before),
+        casadi.Function("twin_ends", [*inputs, a], list(_ends(x, variant, h, drive, a))),
+    )
 
 
 def _traced(function: CompiledFunction) -> Callable[..., Any]:
@@ -268,13 +325,17 @@ def step_kernels(
     Both have the same number of lanes.  Many robots are worth the widest vectors of the processor; for one,
     the width that comes with the package will do.
     """
-    if pepper.solvers != "fast":
-        return pinocchio_steps(pepper, variant, parameters(variant), mass_places(pepper))
     width = host_target().vector_bytes if robots > 1 else _PACKAGE_VECTOR_BYTES
 
     def compiled(function: Callable[[], casadi.Function], what: str) -> Kernel:
         return compile_function(function, key=_key(pepper, what), vector_bytes=width, batch=False)
 
+    if pepper.solvers != "fast":
+        before, after = (
+            compiled(lambda k=k: drive_functions(pepper, variant)[k], f"twin drive {k} {variant}")  # type: ignore[misc]
+            for k in (0, 1)
+        )
+        return pinocchio_steps(pepper, variant, before, after, mass_places(pepper))
     step = compiled(lambda: step_function(pepper, variant), f"twin step {variant}")
     return step, compiled(lambda: solve_function(pepper), "twin solve")
 
