@@ -4,7 +4,8 @@
     python docs/make_verification.py build/fuzz/middle.json
 
 The reports given take the place of those of their size in docs/verification/; without any, the page is
-written of those that are there.
+written of those that are there.  With `--compare` nothing is written: what a report and the page differ in is
+printed, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -18,16 +19,19 @@ from typing import Any, NamedTuple
 FOLDER = Path(__file__).parent
 REPORTS = FOLDER / "verification"
 SIZES = ("small", "middle", "long")
+NEAR = 0.05
+"""Share by which counts may differ from processor to processor, where ties are left out."""
 HEAD = """# What is verified, how, and how often
 
 Written by `python docs/make_verification.py` from the reports of the fuzz tests; no number is by hand.
+Continuous integration compares the columns of the small and the middle size with its own runs.
 Each property is asked of random cases: by a law, or by code that shares nothing with what it examines.
 The same test has three sizes:
 
 | size | when | how |
 |---|---|---|
-| small | with every run of the tests | `pytest` |
-| middle | in continuous integration, under five minutes | `pytest tests/fuzz --fuzz-size middle` |
+| small | with the thorough tests, two minutes | `pytest tests/fuzz` |
+| middle | in continuous integration, minutes | `pytest tests/fuzz --fuzz-size middle` |
 | long | before a release, hours | `python tests/fuzz/long_run.py --hours 8` |
 
 `--fuzz-seed N` asks about other cases, `--fuzz-report FILE` writes what was examined. A test that fails
@@ -74,7 +78,12 @@ class Row(NamedTuple):
 
 
 def main(paths: list[str]) -> None:
-    """Keep reports and write the page."""
+    """Keep reports and write the page, or compare a report with it."""
+    if paths[:1] == ["--compare"]:
+        found = [
+            line for path in paths[1:] for line in differences(json.loads(Path(path).read_text("utf-8")))
+        ]
+        sys.exit("\n".join(found) if found else 0)
     REPORTS.mkdir(exist_ok=True)
     for path in paths:
         report = json.loads(Path(path).read_text("utf-8"))
@@ -98,12 +107,8 @@ def page(reports: dict[str, Any]) -> str:
         text += f" {cases:,} | {wrong:,} | {spent(seconds)} |\n"
     by_file: dict[str, dict[str, dict[str, Row]]] = {}
     for size, report in reports.items():
-        for test in report["tests"]:
-            title = test["test"].partition("::")[0]
-            for row in rows({"tests": [test]}):
-                known = by_file.setdefault(title, {}).setdefault(row.what, {})
-                before = known.get(size, row._replace(count=0, wrong=0))
-                known[size] = before._replace(count=before.count + row.count, wrong=before.wrong + row.wrong)
+        for (title, what), row in sums(report).items():
+            by_file.setdefault(title, {}).setdefault(what, {})[size] = row
     for title in sorted(by_file):
         text += (
             f"\n## {Path(title).stem.removeprefix('test_').replace('_', ' ').capitalize()}\n\n`{title}`\n\n"
@@ -115,6 +120,34 @@ def page(reports: dict[str, Any]) -> str:
             oracle = next(reversed(known.values())).oracle.replace("|", "\\|")
             text += f"| {what} | {oracle} | {' | '.join(counts)} | {wrong:,} |\n"
     return text
+
+
+def sums(report: dict[str, Any]) -> dict[tuple[str, str], Row]:
+    """Return the sums of a report by file and property."""
+    found: dict[tuple[str, str], Row] = {}
+    for test in report["tests"]:
+        for row in rows({"tests": [test]}):
+            key = test["test"].partition("::")[0], row.what
+            before = found.get(key, row._replace(count=0, wrong=0))
+            found[key] = before._replace(count=before.count + row.count, wrong=before.wrong + row.wrong)
+    return found
+
+
+def differences(report: dict[str, Any]) -> list[str]:
+    """Return what a report and the page's column of its size differ in, in words; counts by over `NEAR`."""
+    size = report["size"]
+    kept = sums(json.loads((REPORTS / f"{size}.json").read_text("utf-8")))
+    found = {key: row for key, row in sums(report).items() if key[0].startswith("tests/fuzz/")}
+    lines = [f"{file}: {what}: not examined now" for file, what in kept.keys() - found.keys()]
+    lines += [f"{file}: {what}: not on the page ({size})" for file, what in found.keys() - kept.keys()]
+    for key in kept.keys() & found.keys():
+        was, now = kept[key], found[key]
+        if was.wrong != now.wrong or abs(was.count - now.count) > max(2, NEAR * was.count):
+            numbers = (
+                f"{now.count:,}, {now.wrong} wrong; the page ({size}) has {was.count:,}, {was.wrong} wrong"
+            )
+            lines.append(f"{key[0]}: {key[1]}: {numbers}")
+    return sorted(lines)
 
 
 def rows(report: dict[str, Any]) -> Iterator[Row]:

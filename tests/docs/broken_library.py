@@ -23,7 +23,7 @@ FUNCTIONS = {
     "MuJoCo": ("mujoco", "mj_applyFT mj_forward mj_mulM mj_step"),
     "toppra": ("toppra.algorithm", "TOPPRA.compute_parameterization"),
     "placo": ("placo", "KinematicsSolver.solve"),
-    "proxsuite": ("proxsuite.proxqp.dense", "QP.solve"),
+    "proxsuite": ("proxsuite", "proxqp.dense.QP.solve"),
 }
 """Library -> a module, and what computes in it; coal's loops over pairs are called by way of Pinocchio."""
 

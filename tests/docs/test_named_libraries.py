@@ -29,9 +29,20 @@ CHECKS = [
     ("physics", "MuJoCo", "mj_step"), ("physics", "MuJoCo", "mj_applyFT"),
 ]  # fmt: skip
 """Command of `pepper-kin check`, library, and each function behind what the command prints of it."""
-CALLERS = {"toppra": "", "placo": "", "proxsuite": "", "servo ticks": "pair_queries"}
-"""Library or property -> whose calls raise, where it is not code of the test: a solver that is asked for by
-its name, and the exact check of a servo's ticks."""
+CALLERS = {
+    "toppra": "",
+    "placo": "",
+    "proxsuite": "",
+    "test_servo": "pair_queries",
+    "test_motion_files": "pair_queries",
+}
+"""Library or file of tests -> whose calls raise, where it is not code of the test: a solver that is asked for
+by its name, and the library's exact check of collisions."""
+
+
+def callers_of(library, test):
+    """Return whose calls of a library raise for a test."""
+    return CALLERS.get(Path(test.partition("::")[0]).stem, CALLERS.get(library, "tests/fuzz"))
 
 
 def named(text):
@@ -70,28 +81,23 @@ def test_all_libraries_that_checks_name_are_tried():
 
 
 def rows():
-    """Return (library, property, test) for each row of the page on verification that names a library."""
+    """Return {(library, callers): tests}, a test for each row of the page that names a library."""
     report = json.loads((REPORTS / "middle.json").read_text("utf-8"))
-    found = {}
+    tests, found = {}, {}
     for test in report["tests"]:
         for what, *_ in test["counts"]:
             for library in named(f"{what} {test['oracle']}"):
-                found.setdefault((library, what), test["test"])
-    return [(*key, test) for key, test in found.items()]
+                tests.setdefault((library, what), test["test"])
+    for (library, _), test in tests.items():
+        found.setdefault((library, callers_of(library, test)), set()).add(test)
+    return found
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("library", "callers"),
-    sorted({(library, CALLERS.get(what, CALLERS.get(library, "tests/fuzz"))) for library, what, _ in rows()}),
-)
+@pytest.mark.parametrize(("library", "callers"), sorted(rows()))
 def test_a_row_of_the_page_fails_where_the_library_that_it_names_raises(library, callers, tmp_path):
     """In a process of its own, since tests take functions from a library as they are imported."""
-    tests = {
-        test
-        for name, what, test in rows()
-        if name == library and CALLERS.get(what, CALLERS.get(name, "tests/fuzz")) == callers
-    }
+    tests = rows()[library, callers]
     report = tmp_path / "report.json"
     command = ["-n", "0", "-p", "broken_library", "--fuzz-report", report, "--fuzz-keep", tmp_path, *tests]
     done = subprocess.run(

@@ -1,21 +1,57 @@
 """The pages of verification and of faults: what the script writes, and tests that are there."""
 
 import ast
+import copy
 import importlib.util
+import json
 import re
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "verification.md"
 
 
-def test_the_page_is_what_its_script_writes(monkeypatch, tmp_path):
+@pytest.fixture
+def script():
     spec = importlib.util.spec_from_file_location("make_verification", ROOT / "docs" / "make_verification.py")
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_what_its_script_writes(script, monkeypatch, tmp_path):
     monkeypatch.setattr(script, "FOLDER", tmp_path)
     script.main([])
     assert (tmp_path / "verification.md").read_text("utf-8") == PAGE.read_text("utf-8")
+
+
+@pytest.mark.thorough
+def test_the_figures_of_the_small_size_are_those_of_a_run(script, tmp_path):
+    """Those of the middle size are compared in `.ci/run`, with the run that is there."""
+    report = tmp_path / "small.json"
+    command = ["-n", "2", "tests/fuzz", "--fuzz-report", report, "--fuzz-keep", tmp_path]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert script.differences(json.loads(report.read_text("utf-8"))) == []
+
+
+def test_figures_that_differ_are_named(script):
+    kept = json.loads((script.REPORTS / "small.json").read_text("utf-8"))
+    assert script.differences(kept) == []
+    changed = copy.deepcopy(kept)
+    first, second, third = [test for test in changed["tests"] if test["counts"]][:3]
+    first["counts"][0][1] += 1000
+    second["counts"][0][2] += 1
+    third["counts"][0][0] += ", in another way"
+    lines = "\n".join(script.differences(changed))
+    for part in ("1,0", "1 wrong", "in another way: not on the page (small)"):
+        assert part in lines
 
 
 def test_each_fault_names_tests_that_are_there():

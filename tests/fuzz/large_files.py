@@ -528,7 +528,7 @@ REFUSED = {
     "digits", "columns and rows", "a column twice", "commas", "lines", "quotes", "members", "names in YAML",
     "brackets in YAML", "brackets of a job", "dashes", "a sum", "statements", "parentheses", "signs",
     "messages without data",
-    "states without data", "a long definition", "a list in a header", "brackets in a header",
+    "states without data", "a list in a header", "brackets in a header",
     "members of a chunk", "members of a map", "members of a policy",
     "members of key points", "spaces", "slashes",
     "3 billion vertices", "properties", "nodes twice in one another", "nodes in one another",

@@ -152,6 +152,7 @@ def test_contacts_push_as_they_say_and_momentum_is_balanced(amount, rng, tried):
 
 
 def test_free_bodies_keep_energy_and_momentum_and_never_pass_the_floor(amount, rng, tried):
+    """Energy and momentum of bodies in flight, by the laws of mechanics, and that none passes the floor."""
     done = wrong = 0
     for _ in range(amount(6, 150, 4000)):
         size = float(np.exp(rng.uniform(np.log(1e-5), np.log(10.0))))
