@@ -187,6 +187,12 @@ class Certificate(BriefRepr):
     base_speed: ScalarCheck | None = None
 
     @property
+    def clearance(self) -> ScalarCheck | None:
+        """That of the two clearances with the lesser distance; None where neither was examined."""
+        examined = [one for one in (self.obstacle_clearance, self.self_clearance) if one is not None]
+        return min(examined, key=lambda check: check.value, default=None)
+
+    @property
     def checks(self) -> dict[str, LimitCheck | ScalarCheck]:
         """All checks that were made, by name."""
         found: dict[str, LimitCheck | ScalarCheck | None] = {

@@ -157,6 +157,8 @@ def test_clearance_in_a_scene(pepper, trajectory):
     assert blocked.failures == ("obstacle_clearance",)
     assert "ball" in blocked.obstacle_clearance.sentence()
     assert blocked.self_clearance.value == free.self_clearance.value
+    assert free.clearance is free.self_clearance
+    assert blocked.clearance is blocked.obstacle_clearance
 
 
 def test_other_robots_have_no_wheels_to_stand_on(pepper, trajectory):
