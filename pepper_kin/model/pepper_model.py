@@ -359,7 +359,11 @@ class PepperModel:
         return np.clip(q, self.lower_limits, self.upper_limits)
 
     def neutral(self) -> NDArray[np.float64]:
-        """Return Stand where the robot has it, else zero moved into the limits, shape (n,) [rad or m]."""
+        """Return Stand where the robot has it, else zero moved into the limits, shape (n,) [rad or m].
+
+        It is where values begin that nobody gives, such as the joints that a task leaves out.  In NAOqi's
+        Stand Pepper's wrists are 3 mm from the pelvis: begin motions from `posture("Ready")`.
+        """
         if "Stand" in self.posture_names:
             return self.posture("Stand")
         return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
