@@ -98,6 +98,11 @@ class CollisionChecker:
         """Number of pairs of shapes that are checked."""
         return len(self._shapes.pairs[0])
 
+    @property
+    def pairs_to_world(self) -> NDArray[np.bool_]:
+        """Which of the pairs are with what stands in the world, shape (pair_count,)."""
+        return self._shapes.to_world
+
     def in_collision(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m]."""
         q_all = as_joint_vectors(self.pepper, q, "q")

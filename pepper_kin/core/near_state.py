@@ -66,6 +66,7 @@ class NearWorld(NamedTuple):
         movers: Which joints move the two of each pair against one another, shape (m, n).
         cores: Length of the straight part of each pair, see `PairTable`, shape (m,) [m].
         owners: A number for each two things that shapes belong to, shape (m,).
+        to_world: Whether the second of each pair stands in the world, shape (m,).
         motion_bounds: See `PairTable`, shape (n,).
         full_map: E of q_full = E q + e, shape (n_full, n).
         full_offset: e, shape (n_full,).
@@ -80,6 +81,7 @@ class NearWorld(NamedTuple):
     movers: Flags2
     cores: Floats1
     owners: Ints1
+    to_world: Flags1
     motion_bounds: Floats1
     full_map: Floats2
     full_offset: Floats1

@@ -117,7 +117,8 @@ class TickResult(NamedTuple):
     Attributes:
         v: The next velocity [rad/s or m/s], shape (n,).
         shares: Share of each demand's speed that singularities leave, shape (k,).
-        nearest: The smallest distance before the tick [m], inf where nothing is near, shape (1,).
+        nearest: The smallest distances before the tick, to itself and to obstacles [m], inf where nothing is
+            near, shape (2,).
         names: Numbers of what v touches, then of what it breaks, see SOLVER, ....
     """
 
@@ -479,7 +480,10 @@ def decide(
     near = _look(table, world, q, bounds, braking) if world.examined else _nobody(n)
     if not near.known:
         return FAILED, 0, 0
-    result.nearest[0] = near.distances[0] if near.distances.size > 0 else math.inf
+    result.nearest[:] = math.inf
+    for k in range(near.distances.size):
+        kind = 1 if world.to_world[near.indices[k]] else 0
+        result.nearest[kind] = min(result.nearest[kind], near.distances[k])
     count = demands.wanted.size
     if count == 0 and edges == 0:
         result.v[:] = brake

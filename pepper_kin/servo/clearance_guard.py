@@ -56,7 +56,8 @@ class ClearanceGuard:
         self._callback = callback = Callback(partial(_answer, checker, counts, within))
         self.world = NearWorld(
             True, tables.near, near_points(tables.near, count, count), tables.movers, tables.cores,
-            tables.owners, frame_motion_bounds(pepper), pepper.full_map, pepper.full_offset,
+            tables.owners, checker.pairs_to_world, frame_motion_bounds(pepper), pepper.full_map,
+            pepper.full_offset,
             OtherMeasures(callback.address, callback.mail, counts, within),
             np.where(asked, np.cumsum(asked) - 1, -1), seen,
         )  # fmt: skip
@@ -89,6 +90,6 @@ def unexamined() -> NearWorld:
     rows, words, numbers = np.empty((0, 0)), np.empty(0, np.int64), np.empty(0)
     table = NearTable(rows, rows, rows, rows, words.reshape(0, 0), numbers, numbers)
     return NearWorld(
-        False, table, near_points(table, 0, 0), rows.astype(bool), numbers, words, numbers, rows, numbers,
-        OtherMeasures(0, words, words, numbers), words, rows,
+        False, table, near_points(table, 0, 0), rows.astype(bool), numbers, words, words.astype(bool),
+        numbers, rows, numbers, OtherMeasures(0, words, words, numbers), words, rows,
     )  # fmt: skip

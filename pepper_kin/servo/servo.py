@@ -15,7 +15,7 @@ from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.balance_rows import BalanceTable
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.priorities import balanced
-from pepper_kin.ik.problem import flatten_tasks, motion_scale
+from pepper_kin.ik.problem import flatten_tasks, motion_scale, moved_aside
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.hands import hand_frame
 from pepper_kin.ik.tasks.task import Task, TaskGroup
@@ -119,6 +119,7 @@ class Servo:
         self._loads = loads_of(pepper, scene)
         self._stepper = Stepper(pepper, pace, self._q, guard, self._standing())
         self._v = read_only(np.zeros(pepper.n))
+        self._rest, self._idle_from, self._idle = self._q, self._q, np.zeros(pepper.n, dtype=bool)
         # What is compiled should be so before the first tick.
         still = Demand(np.eye(6, pepper.n), np.zeros(6), None, 1.0, "", False, True, 0.0)
         self._stepper.step(self._q, self._v, [still])
@@ -208,10 +209,18 @@ class Servo:
         self._caution = (
             max(self._caution * CAUTION, 0.05) if tick.blocked else min(self._caution * RECOVERY, 1)
         )
+        self._idle_from, self._idle = np.where(self._idle & tick.idle, self._idle_from, self._q), tick.idle
         self._v = read_only(tick.v)
         self._q = read_only(self._q + self._dt * tick.v)
         self._tick += 1
         return self._state(tick, demands)
+
+    @property
+    def _aside(self) -> tuple[str, ...]:
+        """Idle joints that are far beyond where they became idle and where they rest."""
+        low, high = np.minimum(self._idle_from, self._rest), np.maximum(self._idle_from, self._rest)
+        way = np.maximum(low - self._q, self._q - high)
+        return moved_aside(self.pepper, self._idle, way)
 
     def _guard(self, scene: Scene | None) -> ClearanceGuard | None:
         world = checked_world(scene, self._collisions)
@@ -253,6 +262,7 @@ class Servo:
             limited_by=tick.limited_by,
             relaxed=tick.relaxed,
             errors=errors,
+            aside=self._aside,
             clearance=tick.clearance,
         )
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pepper_kin.arrays import Array, FrozenArrays
-from pepper_kin.ik.result import NOT_EXAMINED
+from pepper_kin.collision import Clearance
+from pepper_kin.ik.result import NOT_EXAMINED, listed
 from pepper_kin.status import ResultStatus
 
 
@@ -44,8 +45,9 @@ class ServoState(FrozenArrays):
             position, velocity and acceleration never do.
         errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
             groups taken apart.
-        clearance: Smallest distance at the start of the tick [m]; inf where nothing is near, None with
-            `collisions=False`.
+        aside: Joints that no target or twist moves and that go out of the way, such as "HeadYaw by 0.12 rad".
+        clearance: Smallest distances at the start of the tick, to obstacles and to itself; inf where nothing
+            is near, None with `collisions=False`.
     """
 
     tick: int
@@ -57,7 +59,8 @@ class ServoState(FrozenArrays):
     limited_by: tuple[str, ...]
     relaxed: tuple[str, ...]
     errors: tuple[float, ...]
-    clearance: float | None
+    aside: tuple[str, ...]
+    clearance: Clearance | None
 
     def report(self) -> str:
         """Return the state in plain words, one fact a line."""
@@ -68,10 +71,13 @@ class ServoState(FrozenArrays):
             lines.append("limited by " + ", ".join(self.limited_by))
         if self.relaxed:
             lines.append("relaxed: " + ", ".join(self.relaxed))
+        if self.aside:
+            lines.append(f"no task moves {listed(self.aside)}: to keep clear, or in balance")
         if self.scale < 1:
             lines.append(f"slowed to {100 * self.scale:.0f} % of the speed near a singularity")
-        if self.clearance is not None and self.clearance < float("inf"):
-            lines.append(f"clearance {1000 * self.clearance:.1f} mm")
         if self.clearance is None:
             lines.append(NOT_EXAMINED)
+        else:
+            near = {"obstacles": self.clearance.obstacles, "itself": self.clearance.itself}
+            lines += [f"{1000 * d:.1f} mm from {name}" for name, d in near.items() if d < float("inf")]
         return "\n".join(lines)

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.collision import Clearance
 from pepper_kin.core.balance_rows import BalanceTable
 from pepper_kin.core.servo_tick import ATTEMPTS, FAILED, FREE, HEAD, Demands, ServoTable, TickResult, decide
 from pepper_kin.model import PepperModel
@@ -34,7 +36,8 @@ class Tick:
         limited_by: What v touches, and which demands singularities slow down, in words.
         relaxed: Limits that were relaxed to keep those of position, velocity and acceleration, in words.
         blocked: Whether joints brake because nothing else is known to stop clear.
-        clearance: Smallest distance before the tick [m]; inf where nothing is near, None where unchecked.
+        idle: Which joints nothing is wanted of, where something is wanted, shape (n,).
+        clearance: Smallest distances before the tick; inf where nothing is near, None where unchecked.
     """
 
     v: Array
@@ -42,7 +45,8 @@ class Tick:
     limited_by: tuple[str, ...]
     relaxed: tuple[str, ...]
     blocked: bool
-    clearance: float | None
+    idle: NDArray[np.bool_]
+    clearance: Clearance | None
 
 
 class Stepper:
@@ -102,8 +106,9 @@ class Stepper:
             caution: Factor on the speed of approach to obstacles, up to 1.
         """
         guard, wanted = self._guard, _packed(demands) if demands else self._nothing
-        table = self._resting(wanted.jacobian, v) if demands else self._table
-        result = TickResult(np.empty(self._n), np.empty(len(demands)), np.empty(1), self._numbers)
+        idle = ~wanted.jacobian.any(axis=0) if demands else np.zeros(self._n, dtype=bool)
+        table = self._resting(idle, v) if idle.any() else self._table
+        result = TickResult(np.empty(self._n), np.empty(len(demands)), np.empty(2), self._numbers)
         world = self._unexamined if guard is None else guard.world
         outcome, touched, broken = decide.native(table, world, self.balance, q, v, caution, wanted, result)
         if guard is not None and outcome == FAILED:
@@ -117,15 +122,13 @@ class Stepper:
             limited_by=(*dict.fromkeys(names[:touched]), *lost),
             relaxed=tuple(dict.fromkeys(names[touched:])),
             blocked=outcome != FREE,
-            clearance=None if guard is None else float(result.nearest[0]),
+            idle=idle,
+            clearance=None if guard is None else Clearance(*result.nearest.tolist()),
         )
 
-    def _resting(self, jacobian: Array, v: Array) -> ServoTable:
-        """Return the table by which joints that nothing is wanted of, in J of shape (m, n), move gently."""
-        table, idle = self._table, ~jacobian.any(axis=0)
-        if not idle.any():
-            return table
-        limits = table.limits
+    def _resting(self, idle: NDArray[np.bool_], v: Array) -> ServoTable:
+        """Return the table by which joints that nothing is wanted of, shape (n,), move gently."""
+        table, limits = self._table, self._table.limits
         slow = np.maximum(IDLE_SPEED, np.abs(v) - limits.acceleration * table.dt)
         velocity = np.where(idle, np.minimum(limits.velocity, slow), limits.velocity)
         scale = np.where(idle, IDLE_SCALE * table.scale, table.scale)

@@ -27,6 +27,12 @@ def test_hand_stops_before_a_wall(speed):
         states.append(servo.step())
     assert float(pk.collision.clearance(PEPPER, READY, WALL)) > 0.03
     path = np.array([state.q for state in states])
+    for name, to in (("obstacles", "obstacles"), ("itself", "self")):
+        exact = pk.collision.clearance(PEPPER, path[:-1], WALL, to=to)
+        told = np.array([getattr(state.clearance, name) for state in states[1:]])
+        near = np.isfinite(told)
+        assert near.any() or name == "itself"
+        assert np.allclose(told[near], exact[near], atol=3e-6)
     clearances = pk.collision.clearance(PEPPER, path, WALL)
     assert clearances.min() > 0.7 * 0.02
     assert clearances[-1] < 0.03  # it went there
@@ -176,3 +182,21 @@ def test_a_row_that_braking_breaks_gives_way_and_is_named():
     assert step.relaxed == ("balance",)
     calm = pk.servo.differential_step(PEPPER, STAND, 0 * v, 0.01, task, balance=0.08, collisions=False)
     assert calm.relaxed == ()
+
+
+@pytest.mark.parametrize("comes", [False, True])
+def test_an_arm_without_a_task_that_gives_way_is_named(comes):
+    """A ball is pushed slowly against the right hand, while only the left has a target."""
+    start = PEPPER.posture("Ready")
+    left, right = (pk.kinematics.frame_pose(PEPPER, start, f"{s}Arm_effector")[:3, 3] for s in "LR")
+    servo = pk.servo.Servo(PEPPER, start)
+    arm = [PEPPER.joint_index(name) for name in PEPPER.joint_group("right_arm")]
+    for tick in range(250):
+        away = 0.22 - 0.0008 * tick if comes else 0.5
+        servo.set_scene(pk.Scene().add_sphere("ball", 0.05, right + np.array((away, 0.0, 0.0))))
+        servo.set_target(pk.ik.HandPosition("left", left))
+        state = servo.step()
+    far = [PEPPER.joint_names[j] for j in arm if abs(state.q[j] - start[j]) > 0.1]
+    assert bool(far) == comes
+    assert {words.split()[0] for words in state.aside} >= set(far)
+    assert ("no task moves" in state.report()) == comes
