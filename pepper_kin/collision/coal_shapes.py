@@ -15,6 +15,8 @@ from pepper_kin.collision.solids import (
     PointCloud,
     SceneGeometry,
     TriangleMesh,
+    has_no_area,
+    is_flat_hull,
 )
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
@@ -23,7 +25,8 @@ FLAT = 1e-3
 MOST_FACES = 4000
 """Meshes of more faces are not looked at for whether they are convex."""
 _PER_TRIANGLE = 400  # bytes of a tree of triangles
-_SPECK = 1e-7 * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
+_WIDTH = 1e-7  # [m]
+_SPECK = _WIDTH * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
 """Corners of the triangle that stands for a point: coal's trees hold triangles, and of no size they fail."""
 
 
@@ -76,8 +79,37 @@ def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
     return tree
 
 
-def _as_solid(tree: Any) -> Any | None:
+def _surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
+    """Return the tree of a mesh some triangles of which may have no area.
+
+    Coal's distances to such a triangle are wrong by meters.  Its longest side, or its point, stands for it,
+    widened to `_WIDTH`, by which distances may be too small.
+    """
+    corners = vertices[faces]
+    flat = has_no_area(corners)
+    wide = len(vertices) + np.arange(3 * np.count_nonzero(flat)).reshape(-1, 3)
+    vertices = np.concatenate([vertices, _widened(corners[flat]).reshape(-1, 3)])
+    return _tree(vertices, np.concatenate([faces[~flat], wide]))
+
+
+def _widened(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return triangles with an area for those without, shape (f, 3, 3) [m] both."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    lengths, rows = np.linalg.norm(sides, axis=2), np.arange(len(corners))
+    longest = lengths.argmax(axis=1)
+    start, along = corners[rows, longest], sides[rows, longest]
+    # The axis along which the side is shortest is the farthest from parallel to it.
+    across = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    across *= _WIDTH / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
+    lines = np.stack([start, start + along, start + 0.5 * along + across], axis=1)
+    point = lengths[rows, longest] < _WIDTH
+    return np.where(point[:, None, None], start[:, None] + _SPECK, lines)
+
+
+def _as_solid(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any | None:
     """Return the convex hull of a mesh that is closed and convex within FLAT; None of any other mesh.
+
+    Vertices that no triangle has, and triangles that have a vertex twice, count for nothing.
 
     How deep a point lies in a hull is a concave function, so that no point of a triangle lies deeper than
     three times the depth of its middle.
@@ -86,17 +118,19 @@ def _as_solid(tree: Any) -> Any | None:
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    if not hasattr(tree, "tri_indices") or tree.num_tris > MOST_FACES:
+    if not 0 < len(triangles) <= MOST_FACES:
         return None
-    corners = np.array([[face[0], face[1], face[2]] for face in map(tree.tri_indices, range(tree.num_tris))])
-    points, places = np.unique(np.round(np.array(tree.vertices()), 7), axis=0, return_inverse=True)
-    faces = places.ravel()[corners]
+    points, places = np.unique(np.round(vertices[triangles.ravel()], 7), axis=0, return_inverse=True)
+    faces = places.reshape(-1, 3)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     sides = np.sort(np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
     if (np.unique(sides, axis=0, return_counts=True)[1] != 2).any():
         return None
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
+        return None
+    if is_flat_hull(hull):
         return None
     middles = points[faces].mean(axis=1)
     depth = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)
@@ -119,5 +153,5 @@ def _mesh_of_file(mesh: Mesh) -> Any:
 @kept_within(MOST_BYTES, lambda shape, *_: _PER_TRIANGLE * getattr(shape, "num_tris", 0))
 def _read_mesh(mesh: Mesh, state: tuple[str | int, ...]) -> Any:
     """Read a mesh once for all checkers of a robot, and again where its file has changed."""
-    tree = _tree(*read_mesh(mesh.path, mesh.scale))
-    return _as_solid(tree) or tree
+    vertices, faces = read_mesh(mesh.path, mesh.scale)
+    return _as_solid(vertices, faces) or _surface(vertices, faces)

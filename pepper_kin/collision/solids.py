@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,8 +59,7 @@ class ConvexMesh(FrozenArrays):
         hull = None
         with suppress(QhullError, ValueError):
             hull = ConvexHull(points)
-        # A body's volume is at most its least extent times half of its area.
-        if hull is None or not 2.0 * hull.volume > 10.0 * FLAT * hull.area:
+        if hull is None or is_flat_hull(hull):
             flat = len(points) < 4 or not _spans_volume(points)
             if flat or hull is None:
                 found = f"{len(points)} points {'in a plane' if flat else 'without a hull'}"
@@ -97,11 +96,7 @@ class TriangleMesh(FrozenArrays):
         vertices = as_finite(self.vertices, "vertices of a mesh", (None, 3))
         within_world("vertices of a mesh", vertices)
         faces = _indices(self.faces, len(vertices))
-        corners = vertices[faces]
-        sides = np.roll(corners, -1, axis=1) - corners
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
-        real = area > FLAT * longest
+        real = ~has_no_area(vertices[faces])
         if not real.any():
             raise InvalidValueError(
                 "faces of a mesh",
@@ -164,6 +159,19 @@ class PointCloud(FrozenArrays):
         table, boxes = np.full(1 << (2 * count).bit_length(), -1), np.empty((count, 6))
         cubes, off = thin(full.points, box, edge, table, boxes)
         return cls(boxes[:cubes, :3], full.radius + off)
+
+
+def has_no_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which triangles are no higher than `FLAT`, shape (f,), of their corners [m], shape (f, 3, 3)."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    longest: NDArray[np.float64] = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
+    return np.asarray(~(area > FLAT * longest))
+
+
+def is_flat_hull(hull: Any) -> bool:
+    """Whether SciPy's hull is flat: a volume is at most the least extent times half of the area."""
+    return not 2.0 * hull.volume > 10.0 * FLAT * hull.area
 
 
 SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | PointCloud
