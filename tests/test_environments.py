@@ -128,6 +128,7 @@ for name, call in calls.items():
 """
 
 
+@pytest.mark.thorough
 def test_the_program_needs_no_extra_and_each_is_named_where_it_is_missing(tmp_path, made_code):
     """Machine code is there: neither CasADi nor Numba is loaded, nor what only compares."""
     lines = run("-c", WITHOUT + PROGRAM + REFUSED, cwd=tmp_path).splitlines()
@@ -154,6 +155,7 @@ except pk.exceptions.FileFormatError as error:
 C_LOCALE = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
+@pytest.mark.thorough
 def test_the_main_job_is_the_same_wherever_it_runs(tmp_path, made_code):
     """With -O, in a locale of ASCII, without a home, and in folders with a space (D5)."""
     odd = tmp_path / "a folder of my own"

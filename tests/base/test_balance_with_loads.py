@@ -66,6 +66,7 @@ def motion(pepper, count=60):
     return time, q, size * w * np.cos(np.outer(time, w)), -size * w**2 * np.sin(np.outer(time, w))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("frame", ["l_gripper", "Head", "base_link"])
 @pytest.mark.parametrize("base", ["fixed", "planar"])
 def test_balance_and_moments_are_those_of_a_robot_with_the_object_as_part_of_a_link(frame, base):

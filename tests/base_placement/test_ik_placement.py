@@ -365,6 +365,7 @@ def test_the_robot_on_a_moving_base_is_the_robot_moved():
     assert moving_base(planar).robot is planar
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("hands", ["mimic", "independent"])
 def test_robots_with_fingers(hands):
     pepper = pk.load_pepper(hands=hands)

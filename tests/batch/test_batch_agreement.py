@@ -51,6 +51,7 @@ def test_kinematics(robot, states):
     same(kinematics.frame_acceleration, robot, (q, v, a), frame)
 
 
+@pytest.mark.thorough
 def test_torques_and_mass(robot, states):
     q, v, a = states(robot)
     same(dynamics.inverse_dynamics, robot, (q, v, a))
@@ -59,6 +60,7 @@ def test_torques_and_mass(robot, states):
     same(dynamics.center_of_mass, robot, (q,))
 
 
+@pytest.mark.thorough
 def test_accelerations(robot, states):
     """Light fingers make M stiff: accelerations are compared by the torques that they explain."""
     q, v, a = states(robot)
@@ -72,6 +74,7 @@ def test_accelerations(robot, states):
         assert np.abs(torque / scale[:, None]).max() < TOLERANCE, form
 
 
+@pytest.mark.thorough
 def test_derivatives_and_matrices(small_robot, states):
     robot = small_robot
     q, v, a = states(robot)

@@ -32,6 +32,7 @@ def test_demo_prints_a_table_and_writes_all_files(demo):
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_pepper_moves_in_the_page_of_the_demo(demo, browser):
     """The page is opened from disk: the picture changes between two times and the console stays silent."""
@@ -78,6 +79,7 @@ def test_json_is_all_that_is_printed(run, tmp_path):
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == summary
 
 
+@pytest.mark.thorough
 def test_boxes_are_avoided(run, tmp_path):
     box = "0.4,0.8,0.03,0.47,0.05,0.715"
     arguments = ("--hand", "left", "--at", "0.38", "0.22", "0.82", "--avoid-box", box, "--json", "-o", "out")
@@ -126,6 +128,7 @@ def test_gesture_tells_errors_and_inconsistencies(run, tmp_path):
     assert summary["joints"]["RElbowRoll"]["mean_absolute_error"] < 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("format", "root"), [("urdf", "<robot"), ("srdf", "<robot"), ("sdf", "<sdf"), ("mjcf", "<mujoco")]
 )

@@ -137,12 +137,14 @@ COLORS = re.compile(r"\x1b\[[0-9;?]*[a-zA-Z]")
 COLOR = re.compile(r"\x1b\[[0-9;]*(?:3[0-9]|4[0-9]|38;5;\d+)m")
 
 
+@pytest.mark.thorough
 def test_colors_are_for_terminals_that_want_them(tmp_path):
     assert COLOR.search(on_a_terminal("--help", cwd=tmp_path))
     assert not COLOR.search(on_a_terminal("--help", cwd=tmp_path, NO_COLOR="1"))
     assert "\x1b" not in run_process("--help", cwd=tmp_path).stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_bar_with_the_time_left_on_a_terminal_only(chromium_path, tmp_path):
     make_nod(tmp_path)
@@ -163,6 +165,7 @@ def hear_ctrl_c():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stage", ["timing", "twin"])
 def test_ctrl_c_exits_with_130_and_whole_files(tmp_path, stage):
     process = subprocess.Popen(
@@ -214,6 +217,7 @@ program.main()
     assert (process.returncode, process.stderr.strip()) == (130, "")
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_ctrl_c_while_filming_ends_the_browser_and_keeps_the_old_film(chromium_path, tmp_path):
     make_nod(tmp_path)

@@ -62,6 +62,7 @@ def test_folders_that_are_there_or_can_be_made_are_fine(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 def test_a_page_goes_to_a_new_folder(tmp_path):
     pepper = pk.load_pepper()
     path = [pepper.posture("Stand"), pepper.joint_vector({"HeadYaw": 0.5})]

@@ -4,6 +4,7 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -34,6 +35,7 @@ def extras_named():
                     yield path.parent.name, node.name, extra
 
 
+@pytest.mark.thorough
 def test_help_has_every_extra_that_is_to_be_installed():
     named = sorted(extras_named())
     assert named == [

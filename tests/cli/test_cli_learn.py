@@ -32,6 +32,7 @@ def test_a_policy_is_trained_written_and_shown(run, tmp_path):
     assert motion.duration == pytest.approx(1.0)
 
 
+@pytest.mark.thorough
 def test_ctrl_c_writes_the_best_so_far_and_exits_with_130(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", "from pepper_kin.cli import main; main()", "learn", "Reach", "-o", "a.npz"],

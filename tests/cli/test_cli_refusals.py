@@ -113,6 +113,7 @@ def test_without_a_standard_output_a_command_ends_as_with_one(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes")
 @pytest.mark.parametrize(("command", "suffix"), [("plot", ".svg"), ("render", ".html")])
 def test_names_of_files_need_not_be_text(nod, tmp_path, command, suffix):

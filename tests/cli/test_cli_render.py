@@ -21,6 +21,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 @pytest.mark.parametrize("source", ["nod.npz", "run.csv"])
 def test_a_trajectory_or_a_run_becomes_a_film(run, chromium_path, folder, tmp_path, source):
@@ -39,6 +40,7 @@ def test_a_trajectory_or_a_run_becomes_a_film(run, chromium_path, folder, tmp_pa
     assert pictures[0].shape == (64, 96, 3)
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_picture_of_a_time(run, chromium_path, folder, tmp_path):
     for time in ("0", "0.8"):

@@ -22,6 +22,7 @@ OTHERS = {
 SCENE = pk.Scene().add_box("table", (0.6, 1.0, 0.04), (0.55, 0.0, 0.70))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["pepper", "pepper on wheels", "panda", "talos"])
 def test_centers_are_off_by_less_than_is_allowed_for(name):
     """The bound of rounding errors holds with room, and is small enough to cost nothing."""

@@ -230,6 +230,7 @@ def test_contacts_refuse_nonsense():
         CollisionChecker(pepper, geometry_type="nice")
 
 
+@pytest.mark.thorough
 def test_surfaces_are_thinner_than_what_contains_them():
     """With the drawn surfaces for shapes: nothing touches in Stand or in Crouch."""
     pepper = pk.load_pepper()

@@ -106,6 +106,7 @@ def doubled(levels: int) -> str:
     return f"<library_nodes>{''.join(nodes)}</library_nodes>"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["node of itself", "exponential copies", "half a file", "no mesh"])
 def test_a_bad_file_is_refused_by_name_and_the_next_is_read(
     tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
@@ -128,6 +129,7 @@ def test_a_bad_file_is_refused_by_name_and_the_next_is_read(
     assert len(read_mesh(good)[1]) == 4
 
 
+@pytest.mark.thorough
 def test_memory_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = collada('<node><instance_node url="#n0"/></node>', library=doubled(18))
     bad = written(tmp_path, text, "bad.dae")
@@ -147,6 +149,7 @@ def test_a_process_that_was_killed_is_replaced(tmp_path: Path) -> None:
     assert len(read_mesh(good)[1]) == 4
 
 
+@pytest.mark.thorough
 def test_after_a_fork_both_sides_read(tmp_path: Path) -> None:
     good = written(tmp_path, collada(f"<node>{SHAPE}</node>"))
     script = f"""

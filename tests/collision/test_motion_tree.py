@@ -50,6 +50,7 @@ def speeds(pepper, q):
     return found
 
 
+@pytest.mark.thorough
 def test_no_configuration_exceeds_the_bound_and_it_is_close():
     """Configurations, a third of them with joints at their limits, where arms are straight."""
     rng = np.random.default_rng(0)

@@ -69,6 +69,7 @@ def distance_kept(pepper, q, scene, time):
     return least
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("uncertainties", [np.full(4, 0.1), np.array([0.0, 0.3, 0.1, 0.2])])
 def test_distances_lose_what_uncertainty_has_grown_by(pepper, uncertainties):
     rng = np.random.default_rng(1)

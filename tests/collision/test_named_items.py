@@ -39,6 +39,7 @@ def test_a_scene_may_grow_while_its_objects_are_looked_at():
     assert list(scene.objects) == ["a", "b", "a again", "b again"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [11, 12, 13, 60, 1000])
 def test_verdicts_among_many_objects_are_those_of_coal(count):
     """Boxes in trees of every depth, a floor among them, with and without margins."""

@@ -46,6 +46,7 @@ def test_pairs_that_an_srdf_disables_are_the_only_ones_left_out():
     assert touching == {frozenset(("base", "arm")), frozenset(("plate", "arm"))}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "place", ["double_pendulum_description/urdf/double_pendulum", "z1_description/urdf/z1"]
 )

@@ -80,6 +80,7 @@ def test_a_robot_moves_along_its_trajectory():
     assert nearest[0.0] - min(nearest.values()) > 0.1
 
 
+@pytest.mark.thorough
 def test_certificates_and_verdicts_count_where_it_is_then():
     other = pk.retime(PEPPER, [STAND, PEPPER.joint_vector({"RShoulderPitch": 0.0, "RElbowRoll": 0.1})])
     near = pk.pose((0.72, 0.0, 0.0), rpy=(0, 0, np.pi))
@@ -102,6 +103,7 @@ def test_certificates_and_verdicts_count_where_it_is_then():
     assert not rows[2.0].obstacle_clearance.success
 
 
+@pytest.mark.thorough
 def test_speed_bounds_hold_for_every_point():
     """Centers of shapes by finite differences; distances do not fall faster than `approach_speed` says."""
     scene = pk.Scene().add_robot("other", PEPPER, MOTION, FACING)

@@ -463,6 +463,7 @@ def test_a_floor_of_any_length_answers_as_a_half_space(pepper, length):
             np.testing.assert_array_equal(found, truth)
 
 
+@pytest.mark.thorough
 def test_thousands_of_boxes_are_added_and_checked_as_those_near_by_are(pepper):
     """Adding one does not cost more the more there are, nor do the checks: coal's model took hours."""
     rng, scene = np.random.default_rng(4), pk.Scene()

@@ -88,6 +88,7 @@ def both(child):
     return [json.loads(child(PROGRAM, NUMBA_DISABLE_JIT=off).stdout)["answers"] for off in (0, 1)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "algorithm",
     [

@@ -1,11 +1,13 @@
 """Ways along a path into another motion: derivatives of composed polynomials as the oracle."""
 
 import numpy as np
+import pytest
 from numpy.polynomial import Polynomial
 
 from pepper_kin.core.timing.joining import next_way
 
 
+@pytest.mark.thorough
 def test_ways_are_kept_that_keep_limits_at_every_instant():
     rng = np.random.default_rng(0)
     n, breaks = 3, np.array([0.0, 0.4, 1.0, 1.5])

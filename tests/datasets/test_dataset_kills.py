@@ -51,6 +51,7 @@ def children():
     return [int(word) for task in tasks for word in task.read_text().split()]
 
 
+@pytest.mark.thorough
 def test_workers_of_the_pool_killed_again_and_again(job, undisturbed, tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "MOST_KILLS", 50)
     kills, rng = [], np.random.default_rng(3)
@@ -80,6 +81,7 @@ def test_a_shard_that_kills_every_process_is_named(job, tmp_path, monkeypatch):
         datasets.make(job, tmp_path / "data", workers=1)
 
 
+@pytest.mark.thorough
 def test_workers_of_dask_killed(job, undisturbed, tmp_path):
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0", "processes": True}
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
@@ -97,6 +99,7 @@ def test_workers_of_dask_killed(job, undisturbed, tmp_path):
     assert contents(tmp_path / "dask") == undisturbed
 
 
+@pytest.mark.thorough
 def test_a_scheduler_that_is_gone(job, undisturbed, tmp_path):
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
     cluster = distributed.LocalCluster(**options)
@@ -110,6 +113,7 @@ def test_a_scheduler_that_is_gone(job, undisturbed, tmp_path):
     assert contents(tmp_path / "data") == undisturbed
 
 
+@pytest.mark.thorough
 def test_workers_of_dask_that_do_not_come_back(job, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE", 1.0)
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
@@ -137,6 +141,7 @@ datasets.make(job, sys.argv[2], workers=1, on_progress=lambda state: print(state
 """
 
 
+@pytest.mark.thorough
 def test_a_killed_driver_and_a_second_one(job, undisturbed, tmp_path):
     """The second is refused while the first lives; after its death resume goes on, and asks no clock."""
     job.save(tmp_path / "job.yaml")
@@ -164,6 +169,7 @@ def limit_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))  # a shard is longer
 
 
+@pytest.mark.thorough
 def test_a_full_disk(job, undisturbed, tmp_path):
     """A line that names file and cause; nothing half written; resume goes on."""
     job.save(tmp_path / "job.yaml")
@@ -219,6 +225,7 @@ def test_another_format_is_refused_where_nothing_would_be_written(tmp_path):
         datasets.make(dataclasses.replace(job, format="lerobot"), tmp_path / "data", workers=0)
 
 
+@pytest.mark.thorough
 def test_the_same_job_in_two_folders_by_one_scheduler(job, undisturbed, tmp_path):
     """The tasks of one are not those of the other."""
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
@@ -232,6 +239,7 @@ def test_the_same_job_in_two_folders_by_one_scheduler(job, undisturbed, tmp_path
     assert contents(tmp_path / "a") == contents(tmp_path / "b") == undisturbed
 
 
+@pytest.mark.thorough
 def test_other_clusters_of_the_process_come_and_go(job, undisturbed, tmp_path):
     """The newest client is the default one of all threads: it is not asked about the shards of another."""
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": False}
@@ -324,6 +332,7 @@ def test_on_an_address_of_fsspec(job, undisturbed):
         datasets.make(job, "nowhere://pepper")
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path):
     """Row after row of a data set a hundred times a group: the arrays of one group are in memory."""
     import tracemalloc

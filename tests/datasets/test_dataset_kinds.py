@@ -29,6 +29,7 @@ def made(tmp_path_factory):
     return make
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", datasets.KINDS)
 def test_rows_are_there_once_and_the_same_when_computed_alone(made, kind):
     """By pyarrow's own readers; a row alone, out of the middle of a shard, has the same bits."""

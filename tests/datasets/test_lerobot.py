@@ -103,6 +103,7 @@ def test_what_cannot_be_written_is_refused_and_nothing_complete_is_left(tmp_path
         LeRobotWriter(tmp_path / "c", 50, features)
 
 
+@pytest.mark.thorough
 def test_a_run_of_the_twin_becomes_frames_and_a_film(tmp_path):
     """PyAV shows the camera's pictures at their times; the frames are those of the rows."""
     job = small_job("runs", tmp_path, rows=1, format="lerobot")

@@ -50,6 +50,7 @@ def test_the_history_tells_what_small_changes_came_to(tmp_path, monkeypatch):
     assert f"| {0.97**4:.2f} |" in run_all.line(last, OPERATIONS["plan"], run_all.history())
 
 
+@pytest.mark.thorough
 def test_two_commits_take_turns(tmp_path):
     """Here the sources with themselves, and with some that lack what is asked for."""
     now = run_all.copy_of(None, tmp_path / "now")

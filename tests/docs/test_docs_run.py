@@ -33,6 +33,7 @@ RUNNING = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("page", RUNNING)
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

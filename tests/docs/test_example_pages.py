@@ -40,6 +40,7 @@ def test_examples_have_numbers_words_pictures_and_a_check_of_their_own():
             assert 600 <= image.size[0] <= 1000
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "script",
     [path for path in EXAMPLES if MAKES_MOTIONS.search(path.read_text())],

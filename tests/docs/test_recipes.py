@@ -84,6 +84,7 @@ def test_there_are_forty_and_the_index_lists_them_in_order():
     assert len(listed) == len(ALL)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "recipe",
     [pytest.param(recipe, marks=marks(recipe), id=f"{recipe.page}: {recipe.title}") for recipe in ALL],

@@ -163,6 +163,7 @@ def test_misuse_is_named():
         pk.dynamics.tip_over_margin(pepper, pepper.joint_vector({"KneePitch": 0.5}), zero, fall)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [{}, {"base": "planar", "hands": "mimic"}])
 def test_newton_euler_counts_what_was_changed_by_hand(options):
     """Masses, placements, frames that carry loads, gravity and armatures, all at once."""

@@ -131,6 +131,7 @@ def test_the_robot_is_named_where_it_is_not_pepper(tmp_path):
     save(other, tmp_path / "a.csv")  # no robot plays it
 
 
+@pytest.mark.thorough
 def test_pepper_with_another_base_is_known_by_its_joints(tmp_path):
     robot = pk.load_pepper(base="planar")
     points = np.tile(robot.posture("Stand"), (2, 1))

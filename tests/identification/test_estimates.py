@@ -69,6 +69,7 @@ def test_the_motion_keeps_shares_of_limits_and_clearance(pepper, excitation):
     assert pk.collision.clearance(pepper, q).min() > 0.008
 
 
+@pytest.mark.thorough
 def test_the_search_finds_a_better_condition_and_a_seed_gives_one_motion(pepper, excitation):
     again = excitation_motion(pepper, "left_arm", draws=40, seed=3)
     assert again.trajectory == excitation.trajectory
@@ -102,6 +103,7 @@ def test_planted_stiffness_is_found(pepper, excitation, actuators):
     assert width.max() < 0.3
 
 
+@pytest.mark.thorough
 def test_planted_masses_rotors_and_friction_are_found(pepper, excitation, actuators):
     link = pepper.with_masses({"LForeArm": 0.35})
     found = estimate_inertia(pepper, recorded(link, excitation, actuators), "left_arm")
@@ -185,6 +187,7 @@ def test_recordings_that_tell_nothing_are_refused(pepper, excitation, actuators)
         estimate_stiffness(pepper, still, "left_arm")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "joints", [None, "left_arm", ("HipRoll", "KneePitch", "LShoulderPitch", "LElbowRoll")]
 )

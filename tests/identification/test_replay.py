@@ -96,6 +96,7 @@ def test_wrong_arguments_are_refused(pepper, made_log):
         fit_actuators(pepper, [log], ("mass",))
 
 
+@pytest.mark.thorough
 def test_a_fit_finds_what_a_log_was_made_with(pepper, made_log):
     """Known values come back within their intervals' order, though each robot differs and some are held."""
     truth = joint_response(pepper, "ideal").changed(

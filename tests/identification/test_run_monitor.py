@@ -95,6 +95,7 @@ def test_a_joint_that_sticks_is_named_with_the_way_that_it_missed(pepper, model)
     assert found.size == pytest.approx(way, rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bias", [0.08, -0.3])
 def test_a_biased_reading_of_a_log_is_named(pepper, made_log, bias):
     log = made_log(pepper, joint_response(pepper), noise=2e-3, seconds=90.0)
@@ -105,6 +106,7 @@ def test_a_biased_reading_of_a_log_is_named(pepper, made_log, bias):
     assert found.size == pytest.approx(bias, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_joint_that_is_held_in_a_log_is_named(pepper, made_log):
     log = made_log(pepper, joint_response(pepper), noise=5e-4, seconds=90.0)
     measured = np.array(log.measured)

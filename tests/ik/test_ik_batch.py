@@ -33,6 +33,7 @@ def test_rows_are_what_solve_gives():
     assert not batch.success[3]
 
 
+@pytest.mark.thorough
 def test_threads_change_nothing_and_progress_is_reported():
     points = hands(3 * CHUNK + 5)[:, :3, 3]
     calls = []

@@ -51,6 +51,7 @@ def center(q, heavy):
     return pinocchio.centerOfMass(model, model.createData(), full)[:2]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [("plain", "changed", "plain"), ("changed", "plain", "changed")])
 def test_in_processes_of_their_own(child, order):
     """A robot that no cache knows: one kind first, then the other; then both from disk."""

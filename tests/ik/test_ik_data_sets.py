@@ -24,6 +24,7 @@ def whole():
     return pk.ik.solve_batch(PEPPER, [pk.ik.HandPosition("left", targets(600))], seed=2, collisions=False)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("chunk", "threads"), [(1, 1), (7, 3), (64, 2), (599, 2), (600, 1), (10_000, 4)])
 def test_pieces_and_threads_change_nothing(monkeypatch, whole, chunk, threads):
     monkeypatch.setattr(batch, "CHUNK", chunk)
@@ -83,6 +84,7 @@ def test_what_breaks_off_the_progress_breaks_off_the_work(threads):
         )
 
 
+@pytest.mark.thorough
 def test_the_data_set_of_the_example(run_example, tmp_path):
     done = run_example("07_data_set.py", "--count", "3000", "--seed", "5", cwd=tmp_path)
     assert done.returncode == 0

@@ -153,6 +153,7 @@ def test_box_program_against_scipy(seed, k):
     assert cost(step) <= cost(other.x) + 1e-7
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ["placo", "proxsuite"])
 def test_agrees_with_the_other_solvers(solver):
     generator = np.random.default_rng(11)
@@ -177,6 +178,7 @@ def test_success_is_what_the_certificate_says(name):
     assert np.all((result.q >= LOW) & (result.q <= HIGH))
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(
     point=st.tuples(*[st.floats(-3, 3)] * 3),

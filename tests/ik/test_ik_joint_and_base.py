@@ -78,6 +78,7 @@ def test_the_base_turns_the_short_way_round(solver):
     assert result.q[PLANAR.joint_index("BaseYaw")] == pytest.approx(3.0 - 2 * math.pi, abs=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ALL_SOLVERS)
 def test_near_is_a_wide_tolerance(solver):
     """The base gives way within its tolerance, whatever its weight, until the hand is there."""

@@ -140,6 +140,7 @@ def test_soft_tasks_come_as_near_as_the_hard_ones_let_them():
     assert result.errors[1].value <= best + 2e-3
 
 
+@pytest.mark.thorough
 def test_hard_tasks_are_met_wherever_they_can_be():
     generator = np.random.default_rng(1)
     states = generator.uniform(LOW, HIGH, (120, PEPPER.n))

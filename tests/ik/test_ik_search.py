@@ -34,6 +34,7 @@ def reachable(kind, count, seed):
     }[kind]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "first"), [("position", 0.99), ("pointing", 0.96), ("gaze", 0.99), ("hands and gaze", 0.95)]
 )
@@ -63,6 +64,7 @@ def test_a_target_with_a_narrow_way_in_is_not_given_up():
     assert reached[:3, 0] @ pose[:3, 0] > np.cos(np.radians(0.5))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ALL_SOLVERS)
 @settings(max_examples=25, deadline=None)
 @given(

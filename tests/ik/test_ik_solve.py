@@ -22,6 +22,7 @@ def reachable(count, seed):
         yield hand, camera[:3, 3] + generator.uniform(0.5, 3.0) * camera[:3, 0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("gaze", [False, True], ids=["hand", "hand and gaze"])
 def test_reachable_targets_are_reached(solver, gaze):

@@ -78,6 +78,7 @@ def test_unequal_weights_and_a_hard_task(solver):
         assert result.success, result.report()
 
 
+@pytest.mark.thorough
 def test_a_heavy_preference_prevents_nothing():
     points, _ = reachable(30, seed=5)
     tasks = [
@@ -157,6 +158,7 @@ def known_problems():
     yield [left, pk.ik.HandPosition("right", (-1.1179631, -0.1532055, 1.474992), weight=0.0373559)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["gaze", "direction", "wide tolerance", "pose", "pose and hand", "known"])
 def test_closest_postures_beside_scipy(kind):
     """The weighted cost is at most 2 % above the least that L-BFGS-B ends at from 16 random starts.

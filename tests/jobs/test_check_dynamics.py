@@ -47,6 +47,7 @@ def failing(check):
     return {name.rsplit(" (", 1)[0] for name in check.failures}
 
 
+@pytest.mark.thorough
 def test_a_sound_robot_passes():
     check = check_dynamics(arm(), states=30)
     assert check.success
@@ -77,6 +78,7 @@ def test_the_same_seed_gives_the_same_numbers():
     assert first.rows != other.rows
 
 
+@pytest.mark.thorough
 def test_pepper_with_fingers_passes_and_says_so():
     check = check_dynamics(pk.load_pepper(), states=20)
     assert check.success, check.report()
@@ -178,6 +180,7 @@ def test_numbers_of_states_that_are_none_are_refused():
             check_dynamics(arm(), states=states)
 
 
+@pytest.mark.thorough
 def test_the_command_checks_a_file(run, tmp_path):
     (tmp_path / "arm.urdf").write_text(ARM.format(mass=1))
     done = run("check", "dynamics", "arm.urdf", "--states", "8", "--seed", "2", cwd=tmp_path)

@@ -18,6 +18,7 @@ def found() -> PhysicsCheck:
     return check_physics(timesteps=(4e-4, 1e-4))
 
 
+@pytest.mark.thorough
 def test_engines_agree_and_the_difference_shrinks(found):
     assert found.success
     assert [row.name for row in found.rows] == [
@@ -33,6 +34,7 @@ def test_engines_agree_and_the_difference_shrinks(found):
         assert row.greatest[-1] < 0.4 * row.greatest[0] or row.greatest[-1] < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_heavier_hand_in_one_engine_would_be_found(monkeypatch):
     right = physics_check._drive
 

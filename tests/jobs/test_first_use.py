@@ -17,6 +17,7 @@ print(outcome.success, "numba" in sys.modules, outcome.message)
 """
 
 
+@pytest.mark.thorough
 def test_the_demo_compiles_nothing_twice(child):
     """What has been made is found: nothing is made, and nothing is said."""
     done = child(CODE)
@@ -24,6 +25,7 @@ def test_the_demo_compiles_nothing_twice(child):
     assert done.stderr == ""
 
 
+@pytest.mark.thorough
 def test_a_demo_without_machine_code_is_interpreted_with_the_same_numbers(run, tmp_path):
     """The independent reference is the same command by machine code."""
     empty = tmp_path / "cache"
@@ -75,5 +77,6 @@ light("a plan")
 """
 
 
+@pytest.mark.thorough
 def test_first_answers_load_no_compiler_and_no_other_library(child):
     child(ANSWERS)

@@ -6,6 +6,7 @@ from pepper_kin.jobs import check_dynamics, check_physics
 from pepper_kin.model import load_pepper
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("job", "parts"),
     [

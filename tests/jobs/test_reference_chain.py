@@ -32,6 +32,7 @@ def motion_of(robot):
     return pk.retime(robot, [robot.posture("Stand"), goal])
 
 
+@pytest.mark.thorough
 def test_the_main_job_is_done_by_others_and_certified_by_both(monkeypatch):
     """The compiled check of collisions raises; placo, toppra, RNEA and ABA are counted."""
     calls = dict.fromkeys(("rnea", "aba", "nonLinearEffects"), 0)
@@ -74,6 +75,7 @@ def test_toppra_times_and_asks_pinocchio(monkeypatch):
     assert by_toppra.is_close(pk.retime(FAST, [by_toppra.start, by_toppra.end], solver="toppra"), 1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", KINDS, ids=str)
 def test_dynamics_and_kinematics_of_batches_are_pinocchios(options):
     robot = pk.load_pepper(**options)
@@ -101,6 +103,7 @@ def test_verdicts_are_coals():
     assert not fast.all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", KINDS, ids=str)
 def test_a_run_of_the_twin_is_the_same(options):
     robot = pk.load_pepper(**options)
@@ -147,6 +150,7 @@ def test_other_names_are_refused():
         FAST.with_solvers("referenz")
 
 
+@pytest.mark.thorough
 def test_the_command_takes_the_word(run, tmp_path):
     done = run("demo", "-o", "out", "--solvers", "reference", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

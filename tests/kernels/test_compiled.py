@@ -102,6 +102,7 @@ def make_nested(on=True):
     return Nested(np.array([0, 2]), table)
 
 
+@pytest.mark.thorough
 def test_all_kinds_of_arguments_arrive():
     x = np.array([1.0, 2.0, 3.0])
     expected = 0.5 * (1 + 9) + 3 * 1 + 3
@@ -241,6 +242,7 @@ def after_first_run(first_run, tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_numba_is_imported_to_compile_and_never_again(first_run, run_module):
     folder, said = first_run
     assert said == "True"
@@ -252,6 +254,7 @@ def test_the_same_source_runs_interpreted(tmp_path, run_module):
     assert not (tmp_path / "cache").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("damage", [b"", b"\x00" * 100, None], ids=["empty", "zeros", "flipped bit"])
 def test_damaged_code_is_made_again_and_said_so(after_first_run, run_module, damage):
     tmp_path = after_first_run
@@ -264,6 +267,7 @@ def test_damaged_code_is_made_again_and_said_so(after_first_run, run_module, dam
     assert run_module(tmp_path)[0] == "False"
 
 
+@pytest.mark.thorough
 def test_folders_that_cannot_be_written_leave_code_in_memory(tmp_path, run_module):
     (tmp_path / "file").write_text("not a folder")
     for _ in range(2):
@@ -271,6 +275,7 @@ def test_folders_that_cannot_be_written_leave_code_in_memory(tmp_path, run_modul
         assert out == "True"
 
 
+@pytest.mark.thorough
 def test_code_for_a_processor_of_another_name_is_another_part(after_first_run, run_module):
     tmp_path = after_first_run
     count = len(list((tmp_path / "cache").glob("*.code")))
@@ -280,6 +285,7 @@ def test_code_for_a_processor_of_another_name_is_another_part(after_first_run, r
         assert len(list((tmp_path / "cache").glob("*.code"))) > count
 
 
+@pytest.mark.thorough
 def test_of_two_processes_one_is_killed_and_the_other_ends_well(tmp_path, run_module):
     (tmp_path / "own.py").write_text(MODULE)
     variables = {**os.environ, "PYTHONPATH": str(tmp_path), "PEPPER_KIN_CACHE": str(tmp_path / "cache")}
@@ -294,6 +300,7 @@ def test_of_two_processes_one_is_killed_and_the_other_ends_well(tmp_path, run_mo
     assert run_module(tmp_path)[0] == "False"
 
 
+@pytest.mark.thorough
 def test_code_for_a_record_that_has_moved_to_another_module_is_made_again(tmp_path, child):
     (tmp_path / "kept.py").write_text(
         "from pepper_kin.kernels import compiled\n\n"

@@ -28,6 +28,7 @@ def keys(child):
     return json.loads(child(KEYS, "", "", "no file").stdout)[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [

@@ -231,6 +231,7 @@ def test_wrong_out_is_refused(kernel):
     refused("read-only", lambda: kernel(*inputs, out=good))
 
 
+@pytest.mark.thorough
 @settings(max_examples=80, deadline=None)
 @given(
     shape=hnp.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4),

@@ -51,6 +51,7 @@ def test_a_kernel_without_the_loop_has_no_such_address():
         kernel.address_of("batch", inputs=1, outputs=1, work=kernel.work_size)
 
 
+@pytest.mark.thorough
 def test_a_kernel_of_another_robot_is_refused_by_the_search(pepper, monkeypatch):
     """As if a key had left out what the code depends on: the planar robot's kernel for the fixed one."""
     task = [ik.HandPosition("left", (0.38, 0.22, 0.82))]
@@ -91,6 +92,7 @@ def test_a_manifold_with_too_few_rows_is_refused(kernel):
         manifold.errors(np.zeros((1, 2)))
 
 
+@pytest.mark.thorough
 def test_addresses_of_kernels_are_asked_for_with_the_sizes_of_buffers():
     """Nothing outside of `kernels` reads the addresses themselves."""
     names = {"single_address", "block_address", "batch_address"}

@@ -152,6 +152,7 @@ sys.stdout.buffer.write(bytes([kernel.from_cache]) + kernel(points).tobytes())
 """
 
 
+@pytest.mark.thorough
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(folder):
     """The others read what it wrote, and all get the same numbers."""
     pipe = subprocess.PIPE

@@ -89,6 +89,7 @@ def test_every_supported_operation_is_tested():
     assert set(CASES) == set(SUPPORTED_OPERATIONS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("dtype", "tolerance"), [("float64", 1e-14), ("float32", 2e-6)])
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_operation_agrees_with_casadi(kernels, name, dtype, tolerance):

@@ -64,6 +64,7 @@ def in_chunks(function, chunk_length, dtype="float64", target=None):
     return Kernel(image, target), parts
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), length=st.integers(1, 120))
 def test_random_expressions_agree_with_casadi(seed, length):
@@ -76,6 +77,7 @@ def test_random_expressions_agree_with_casadi(seed, length):
         np.testing.assert_allclose(got, want, rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), chunk_length=st.integers(1, 60))
 def test_chunks_do_not_change_the_result(seed, chunk_length):
@@ -89,6 +91,7 @@ def test_chunks_do_not_change_the_result(seed, chunk_length):
         np.testing.assert_allclose(got, want, rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_long_function_is_cut_into_chunks_and_reuses_work_space():
     rng = np.random.default_rng(5)
     function = random_function(rng, 3000)
@@ -120,6 +123,7 @@ def test_no_arithmetic_flag_but_contraction():
     assert "fadd contract" in ir
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("vector_bytes", [16, 32, 64])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_every_vector_width_gives_the_same(dtype, vector_bytes):
@@ -195,6 +199,7 @@ def test_block_of_states_by_address(small):
         np.testing.assert_allclose(result, want, rtol=1e-13 if small.dtype == np.float64 else 1e-5)
 
 
+@pytest.mark.thorough
 def test_address_can_be_called_from_numba():
     import numba  # 100 MB, which few workers need
 

@@ -51,6 +51,7 @@ def test_past_the_caches_comes_the_same(monkeypatch, dtype, sizes):
                 assert (raw[begin + array.size :] == GUARD).all()
 
 
+@pytest.mark.thorough
 def test_so_many_that_they_go_past_the_caches_unasked():
     sizes = (19, 12)
     count = streaming.STREAM_FROM // (31 * 8) + 2

@@ -6,6 +6,8 @@ that run meanwhile.  An edit of any of them has to change the key.
 
 import json
 
+import pytest
+
 PROGRAM = """
 import collections, json, os, sys, threading
 from pathlib import Path
@@ -92,6 +94,7 @@ IRRELEVANT = {
 }
 
 
+@pytest.mark.thorough
 def test_the_key_of_a_kernel_names_every_source_that_runs_while_it_is_made(child, tmp_path, made_units):
     missing, count = child(PROGRAM, PEPPER_KIN_CACHE=made_units(tmp_path)).stdout.splitlines()
     assert int(count) >= 5

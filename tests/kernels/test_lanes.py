@@ -51,6 +51,7 @@ def every_operation(x: Singles1, y: Singles1, number: float, found: Singles2) ->
     return lanes_below(a, b)
 
 
+@pytest.mark.thorough
 def test_operations_are_those_of_numpy():
     rng = np.random.default_rng(0)
     for _ in range(200):

@@ -116,6 +116,7 @@ def places(pepper):
 ROOMS = (quantities, inverse_kinematics, collisions, motions, twins, sensors, servos, constrained, places)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("use", ROOMS)
 def test_a_robot_that_is_no_longer_used_is_collected(pepper, use):
     robot = pickle.loads(pickle.dumps(pepper))  # a robot of our own

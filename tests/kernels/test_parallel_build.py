@@ -26,6 +26,7 @@ def kept():
     return {name for name in SMALL if is_kept(unit_of(name).key())}
 
 
+@pytest.mark.thorough
 def test_all_that_is_named_is_made_and_no_more(empty):
     reports = []
     Build(SMALL[:2], only=True).finish(reports.append)
@@ -34,6 +35,7 @@ def test_all_that_is_named_is_made_and_no_more(empty):
     assert not list(empty.glob("*.lock"))
 
 
+@pytest.mark.thorough
 def test_what_is_asked_for_later_is_made_too(empty):
     build = Build(SMALL[:1], only=True)
     build.ask(SMALL[2])
@@ -41,6 +43,7 @@ def test_what_is_asked_for_later_is_made_too(empty):
     assert SMALL[2] in kept()
 
 
+@pytest.mark.thorough
 def test_one_that_is_ended_leaves_whole_parts(empty):
     build = Build(SMALL, only=True)
     while build.is_running and not kept():
@@ -53,6 +56,7 @@ def test_one_that_is_ended_leaves_whole_parts(empty):
     assert kept() == set(SMALL)
 
 
+@pytest.mark.thorough
 def test_a_module_that_is_not_there_is_an_error_that_names_it(empty):
     with pytest.raises(RuntimeError, match="no_such_module"):
         Build(["pepper_kin.no_such_module"], only=True).finish(lambda progress: None)
@@ -98,6 +102,7 @@ def test_what_is_asked_for_comes_first_and_what_is_shared_counts_once(schedule):
     assert schedule.done == pytest.approx(schedule.total)
 
 
+@pytest.mark.thorough
 def test_processes_end_that_were_never_given_work():
     """One that had just been forked lost the signal to end, and was waited for without end."""
     program = (

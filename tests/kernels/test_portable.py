@@ -33,6 +33,7 @@ def test_nothing_of_a_processor_is_in_it():
     assert set(re.findall(r"<(\d+) x (?:double|float|i64|ptr)>", text)) <= {"4", "8"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wheel", "begin"),
     [

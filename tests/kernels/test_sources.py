@@ -101,6 +101,7 @@ def test_words_and_layout_do_not_count():
         assert digests_of(edit(SOURCE)) == digests_of(SOURCE)
 
 
+@pytest.mark.thorough
 def test_digests_are_kept_for_later_processes(child, tmp_path):
     """The second process parses nothing, and has the digests of the first."""
     (tmp_path / "own.py").write_bytes(SOURCE)

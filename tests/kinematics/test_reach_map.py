@@ -198,6 +198,7 @@ def test_points_that_are_none_are_refused(arm_map):
             arm_map.contains(points)
 
 
+@pytest.mark.thorough
 def test_the_picture_is_a_png(arm_map, tmp_path):
     path = save_reach_picture({"left": arm_map, "again": arm_map}, tmp_path / "reach.png")
     assert path.read_bytes().startswith(b"\x89PNG")

@@ -25,6 +25,7 @@ def commands_to(pepper, command, speed, target, share, steps=STEPS, h=0.001):
     return positions, velocities
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "options",
     [

@@ -66,6 +66,7 @@ def runs(pepper):
     return batch, singles, np.array(wrenches)
 
 
+@pytest.mark.thorough
 def test_rows_are_equal_to_single_twins_in_their_worlds(runs):
     batch, singles, wrenches = runs
     touched = np.abs(wrenches[..., :3]).max(axis=(0, 2)) > 1.0
@@ -83,6 +84,7 @@ def test_rows_are_equal_to_single_twins_in_their_worlds(runs):
     np.testing.assert_allclose(moved, 0.4 - 0.8 * 12 * STEPS * H, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_threads_and_the_number_of_rows_change_nothing(pepper):
     targets = targets_of(pepper, 4)
     many, few = (TwinBatch(pepper, count, world=world_of(pepper)) for count in (N, 3))

@@ -45,6 +45,7 @@ def test_the_oracle_finds_tasks_that_cannot_be_solved():
     assert success_of(env, Oracle(env), 100) < 0.5
 
 
+@pytest.mark.thorough
 def test_robots_that_only_stand_tip_over_and_those_that_drive_blindly_touch():
     env = PepperVectorEnv(40, "Balance", autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=1)
@@ -79,6 +80,7 @@ def test_things_that_are_pushed_or_touched_are_where_the_worlds_have_them():
     assert np.abs(box[:, 2] - env.episode[:, 2]).max() < 0.01  # on the table
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*Box observation space.*")
 @pytest.mark.parametrize("options", [{}, {"sparse": True, "goal_form": True}])
 @pytest.mark.parametrize("name", list(learning.TASKS))

@@ -18,6 +18,7 @@ def is_goal(picture):
     return (red > 2 * green) & (red > 2 * blue) & (red > 60)
 
 
+@pytest.mark.thorough
 def test_a_picture_shows_robot_and_goals_where_they_are():
     env = PepperVectorEnv(18, "ReachBoth", render_mode="rgb_array")
     env.reset(seed=0)
@@ -46,6 +47,7 @@ def test_a_picture_shows_robot_and_goals_where_they_are():
         PepperVectorEnv(1, render_mode="human")
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*Box observation space.*")
 def test_gymnasium_films_an_episode(tmp_path):
     check_env(gymnasium.make("PepperReach-v0", render_mode="rgb_array").unwrapped)
@@ -65,6 +67,7 @@ def test_gymnasium_films_an_episode(tmp_path):
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
 
 
+@pytest.mark.thorough
 def test_gymnasium_films_a_batch(tmp_path):
     many = gymnasium.make_vec(
         "PepperReach-v0", num_envs=3, vectorization_mode="vector_entry_point", render_mode="rgb_array"

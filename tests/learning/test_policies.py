@@ -84,6 +84,7 @@ def test_a_file_gives_the_same_policy_or_is_refused(tmp_path):
             load_policy(path)
 
 
+@pytest.mark.thorough
 def test_imitation_reaches_new_goals_and_repeats_itself(trained):
     policy, told = trained
     assert [(found.done, found.total) for found in told] == [(k, 4) for k in (1, 2, 3, 4)]
@@ -97,6 +98,7 @@ def test_imitation_reaches_new_goals_and_repeats_itself(trained):
     np.testing.assert_allclose(runs[0].weights[0], runs[1].weights[0], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_teacher_of_ones_own_is_imitated():
     env = PepperVectorEnv(40, "Reach", autoreset_mode="SameStep")
     policy = imitate(env, lambda: np.full((40, 5), 0.25), rounds=8, hidden=(32,))
@@ -129,6 +131,7 @@ def test_a_twin_does_what_the_batch_does():
         one.step(np.zeros((1, 5)))
 
 
+@pytest.mark.thorough
 def test_a_policy_works_with_latency_and_a_table_explains_a_failure(trained):
     policy, _ = trained
     one = PepperVectorEnv(1, "Reach", goal_seed=1)
@@ -197,6 +200,7 @@ def test_misuse_of_policies_is_refused():
         Policy("Reach", np.zeros(2), np.ones(2), (np.zeros((2, 2)),), (np.zeros(2), np.zeros(2)))
 
 
+@pytest.mark.thorough
 def test_ctrl_c_keeps_the_best_so_far():
     told = []
 
@@ -229,6 +233,7 @@ def test_without_a_learner_the_command_that_installs_it_is_named(monkeypatch, ca
         hand_over(PepperVectorEnv(2))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["Carry", "Push", "Balance", "Drive"])
 def test_a_single_twin_does_a_task_as_the_batch_does(name):
     env = PepperVectorEnv(1, name)

@@ -68,6 +68,7 @@ def test_ik_and_plans_keep_the_limits_of_their_model_in_either_order(new_first):
         assert np.all(plan.path[:, elbow] >= robot.lower_limits[elbow] - 1e-9)
 
 
+@pytest.mark.thorough
 def test_timing_keeps_the_new_velocities_and_efforts():
     path = [PEPPER.posture("Stand"), PEPPER.joint_vector({"left_arm": (0.2, 0.4, -0.5, -0.8, 0.3)})]
     slow = PEPPER.with_limits(velocity={"left_arm": 0.4}, acceleration=0.5 * PEPPER.acceleration_limits)

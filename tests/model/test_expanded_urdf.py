@@ -20,6 +20,7 @@ def test_texts_equal_the_expansion(base, hands):
     assert pk.model.pepper_urdf(base=base, hands=hands) == expanded_urdf.expanded(base, hands)
 
 
+@pytest.mark.thorough
 def test_defaults_are_those_of_the_xacro_sources():
     assert pk.model.pepper_urdf() == expanded_urdf.expand()
     assert pk.model.pepper_urdf(hands="mimic") == expanded_urdf.expand(hands="mimic")
@@ -41,6 +42,7 @@ def written(tmp_path_factory):
     return folder
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wrong", ["sources", "missing", "no text"])
 def test_stale_or_missing_texts_are_expanded_anew(tmp_path, monkeypatch, written, wrong):
     folder = shutil.copytree(written, tmp_path / "urdf")

@@ -182,6 +182,7 @@ def greatest_distance(pepper, motion, timestep=0.001):
     return worst
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("base", "hands"), [("planar", "mimic"), ("fixed", "independent")])
 def test_a_gesture_is_the_twins(base, hands):
     """Angles within 1 mrad of those of the twin, fingers included, which neither lags nor sags behind."""

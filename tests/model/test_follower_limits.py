@@ -111,6 +111,7 @@ def test_limits_shown_are_those_that_no_joint_leaves():
     assert narrowed > 50
 
 
+@pytest.mark.thorough
 def test_motions_and_their_certificates_keep_the_limits_of_followers():
     certified = 0
     for urdf, robot, rng in random_robots(25, 1):
@@ -131,6 +132,7 @@ def test_motions_and_their_certificates_keep_the_limits_of_followers():
     assert certified >= 15
 
 
+@pytest.mark.thorough
 def test_ik_twin_and_interpolation_see_them():
     for urdf, robot, _ in random_robots(12, 2, tight=0.5):
         q = pk.ik.solve(robot, [pk.ik.FramePosition(robot.link_names[-1], (5.0, 5.0, 0.0))]).q

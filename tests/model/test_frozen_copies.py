@@ -116,6 +116,7 @@ def test_what_is_read_only_is_so_in_every_copy(values):
     assert {"Trajectory", "Samples", "IKResult", "SceneObject", "HandPosition", "Shape"} <= examined, examined
 
 
+@pytest.mark.thorough
 def test_every_class_that_makes_its_arrays_read_only_keeps_them_so():
     """Found in the source: a class that freezes arrays and forgets its copies fails here."""
     classes = {}

@@ -54,6 +54,7 @@ def test_work_grows_with_the_length_of_a_chain() -> None:
     assert lines_run(1000) < 4.5 * lines_run(250)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "mimic"), [("revolute", False), ("fixed", False), ("revolute", True)])
 def test_the_longest_chain_is_read(kind: str, mimic: bool) -> None:
     robot = pk.load_robot(chain(LONGEST_CHAIN, kind, mimic))
@@ -135,6 +136,7 @@ def test_groups_may_be_nested_deep() -> None:
         pk.load_robot(chain(2), f'<robot name="r">{groups}{looped}</robot>')
 
 
+@pytest.mark.thorough
 def test_small_texts_that_stand_for_endless_lists_are_refused() -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(2000))
     joints = "".join(joint(f"f{i}", "l0", f"l{i}", "fixed") for i in range(1, 1999))

@@ -187,6 +187,7 @@ def test_a_robot_that_cannot_move_is_refused() -> None:
             pk.load_robot(robot(*parts))
 
 
+@pytest.mark.thorough
 def test_mujocos_format_refuses_a_robot_whose_inertia_is_not_computed() -> None:
     links = "".join(link(f"l{i}") for i in range(1501))
     model = pk.load_robot(robot(links, *(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(1500))))

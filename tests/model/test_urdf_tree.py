@@ -5,6 +5,8 @@ import pickle
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import pytest
+
 import pepper_kin as pk
 
 PACKAGE = Path(pk.__file__).parent
@@ -15,6 +17,7 @@ def written(tree):
     return ET.tostring(tree, encoding="unicode")
 
 
+@pytest.mark.thorough
 def test_descriptions_are_parsed_in_one_file():
     parsing = set()
     for path in PACKAGE.rglob("*.py"):

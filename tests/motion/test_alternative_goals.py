@@ -27,6 +27,7 @@ def scene():
     return table.add_cylinder("can", 0.03, 0.44, CAN)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [{}, {"least_margin": 0.001}, {"balance": 0.0}], ids=str)
 def test_one_of_many_grasps_is_reached(pepper, scene, options):
     directions, tasks = grasps()

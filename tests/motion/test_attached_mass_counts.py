@@ -206,6 +206,7 @@ def test_optimized_motions_keep_the_torques_and_the_balance_of_the_loaded_robot(
     assert (np.abs(torques(loaded_model(), *state)) / PEPPER.effort_limits).max() > 1.01
 
 
+@pytest.mark.thorough
 def test_the_effort_that_is_optimized_is_that_of_the_loaded_robot():
     q, duration = swing(0.5), 1.5
     found = pk.motion.minimum_torque_trajectory(PEPPER, q[0], q[-1], duration, scene=HELD)

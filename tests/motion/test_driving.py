@@ -79,6 +79,7 @@ def test_a_base_that_only_goes_forward(cart):
     assert_drives(robot, plan, SCENE, forward_only=True)
 
 
+@pytest.mark.thorough
 def test_the_body_moves_before_or_after_the_drive(cart):
     after = pk.plan(cart, cart.neutral(), there(cart, lift=1.0), SCENE)
     assert after.success, after.report()
@@ -93,6 +94,7 @@ def test_the_body_moves_before_or_after_the_drive(cart):
     assert_drives(cart, before, beam)
 
 
+@pytest.mark.thorough
 def test_the_body_is_folded_where_neither_end_can_be_driven():
     group = '<group name="whole_body"><joint name="lift"/></group>'
     state = '<group_state name="folded" group="whole_body"><joint name="lift" value="1.5"/></group_state>'

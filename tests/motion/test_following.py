@@ -179,6 +179,7 @@ def test_the_last_task_gives_way_where_not_all_can_be_met(pepper, start, circle)
     assert found.errors[0] < 1e-3
 
 
+@pytest.mark.thorough
 def test_what_is_in_the_way_is_passed_or_named(pepper, start, circle):
     free = follow(pepper, start, "left", circle, speed=0.1)
     states = free.trajectory.sample(0.02).position
@@ -199,6 +200,7 @@ def test_what_is_in_the_way_is_passed_or_named(pepper, start, circle):
     assert 0.1 < refused.reached < 0.9
 
 
+@pytest.mark.thorough
 def test_refusals_name_place_and_joint(pepper, start, circle):
     far = follow(pepper, start, "left", LIN((0.9, 0.9, 0.0), relative=True))
     assert far.status in (FollowStatus.OUT_OF_REACH, FollowStatus.BLOCKED_BY_LIMITS, FollowStatus.JUMP)

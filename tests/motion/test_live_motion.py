@@ -64,6 +64,7 @@ def test_a_goal_is_reached_and_another_taken_on_the_way(careful):
         assert np.abs(state.trajectory(state.trajectory.duration).velocity).max() < 1e-9
 
 
+@pytest.mark.thorough
 def test_a_robot_stops_for_what_crosses_and_goes_on(careful):
     """A ball passes where the left arm goes: the robot waits or passes behind it."""
     start, goal = careful.posture("Stand"), careful.joint_vector(GOAL)
@@ -85,6 +86,7 @@ def test_a_robot_stops_for_what_crosses_and_goes_on(careful):
     assert all(state.clear for _, state in found)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_hit_while_obstacles_keep_to_their_uncertainty(careful, seed):
     rng, start = np.random.default_rng(seed), careful.posture("Stand")
@@ -107,6 +109,7 @@ def test_nothing_is_hit_while_obstacles_keep_to_their_uncertainty(careful, seed)
     assert moving_contacts(careful, found, see) == 0
 
 
+@pytest.mark.thorough
 def test_a_robot_that_is_behind_hits_nothing_either(careful):
     """What is commanded is done 0.3 s later, while balls that come to where a hand leaves are on time."""
     start, goal = careful.joint_vector(GOAL), careful.posture("Stand")
@@ -313,6 +316,7 @@ def test_whatever_comes_what_is_sent_is_continuous_and_within_limits(careful, se
     assert {LiveStatus.MOVING, LiveStatus.STOPPING} <= said
 
 
+@pytest.mark.thorough
 def test_the_example_gives_way_and_goes_on(run_example, tmp_path):
     done = run_example("22_live_motion.py", cwd=tmp_path)
     assert done.returncode == 0

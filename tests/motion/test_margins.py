@@ -51,6 +51,7 @@ def swing(scene, *, timeout=1.0, **options):
     return pk.plan(PEPPER, START, GOAL, scene, joints=["LShoulderPitch"], timeout=timeout, **options)
 
 
+@pytest.mark.thorough
 def test_a_margin_that_no_path_keeps_gives_way_and_the_message_names_what_to(pinned):
     plan = swing(pinned)
     assert plan.success, plan.message

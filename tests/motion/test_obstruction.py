@@ -72,6 +72,7 @@ def test_balance_is_named_where_a_posture_would_tip_over():
     assert statics.short_of(leaning) == "balance"
 
 
+@pytest.mark.thorough
 def test_legs_and_batches_say_what_is_in_the_way_of_the_leg_that_failed(shelf):
     joints = ["LShoulderPitch", "LWristYaw"]
 

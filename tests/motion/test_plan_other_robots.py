@@ -86,6 +86,7 @@ def assert_free(case, states):
     assert np.all(states <= robot.upper_limits + 1e-9)
 
 
+@pytest.mark.thorough
 def test_no_point_moves_faster_than_the_metric_says(case):
     """Corners of meshes are points of the body, too."""
     import coal
@@ -113,6 +114,7 @@ def test_no_point_moves_faster_than_the_metric_says(case):
             assert moved / step <= reach[j] + 1e-6, (shape.link, robot.joint_names[j])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("planner", ["rrt_connect", "aorrtc"])
 def test_plan_goes_round_the_post(case, planner):
     straight = case.start + np.linspace(0, 1, 200)[:, None] * (case.goal - case.start)

@@ -97,6 +97,7 @@ def test_where_optimization_gains_nothing_the_retimed_plan_stays():
     assert f"{retimed.duration:.3f} s" in made.message
 
 
+@pytest.mark.thorough
 def test_payloads_are_optimized_too_and_their_certificate_is_green(pepper):
     goal = pepper.joint_vector(
         {

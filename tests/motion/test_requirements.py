@@ -65,6 +65,7 @@ def lift_torque():
     return abs(pk.dynamics.gravity_torque(PEPPER, q)[PEPPER.joint_index("LShoulderPitch")])
 
 
+@pytest.mark.thorough
 def test_inverse_kinematics_prefers_postures_on_which_the_robot_stands():
     points = np.random.default_rng(1).uniform((0.25, -0.3, 0.5), (0.75, 0.5, 1.1), (60, 3))
     task, still = pk.ik.HandPosition("left", points), np.zeros((60, PEPPER.n))

@@ -131,6 +131,7 @@ def _problems(count: int, seed: int):
         yield q[free.free(q)][:2]
 
 
+@pytest.mark.thorough
 def test_retime_never_refuses_what_was_planned_with_a_load():
     solved, carried = 0, {"payload": {"left": 0.8}, "balance": 0.02}
     for number, (start, goal) in enumerate(_problems(16, 0)):

@@ -39,6 +39,7 @@ def listener():
         yield listening
 
 
+@pytest.mark.thorough
 def test_a_robot_that_is_ready(robot):
     broker, url = robot
     broker.module("ALAutonomousLife").setState("disabled")
@@ -150,6 +151,7 @@ def test_something_else_that_listens(listener):
     assert set(causes(f"tcp://127.0.0.1:{listener.getsockname()[1]}", timeout=2.0)) == {"no NAOqi"}
 
 
+@pytest.mark.thorough
 def test_a_token_that_is_wrong():
     with Broker() as broker, Host(broker, port=0, token="0123456789abcdef") as host:
         assert set(causes(host.url, token="fedcba9876543210")) == {"password"}

@@ -72,6 +72,7 @@ def ask(host):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.thorough
 def test_clients_move_the_robot_and_are_answered(host):
     out, error = ask(host).communicate(timeout=120)
     assert out, error
@@ -88,6 +89,7 @@ def test_clients_move_the_robot_and_are_answered(host):
     assert said["services"] > 60
 
 
+@pytest.mark.thorough
 def test_two_clients_at_once(host):
     clients = [ask(host), ask(host)]
     for client in clients:
@@ -126,6 +128,7 @@ BUSY = textwrap.dedent(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_a_server_cleanly_while_a_client_waits(number):
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -161,6 +164,7 @@ FAILED_CALL = textwrap.dedent(
 )
 
 
+@pytest.mark.thorough
 def test_a_server_ends_at_once_though_a_posted_call_failed():
     """Its error stays with the call, and kept the service: the end of the server waited for ten seconds."""
     with Broker() as broker, Host(broker, port=0) as host:
@@ -172,6 +176,7 @@ def test_a_server_ends_at_once_though_a_posted_call_failed():
         assert list(wire._services) == []
 
 
+@pytest.mark.thorough
 def test_a_token_is_needed_to_move_and_not_to_read(host):
     calls = textwrap.dedent(
         """
@@ -215,6 +220,7 @@ def test_an_empty_token_is_refused(host):
         Host(host.broker, port=0, token="")
 
 
+@pytest.mark.thorough
 def test_half_messages_keep_no_client_out_and_other_bytes_end_their_connection(host):
     place = ("127.0.0.1", int(host.url.rpartition(":")[2]))
     links = [socket.create_connection(place, 30.0) for _ in range(2 * MOST_WAITING)]
@@ -242,6 +248,7 @@ def test_a_port_that_there_is_not_is_refused(host):
             Host(host.broker, port=port)
 
 
+@pytest.mark.thorough
 def test_an_address_or_a_port_that_cannot_be_had_is_refused_by_name(host):
     port = int(host.url.rpartition(":")[2])
     with pytest.raises(InfeasibleError, match=f"127.0.0.1 port {port} cannot be had: .*in use"):
@@ -251,6 +258,7 @@ def test_an_address_or_a_port_that_cannot_be_had_is_refused_by_name(host):
     assert ask(host).wait(60) == 0  # the simulated robot is as it was
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("listens", [False, True], ids=["nobody", "silent"])
 def test_a_robot_that_does_not_answer_is_named_and_the_process_ends(listens):
     """Also where coal was loaded before libqi, which then keeps a process whose connection is refused."""

@@ -105,6 +105,7 @@ def test_states_that_do_not_fit_are_refused(pepper, log):
         mirror.add(first)
 
 
+@pytest.mark.thorough
 def test_the_run_is_read_by_the_tools(pepper, log, tmp_path):
     run = mirrored(pepper, log).run()
     again = load_run(pepper, run.save(tmp_path / "run.csv"))
@@ -116,6 +117,7 @@ def test_the_run_is_read_by_the_tools(pepper, log, tmp_path):
     assert "worst tracking" in again.report()
 
 
+@pytest.mark.thorough
 @needs_qi
 def test_a_live_robot_is_mirrored_as_its_log_has_it(pepper, tmp_path):
     record = tmp_path / "host.csv"
@@ -143,6 +145,7 @@ def test_a_live_robot_is_mirrored_as_its_log_has_it(pepper, tmp_path):
     assert np.abs(mirror.run().tracking_error[:, yaw]).max() < speed * (gap + 0.1)
 
 
+@pytest.mark.thorough
 @needs_qi
 def test_the_command_mirrors_a_robot_and_its_log(tmp_path):
     live, again = tmp_path / "live.csv", tmp_path / "again.csv"

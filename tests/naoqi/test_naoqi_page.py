@@ -24,6 +24,7 @@ def url():
         yield url
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("program", PROGRAMS, ids=["follow", "mirror"])
 def test_a_program_of_the_page(url, program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -53,6 +53,7 @@ CALLS = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("begun", BEGUN)
 def test_a_call_that_blocks_returns_whatever_else_moves(begun):
     forever = []

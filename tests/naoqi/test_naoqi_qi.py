@@ -70,6 +70,7 @@ def test_to_cancel_asks_whoever_promised():
     assert [f.isCanceled() for f in barrier.value()] == [False, True, True]
 
 
+@pytest.mark.thorough
 def test_a_delayed_call_is_cancelled_before_it_begins(twin):
     called = []
     future = qi.runAsync(called.append, 1, delay=2_000_000)

@@ -129,6 +129,7 @@ def off_the_path(run, trajectory):
     return far - late * np.abs(planned.velocity).max()
 
 
+@pytest.mark.thorough
 def test_a_state_has_our_names_and_units(robot):
     state = robot.state()
     pepper = robot.pepper
@@ -145,6 +146,7 @@ def test_a_state_has_our_names_and_units(robot):
         state.q[0] = 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["stream", "bezier"])
 def test_a_certified_motion_is_followed(robot, method):
     trajectory = waving()
@@ -160,6 +162,7 @@ def test_a_certified_motion_is_followed(robot, method):
     assert "Motion by " in result.report()
 
 
+@pytest.mark.thorough
 def test_the_base_follows_its_part_of_a_motion(robot):
     trajectory = driving(0.3)
     before = robot.state().base_pose
@@ -170,6 +173,7 @@ def test_the_base_follows_its_part_of_a_motion(robot):
     assert np.hypot(*(expected - before)[:2]) == pytest.approx(0.3)
 
 
+@pytest.mark.thorough
 def test_a_base_that_braked_beyond_the_end_comes_back(robot, monkeypatch):
     """As where a busy machine sees late that it is near; here it brakes where it passes the end."""
     monkeypatch.setattr(follow_motions, "STANDS", 1.0)
@@ -180,6 +184,7 @@ def test_a_base_that_braked_beyond_the_end_comes_back(robot, monkeypatch):
     assert robot.state().base_pose == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_live_motion_goes_where_its_goal_goes(robot):
     pepper = pk.load_pepper()
     careful = pepper.with_limits(velocity=0.2 * pepper.velocity_limits)
@@ -237,6 +242,7 @@ def test_a_pose_placed_elsewhere_keeps_what_lies_between():
     assert placed(start, start, pose) == pytest.approx(pose)
 
 
+@pytest.mark.thorough
 def test_driving_and_going_to_a_pose(robot):
     before = robot.state().base_pose
     assert robot.move_to([0.1, 0.0, 0.0], silence=3.0)
@@ -275,6 +281,7 @@ def test_motions_from_elsewhere_and_limp_motors_are_refused(robot):
         robot._link.call("ALMotion", "setStiffnesses", "HeadYaw", 1.0)
 
 
+@pytest.mark.thorough
 def test_a_robot_that_lets_an_arm_fall_is_stopped_and_reported(robot):
     trajectory = waving(10.0)
     options = replace(LOOSE, joint_tolerance=0.2)
@@ -284,6 +291,7 @@ def test_a_robot_that_lets_an_arm_fall_is_stopped_and_reported(robot):
     assert re.search(r"L\w+ is 0\.\d+ from the motion, tolerance 0\.2", result.message)
 
 
+@pytest.mark.thorough
 def test_a_motion_that_somebody_else_ends_is_not_complete(robot):
     with once_moving(robot, lambda other: other._link.call("ALMotion", "killAll")):
         result = robot.follow(waving(20.0), method="bezier", options=LOOSE)
@@ -291,6 +299,7 @@ def test_a_motion_that_somebody_else_ends_is_not_complete(robot):
     assert re.search(r"ended it after \d\.\d+ s of \d+\.\d+ s", result.message)
 
 
+@pytest.mark.thorough
 def test_stop_ends_a_motion(robot):
     trajectory = waving(20.0)
     with once_moving(robot, lambda other: robot.stop()):
@@ -318,6 +327,7 @@ def started(url):
     return client
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_host_stops_a_robot_whose_client_is_gone_or_stalled(robot, how):
     client = started(robot.url)
@@ -373,6 +383,7 @@ class Cable:
                 end.shutdown(socket.SHUT_RDWR)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["stream", "bezier"])
 def test_a_cut_connection_in_mid_motion_is_reported_and_the_robot_stands(robot, method):
     cable = Cable(robot.url)
@@ -403,6 +414,7 @@ def rocking(standing, times=12):
     return reduce(pk.Trajectory.then, [once] * times)
 
 
+@pytest.mark.thorough
 def test_of_two_clients_that_follow_at_once_the_second_is_refused(robot):
     results, going = [], []
     pepper = pk.load_pepper()
@@ -430,6 +442,7 @@ def test_of_two_clients_that_follow_at_once_the_second_is_refused(robot):
     assert "another client moves HeadPitch, HeadYaw" in refused.message
 
 
+@pytest.mark.thorough
 def test_a_host_that_dies_is_reported():
     with hosted_twin() as (url, process), Robot(url, timeout=2.0) as robot:
         trajectory = waving(30.0)
@@ -444,6 +457,7 @@ def test_nobody_answers():
         Robot("tcp://127.0.0.1:1")
 
 
+@pytest.mark.thorough
 def test_a_robot_without_a_watchdog_is_not_driven(robot):
     robot.has_watchdog = False
     for call in (
@@ -460,6 +474,7 @@ def test_a_robot_without_a_watchdog_is_not_driven(robot):
     assert "no watchdog" in result.report()
 
 
+@pytest.mark.thorough
 def test_a_dry_run_needs_a_motion_only():
     result = Robot.dry_run(waving(), method="bezier", options=LOOSE)
     assert result.success, result.report()
@@ -475,6 +490,7 @@ def test_the_watchdog_for_the_robot_is_one_file(tmp_path):
     assert path.read_text().isascii()
 
 
+@pytest.mark.thorough
 def test_what_a_hosted_twin_logs_never_stops_it():
     """A pipe that nobody reads is full after 64 kB, and libqi then waits for ever."""
     with hosted_twin() as (url, process):

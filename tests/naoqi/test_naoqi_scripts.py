@@ -108,6 +108,7 @@ def test_a_time_that_is_none_is_refused(broker, tmp_path):
             run_script(tmp_path / "s.py", broker=broker, longest=longest)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals as on Unix")
 def test_ctrl_c_ends_a_script_with_130_and_keeps_the_recording(tmp_path):
     script = tmp_path / "endless.py"
@@ -213,6 +214,7 @@ def test_errors_name_the_line_of_the_program(broker, tmp_path, capsys):
         output_of(broker, tmp_path, capsys, "print 'one'\nprint 'two'\n\nif then x:\n    pass\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "waits",
     [
@@ -245,6 +247,7 @@ def test_a_program_that_waits_ends_when_its_time_is_up(broker, tmp_path, capsys,
     assert all(thread.daemon or thread in before for thread in threading.enumerate())  # the process can end
 
 
+@pytest.mark.thorough
 def test_a_script_ends_in_time_where_interrupts_are_ignored(broker, tmp_path, capsys):
     """As in jobs that a shell runs in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)

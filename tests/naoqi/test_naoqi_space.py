@@ -166,6 +166,7 @@ def test_control_points_are_for_nao():
             robot.motion.moveTo([[0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("end", ["moveToward", "killMove"])
 def test_a_move_is_finished_when_the_base_stands(broker, motion, end):
     motion.move(0.3, 0.0, 0.0)
@@ -212,6 +213,7 @@ def test_an_obstacle_stops_the_base_and_protection_can_be_switched_off():
         assert motion.moveTo(0.1, 0.0, 0.0) is True
 
 
+@pytest.mark.thorough
 def test_navigation_goes_around():
     scene = pk.Scene().add_box("post", size=(0.1, 0.1, 1.0), position=(0.9, 0.0, 0.5))
     with Broker(real_time=False, scene=scene) as broker:
@@ -239,6 +241,7 @@ def off_aim(broker, side, point):
     return float(np.arccos(forearm @ aim / np.linalg.norm(forearm) / np.linalg.norm(aim)))
 
 
+@pytest.mark.thorough
 def test_looking_and_pointing_aim_at_the_point(broker):
     point = np.array([1.2, 0.5, 1.1])
     tracker = broker.module("ALTracker")
@@ -262,6 +265,7 @@ def test_a_tracked_target_is_followed_with_the_head(broker):
     assert not tracker.isActive()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arms", [("LArm",), ("RArm",), ("LArm", "RArm")], ids="_".join)
 def test_the_effector_points_at_what_is_tracked(broker, motion, arms):
     tracker, sides = broker.module("ALTracker"), [{"L": "left", "R": "right"}[arm[0]] for arm in arms]
@@ -299,6 +303,7 @@ def test_the_mode_robot_refuses_what_pepper_refuses():
             broker.motion.getFootSteps()
 
 
+@pytest.mark.thorough
 def test_navigation_goes_along_circles_and_composed_parts_begin_where_the_one_before_ended(broker):
     """By hand: half a meter ahead, then a quarter of a circle to the left with a radius of half a meter."""
     quarter = math.pi / 2

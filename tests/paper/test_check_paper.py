@@ -49,6 +49,7 @@ def found(run_of_command: Run) -> PaperCheck:
     return run_of_command.found
 
 
+@pytest.mark.thorough
 def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
     assert found.success
     assert [m.name for m in found.movements] == ["left-arm", "right-arm", "head"]
@@ -76,6 +77,7 @@ def test_report_holds_the_numbers_it_speaks_of(found):
     assert f"{found.worst_tracking:.2e}" in text
 
 
+@pytest.mark.thorough
 def test_files_are_whole_and_agree(found, tmp_path):
     files = save_paper_check(found, tmp_path / "new")
     numbers = json.loads(files["numbers"].read_text())

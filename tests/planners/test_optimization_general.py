@@ -57,6 +57,7 @@ def problem(kinked=False):
     return objective, spline.fit(way - np.array([0, 0.4]) * np.sin(np.pi * s) ** 2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kinked", [False, True])
 @pytest.mark.parametrize("solver", ["ipopt", "fatrop"])
 def test_both_find_the_motion_that_the_feasible_method_finds(solver, kinked):

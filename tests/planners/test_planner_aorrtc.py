@@ -51,6 +51,7 @@ def ball_problem(toy, n: int, resolution: float = 0.01) -> tuple[Problem, float]
     return problem, float(2.0 * np.sqrt(far**2 - grown**2) + arc)
 
 
+@pytest.mark.thorough
 def test_shortest_path_around_a_box_is_found(toy) -> None:  # type: ignore[no-untyped-def]
     problem, shortest = box_problem(toy)
     for seed in range(3):

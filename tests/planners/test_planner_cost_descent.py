@@ -81,6 +81,7 @@ def test_round_a_hill_as_cheap_as_any_way_on_a_grid(place, height):
     assert refined(found, cost) < cost.along(Path([start, goal]).resample(0.002))
 
 
+@pytest.mark.thorough
 def test_without_a_price_the_path_becomes_short():
     wall = lambda x: ~((np.abs(x[:, 0]) < 0.1) & (x[:, 1] < 0.5))  # noqa: E731
     space = problem([-1.0, 0.0], [1.0, 0.0], wall)
@@ -119,6 +120,7 @@ def test_weights_scale_lengths():
     np.testing.assert_allclose(other.points * scale, one.points, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_on_a_sphere_points_stay_on_it():
     def radius(x):
         length = np.linalg.norm(x, axis=1)

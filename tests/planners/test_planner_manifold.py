@@ -61,6 +61,7 @@ def through_the_hole():
     return problem, ConstraintManifold(sphere, 3, 1, TOLERANCE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_every_point_of_a_path_through_a_hole_is_on_the_sphere_and_valid(through_the_hole, seed):
     problem, manifold = through_the_hole
@@ -78,6 +79,7 @@ def test_every_point_of_a_path_through_a_hole_is_on_the_sphere_and_valid(through
     assert paths[1].length <= found.path.length
 
 
+@pytest.mark.thorough
 def test_the_shortened_path_is_near_the_geodesic_through_the_hole(through_the_hole):
     problem, manifold = through_the_hole
     found = cbirrt(problem, manifold, timeout=60.0)

@@ -33,6 +33,7 @@ def test_the_names_are_those_of_moveit_and_most_wheels_have_ten():
     assert set(AVAILABLE) <= set(available_ompl_planners()) <= set(OMPL_PLANNERS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", AVAILABLE)
 def test_each_finds_a_way_round_the_ball(name):
     task = problem()

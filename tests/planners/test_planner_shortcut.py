@@ -22,6 +22,7 @@ def planned(world, seed: int, margin: float = 0.007) -> tuple[Problem, Path]:  #
     return problem, result.path
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["wall", "maze", "discs"])
 def test_never_longer_always_valid_same_ends(name: str, request: pytest.FixtureRequest) -> None:
     world = request.getfixturevalue(name)
@@ -150,6 +151,7 @@ def test_a_callable_leads_to_the_same_path_as_machine_code(n: int, balls, machin
         assert np.array_equal(first.points, second.points)
 
 
+@pytest.mark.thorough
 def test_detours_bring_a_path_to_the_shortest_around_a_ball() -> None:
     """Two tangents and an arc: 2 sqrt(d^2 - r^2) + r (pi - 2 acos(r / d)), in any number of dimensions."""
     weights, radius, away = np.array([1.0, 0.25, 4.0, 2.0]), 0.5, 0.8

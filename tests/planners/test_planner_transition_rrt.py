@@ -26,6 +26,7 @@ def ridge(x):
     return (across * height)[:, None], np.stack([slope_x, slope_y], axis=1)[:, None]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 def test_a_ridge_is_crossed_at_its_pass(seed):
     cost = StateCost(ridge, 2)
@@ -41,6 +42,7 @@ def test_a_ridge_is_crossed_at_its_pass(seed):
     assert cost.along(lowered) < found.cost
 
 
+@pytest.mark.thorough
 def test_obstacles_are_kept_clear_of():
     free = lambda x: np.abs(x[:, 0]) + np.abs(x[:, 1] - 0.6) > 0.5  # noqa: E731
     found = transition_rrt(problem(free), StateCost(ridge, 2), seed=1, timeout=60)
@@ -80,6 +82,7 @@ def test_ends_that_are_not_valid_and_limits_are_said():
         transition_rrt(problem(), StateCost(ridge, 3))
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_path():
     runs = [transition_rrt(problem(), StateCost(ridge, 2), seed=s, timeout=60).path.points for s in (3, 3, 4)]
     np.testing.assert_array_equal(runs[0], runs[1])

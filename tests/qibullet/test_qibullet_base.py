@@ -9,6 +9,7 @@ import pepper_kin as pk
 from pepper_kin.qibullet import PepperVirtual, SimulationError, UnsimulatedError
 
 
+@pytest.mark.thorough
 def test_moves_end_where_they_should(pepper):
     pepper.moveTo(0.6, -0.4, 1.0, frame=PepperVirtual.FRAME_WORLD)
     np.testing.assert_allclose(pepper.getPosition(), [0.6, -0.4, 1.0], atol=0.02)
@@ -24,6 +25,7 @@ def test_a_robot_is_put_where_it_is_spawned(manager, client):
     np.testing.assert_allclose(pepper.getPosition(), [1.0, -2.0, 2.2], atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [0.15, 0.35])
 def test_the_speed_of_a_way_is_kept(manager, client, pepper, speed):
     pepper.moveTo(1.0, 0.0, 0.0, speed=speed, _async=True)
@@ -35,6 +37,7 @@ def test_the_speed_of_a_way_is_kept(manager, client, pepper, speed):
     np.testing.assert_allclose(pepper.getPosition(), [1.0, 0.0, 0.0], atol=0.02)
 
 
+@pytest.mark.thorough
 def test_an_asynchronous_goal_can_be_changed_and_bars_a_synchronous_one(pepper, steps):
     pepper.moveTo(1.0, 0.0, 0.0, frame=PepperVirtual.FRAME_WORLD, _async=True)
     steps(0.5)
@@ -46,6 +49,7 @@ def test_an_asynchronous_goal_can_be_changed_and_bars_a_synchronous_one(pepper, 
     assert not pepper.base_controller.isAlive()
 
 
+@pytest.mark.thorough
 def test_a_velocity_goes_on_until_it_is_stopped(pepper, steps):
     pepper.move(0.2, 0.0, 0.0)
     steps(4.0)
@@ -60,6 +64,7 @@ def test_a_velocity_goes_on_until_it_is_stopped(pepper, steps):
     assert pepper.getPosition() == pytest.approx(stopped, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_velocities_are_cut_to_those_of_the_robot(pepper, steps):
     pepper.move(-33, 0, 0)
     steps(4.0)

@@ -156,6 +156,7 @@ def test_joints_go_to_positions_and_links_are_where_they_are(pepper, client, ste
         p.NO_SUCH_CONSTANT  # noqa: B018
 
 
+@pytest.mark.thorough
 def test_inverse_kinematics_brings_the_link_there(pepper, client, steps):
     model, link = pepper.getRobotModel(), pepper.link_dict["r_gripper"].getIndex()
     target = [0.3, -0.2, 0.9]
@@ -200,6 +201,7 @@ def test_sliders_stay_where_they_began():
         p.readUserDebugParameter(-5)
 
 
+@pytest.mark.thorough
 def test_cameras_without_handles_are_the_last_ones(pepper):
     with pytest.raises(SimulationError):
         pepper.getCameraFrame()
@@ -210,6 +212,7 @@ def test_cameras_without_handles_are_the_last_ones(pepper):
         pepper.getCameraFrame()
 
 
+@pytest.mark.thorough
 def test_programs_run_as_they_are(tmp_path, capsys):
     (tmp_path / "helper.py").write_text("print 'old helper'\n")
     program = tmp_path / "program.py"
@@ -231,6 +234,7 @@ def test_programs_run_as_they_are(tmp_path, capsys):
     assert isinstance(result.error, UnsimulatedError)
 
 
+@pytest.mark.thorough
 def test_the_command_runs_a_program(tmp_path):
     (tmp_path / "helper.py").write_text("")
     program = tmp_path / "program.py"

@@ -126,6 +126,7 @@ def test_beams_are_clockwise_and_sides_are_sides(manager, client, pepper, steps)
     assert not pepper.laser_manager.isAlive()
 
 
+@pytest.mark.thorough
 def test_the_inertial_unit_reads_turning_and_the_change_of_velocity(pepper, manager, client):
     pepper.subscribeImu(frequency=50)
     assert pepper.getImuGyroscopeValues() == [0.0, 0.0, 0.0]

@@ -111,6 +111,7 @@ def test_errors_are_those_of_pybullet():
         SimulationManager().stepSimulation(99)
 
 
+@pytest.mark.thorough
 def test_the_adapter_needs_no_pybullet(child):
     code = (
         "import sys; sys.modules['pybullet'] = None\n"
@@ -123,6 +124,7 @@ def test_the_adapter_needs_no_pybullet(child):
     assert child(code).stdout == "True\n"
 
 
+@pytest.mark.thorough
 def test_a_page_follows_the_robot(manager, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)

@@ -22,6 +22,7 @@ def recorded(node, path):
     return recorder
 
 
+@pytest.mark.thorough
 def test_a_second_of_a_node_is_read_by_mcap_ros2(node, tmp_path):
     recorder = recorded(node, tmp_path / "run.mcap")
     found = list(read_ros2_messages(tmp_path / "run.mcap"))
@@ -38,6 +39,7 @@ def test_a_second_of_a_node_is_read_by_mcap_ros2(node, tmp_path):
     assert last["HeadYaw"] == pytest.approx(node.body.measured("HeadYaw"), abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_what_was_recorded_is_played_on_the_topics(node, tmp_path):
     recorded(node, tmp_path / "run.mcap")
     sent = [(m.topic, m.message) for m in Bag(tmp_path / "run.mcap").messages(topics=[STATES, "/tf_static"])]
@@ -51,6 +53,7 @@ def test_what_was_recorded_is_played_on_the_topics(node, tmp_path):
     assert heard == sent
 
 
+@pytest.mark.thorough
 def test_a_recorded_command_moves_another_robot(tmp_path):
     trajectory = message_type("trajectory_msgs/msg/JointTrajectory")(joint_names=["HeadYaw"])
     trajectory.points = [message_type("trajectory_msgs/msg/JointTrajectoryPoint")(positions=[0.4])]
@@ -64,6 +67,7 @@ def test_a_recorded_command_moves_another_robot(tmp_path):
         assert node.body.measured("HeadYaw") == pytest.approx(0.4, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_played_or_recorded_is_refused(node, tmp_path):
     recorded(node, tmp_path / "run.mcap")
     with pytest.raises(UnknownNameError, match="topic '/nothing'"):

@@ -22,6 +22,7 @@ DRIVER = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "resolution"), DRIVER)
 def test_the_projection_matrix_is_the_driver_s(name, resolution):
     info = CameraMessages(Body(real_time=False), name, resolution).info(1.0)
@@ -54,6 +55,7 @@ def rectified(info, pixel):
     return (np.reshape(info.p, (3, 4)) @ [*point, 1.0, 1.0])[:2]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["front", "bottom"])
 @pytest.mark.parametrize("side", [(-0.42, -0.30), (0.42, 0.32)])
 def test_rectified_pictures_have_points_where_p_projects_them(name, side):

@@ -47,6 +47,7 @@ def solve(node, **fields):
     return node.transport.call_service(COMPUTE_IK, IK_TYPE, request)
 
 
+@pytest.mark.thorough
 def test_links_are_where_pinocchio_has_them(node):
     request = message_type(f"{FK_TYPE}_Request")()
     request.fk_link_names = ["LArm_effector", "Head"]
@@ -66,6 +67,7 @@ def test_links_are_where_pinocchio_has_them(node):
             assert one.header.frame_id == (frame or "world")
 
 
+@pytest.mark.thorough
 def test_a_solution_puts_links_where_they_are_asked_for(node):
     target = np.eye(4)
     target[:3, 3] = 0.3, 0.25, 0.85
@@ -91,6 +93,7 @@ def test_a_solution_puts_links_where_they_are_asked_for(node):
     )
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_answered_has_its_code(node):
     far = np.eye(4)
     far[:3, 3] = 3.0, 0.0, 0.0

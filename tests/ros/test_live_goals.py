@@ -75,6 +75,7 @@ def twist(x):
     return made
 
 
+@pytest.mark.thorough
 def test_a_goal_is_reached_within_the_share_of_the_limits(node, commands):
     feedback = []
     sent = goal(trajectory(ARM, (0.1, DOWN), (0.2, UP)))  # far too fast to be followed
@@ -89,6 +90,7 @@ def test_a_goal_is_reached_within_the_share_of_the_limits(node, commands):
     assert not list(node.body.tasks)
 
 
+@pytest.mark.thorough
 def test_a_trajectory_within_the_limits_is_followed(node, commands):
     via = [0.9, 0.6, -0.8, -0.9, 0.3]
     still, count = [0.0] * 5, []
@@ -101,6 +103,7 @@ def test_a_trajectory_within_the_limits_is_followed(node, commands):
     keep_limits(node.body, commands)
 
 
+@pytest.mark.thorough
 def test_a_new_goal_is_spliced_into_the_motion(node, commands):
     second = []
 
@@ -120,6 +123,7 @@ def test_a_new_goal_is_spliced_into_the_motion(node, commands):
     assert speed[at : at + 20].min() > 0.02, "it stopped between the goals"
 
 
+@pytest.mark.thorough
 def test_goals_of_other_joints_do_not_end_one_another(node):
     arm = node.transport.send_goal(LEFT, ACTION, goal(trajectory(ARM, (2.0, UP))))
     head = "/Head_controller/follow_joint_trajectory"
@@ -129,6 +133,7 @@ def test_goals_of_other_joints_do_not_end_one_another(node):
     assert np.allclose([node.body.measured(name) for name in ARM], UP, rtol=0, atol=0.05)
 
 
+@pytest.mark.thorough
 def test_a_canceled_goal_stops_within_the_limits(node, commands):
     def feedback(message):
         if seconds(message.desired.time_from_start) > 0.4:
@@ -146,6 +151,7 @@ def test_a_canceled_goal_stops_within_the_limits(node, commands):
     assert again.status is GoalStatus.SUCCEEDED
 
 
+@pytest.mark.thorough
 def test_what_else_moves_the_robot_ends_the_goal(node, commands):
     def feedback(message):
         if seconds(message.desired.time_from_start) > 0.4 and not told:
@@ -160,6 +166,7 @@ def test_what_else_moves_the_robot_ends_the_goal(node, commands):
     assert np.array_equal(commands[-1], commands[-5])
 
 
+@pytest.mark.thorough
 def test_refused_goals_and_blocked_ways_are_named(node):
     inside = [1.57, 0.01, 1.5, -1.5, 0.0]  # the forearm in the trunk
     found = node.transport.send_goal(LEFT, ACTION, goal(trajectory(ARM, (1.0, inside)))).result(60)
@@ -179,6 +186,7 @@ def test_refused_goals_and_blocked_ways_are_named(node):
         RobotNode(node.body, node.transport, live=1.5)
 
 
+@pytest.mark.thorough
 def test_a_closed_node_brakes(node, commands):
     with node.transport.advertise("/LeftArm_controller/joint_trajectory", TRAJECTORY) as publisher:
         publisher.publish(trajectory(ARM, (2.0, UP)))
@@ -190,6 +198,7 @@ def test_a_closed_node_brakes(node, commands):
     assert abs(node.body.command_rate("LShoulderPitch")) < 1e-9
 
 
+@pytest.mark.thorough
 def test_a_ball_on_a_topic_crosses_the_way(monkeypatch):
     """In real time over rosbridge: a client moves a ball through the arm's way while it sends goals."""
     monkeypatch.setattr(goal_motion, "STATE_TIMEOUT", 10.0)  # of a machine that does other things as well

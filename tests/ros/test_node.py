@@ -49,6 +49,7 @@ def seconds(stamp):
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
+@pytest.mark.thorough
 def test_rates(node):
     expected = {
         "/joint_states": 50, "/clock": 50, "/tf": 50, "/odom": 15, "/laser": 10, "/imu/torso": 10,
@@ -62,6 +63,7 @@ def test_rates(node):
     np.testing.assert_allclose(np.diff(stamps), 0.02, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_joint_states_and_transforms_are_those_of_the_model(node):
     states, moving, fixed = (heard(node, topic) for topic in ("/joint_states", "/tf", "/tf_static"))
     node.body.command[node.body.index["LElbowYaw"]] = -0.7
@@ -140,6 +142,7 @@ def test_a_velocity_holds_until_the_watchdog_stops_it(node):
     assert np.abs(node.body.controller.twist).max() < 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", [False, True])
 def test_velocities_come_with_and_without_a_stamp(first):
     """As Nav2 sends them by default, in a frame of the base, and as naoqi_driver2 takes them."""
@@ -169,6 +172,7 @@ def test_a_goal_of_the_base_is_reached(node):
     assert not list(node.body.tasks)
 
 
+@pytest.mark.thorough
 def test_joint_angles(node):
     kind = message_type("naoqi_bridge_msgs/msg/JointAnglesWithSpeed")
     say(node, "/joint_angles", kind(joint_names=["HeadYaw"], joint_angles=[0.5], speed=0.3))

@@ -33,6 +33,7 @@ def ask(node, group, *, joints=None, link=None, point=None, frame="world", **fie
     return node.transport.call_service(SERVICE, TYPE, request).motion_plan_response
 
 
+@pytest.mark.thorough
 def test_a_link_arrives_at_a_point_in_a_frame_of_the_robot(node):
     answer = ask(node, "left_arm", link="LArm_effector", point=(0.3, 0.25, 0.85), frame="base_footprint")
     assert answer.error_code.val == CODES.SUCCESS, answer.error_code.message

@@ -41,6 +41,7 @@ def test_joint_states_arrive_in_our_order(robot, served):
         assert q[robot.pepper.joint_index(name)] == pytest.approx(served.body.measured(name), abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_certified_motion_is_followed(robot, served):
     for _ in range(5):  # where the robot's thread has no processor for half a second, it is stopped
         times = []
@@ -80,6 +81,7 @@ def test_stop_and_tolerances(robot):
     assert result.error_code == -4
 
 
+@pytest.mark.thorough
 def test_a_lost_connection_stops_the_robot_and_is_reported(robot, served):
     trajectory = motion(robot, 4.0, HeadYaw=1.2)
     progress = threading.Event()
@@ -97,6 +99,7 @@ def test_a_lost_connection_stops_the_robot_and_is_reported(robot, served):
     assert abs(body.measured("HeadYaw")) < 1.1
 
 
+@pytest.mark.thorough
 def test_joint_states_that_stop_cancel_the_motion(model):
     """A robot whose action goes on, but whose joint states do not: the client cancels."""
     from pepper_kin.naoqi.body import Body

@@ -42,6 +42,7 @@ def block(language, port):
     return text.replace("9090", port)
 
 
+@pytest.mark.thorough
 def test_the_client_in_python(port, tmp_path):
     (tmp_path / "client.py").write_text(block("py", port), encoding="utf-8")
     command = [*clients.command("roslibpy")[:1], str(tmp_path / "client.py")]
@@ -50,6 +51,7 @@ def test_the_client_in_python(port, tmp_path):
     assert "goal reached" in done.stdout
 
 
+@pytest.mark.thorough
 def test_the_client_in_javascript(port):
     script = clients.folder_with_roslib() / f"page_{port}.mjs"
     script.write_text(block("js", port), encoding="utf-8")

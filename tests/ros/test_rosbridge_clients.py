@@ -77,6 +77,7 @@ def test_a_planned_motion_is_followed(served):
     assert served.body.measured("HeadYaw") == pytest.approx(-0.5, abs=0.01)
 
 
+@pytest.mark.thorough
 @CLIENTS
 def test_every_topic_and_service(served, client):
     found = outcome(start(client, "topics", served))
@@ -95,6 +96,7 @@ def palm(body):
     return (np.linalg.inv(frames[0]) @ frames[1])[:3, 3]
 
 
+@pytest.mark.thorough
 @CLIENTS
 def test_a_palm_follows_the_targets_of_a_client(served, client):
     target = palm(served.body) + np.array([0.04, 0.0, 0.05 if client == "roslib" else -0.03])
@@ -102,6 +104,7 @@ def test_a_palm_follows_the_targets_of_a_client(served, client):
     assert np.linalg.norm(palm(served.body) - target) < 0.01
 
 
+@pytest.mark.thorough
 @CLIENTS
 def test_touches_are_heard(served, client):
     """Objects are put on a bumper, on the head and on a hand, and taken away, until the client ends."""
@@ -133,6 +136,7 @@ def test_touches_are_heard(served, client):
     assert {(entry["hand"], entry["state"]) for entry in found["hand_touch"]} >= {(3, 0), (3, 1)}
 
 
+@pytest.mark.thorough
 @CLIENTS
 def test_actions(served, client):
     found = outcome(start(client, "actions", served))
@@ -148,6 +152,7 @@ def test_actions(served, client):
     assert found["goal tolerance"]["code"] == -5
 
 
+@pytest.mark.thorough
 def test_two_clients_at_once(served):
     both = [start("roslibpy", "left", served), start("roslib", "right", served)]
     assert [outcome(process)["code"] for process in both] == [0, 0]

@@ -65,6 +65,7 @@ def test_a_client_hears_that_its_server_has_gone(ours, other):
     assert handle.result(60.0).status == GoalStatus.ABORTED
 
 
+@pytest.mark.thorough
 def test_a_robot_is_moved_and_stopped_over_it(ours, other):
     """And one whose client has gone stops."""
     model, body = pk.load_pepper(hands="mimic"), Body()

@@ -50,6 +50,7 @@ def test_standing_still_adds_no_error(pepper):
         np.testing.assert_allclose(reading.value, reading.truth, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_errors_have_the_size_of_wheels_and_slip(pepper):
     straight, ends = (0.3, 0.0, 0.0), []
     for seed in range(120):

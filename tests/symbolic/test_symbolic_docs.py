@@ -27,6 +27,7 @@ def test_first_example(examples):
     assert names["dynamics"].name_in() == ["q", "v", "tau"]
 
 
+@pytest.mark.thorough
 def test_optimal_control(examples):
     names = {}
     exec(examples[1], names)

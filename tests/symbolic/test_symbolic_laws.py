@@ -2,6 +2,7 @@
 
 import casadi
 import numpy as np
+import pytest
 
 import pepper_kin as pk
 from pepper_kin import symbolic
@@ -13,6 +14,7 @@ def call(function, *args):
     return np.array(function(*args))
 
 
+@pytest.mark.thorough
 def test_analytical_derivatives_equal_automatic_ones(small_robot, states):
     n = small_robot.n
     q, v, a = (casadi.SX.sym(name, n) for name in "qva")

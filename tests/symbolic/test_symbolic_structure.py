@@ -48,6 +48,7 @@ def test_joints_off_the_path_are_zeros_of_the_jacobian():
     assert symbolic.frame_jacobian(pepper, "base_footprint").nnz_out() == 0
 
 
+@pytest.mark.thorough
 def test_one_sine_and_one_cosine_for_each_angle(small_robot):
     n_angles = sum(not b for b in _slides(small_robot))
     for name, build in symbolic.QUANTITIES.items():

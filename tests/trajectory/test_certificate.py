@@ -65,6 +65,7 @@ def test_shares_of_limits_are_what_a_motion_is_held_against(pepper, quantity, op
         assert kept or found.failures == (quantity,)
 
 
+@pytest.mark.thorough
 def test_a_motion_timed_at_shares_passes_at_these_shares(pepper):
     shares = {"velocity_scale": 0.5, "acceleration_scale": 0.4, "torque_scale": 0.8}
     q = pepper.posture("Stand")

@@ -112,6 +112,7 @@ def with_limit_of_zero(pepper, joint, quantity):
     return pk.load_robot(ET.tostring(root, encoding="unicode"), pepper.export("srdf"))
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("quantity", ["velocity", "acceleration"])
 @pytest.mark.parametrize("options", [{}, {"jerk": "moderate"}, {"solver": "toppra"}])

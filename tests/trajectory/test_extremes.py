@@ -48,6 +48,7 @@ def test_extremes_are_those_that_roots_find(pepper, order):
             np.testing.assert_allclose(at, value, atol=1e-10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("options", [{}, {"solver": "toppra"}, {"jerk": "gentle"}, {"jerk": "brisk"}])
 @pytest.mark.parametrize("seed", range(2))
 def test_certified_motions_keep_limits_at_their_extremes(pepper, options, seed):

@@ -58,6 +58,7 @@ def distance_to_way(motion, positions):
     return np.linalg.norm(off - along * (off * along).sum(axis=1, keepdims=True) / size, axis=1).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SETS)
 def test_stops_along_the_way_keep_every_limit(pepper, name):
     timing, of_check, of_stop = SETS[name]
@@ -103,6 +104,7 @@ def least_way(pepper, motion, at, step=0.002, ahead=0.4):
     return step * resting[0] if resting.size else motion.duration - at
 
 
+@pytest.mark.thorough
 def test_a_linear_program_rests_at_the_same_place(pepper):
     for motion in motions(pepper, 3, seed=5):
         for at in motion.duration * np.array([0.21, 0.48, 0.63]):
@@ -203,6 +205,7 @@ def test_refusals(pepper, trajectory):
         stop.how = "joints"
 
 
+@pytest.mark.thorough
 def test_the_clearance_of_a_stop_is_that_to_where_obstacles_are_then(pepper):
     motion = pk.retime(pepper, [pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.2})])
     at = motion.duration / 2

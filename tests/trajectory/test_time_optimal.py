@@ -64,6 +64,7 @@ def test_hand_speeds_settle_on_the_way_to_a_posture_that_cannot_be_held(pepper):
     assert assert_green(pepper, "all", 727) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SETS)
 def test_durations_are_those_of_toppra(pepper, name):
     options = SETS[name][0]

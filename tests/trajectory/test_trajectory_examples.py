@@ -13,6 +13,7 @@ from pepper_kin.motion import gesture_meaning, gesture_names
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", [("10_gestures.py", "--quick"), ("11_files.py",)], ids=lambda a: a[0])
 def test_examples_pass_their_own_check(run_example, tmp_path, arguments):
     assert len((ROOT / "examples" / arguments[0]).read_text().splitlines()) < 100

@@ -152,6 +152,7 @@ def test_servo_sees_what_the_encoder_resolves(rotor):
         assert torque == pytest.approx(40.0 * error, rel=1e-4, abs=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("h", [1e-4, 1e-3, 5e-3, 0.02])
 def test_a_pepper_with_all_of_it_comes_to_rest_and_stays(h):
     pepper = pk.load_pepper()

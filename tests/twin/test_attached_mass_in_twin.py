@@ -60,6 +60,7 @@ def test_the_scene_of_a_twin_without_a_world_counts():
     assert [load.mass for load in other.loads] == [0.1]
 
 
+@pytest.mark.thorough
 def test_the_simulated_body_bears_what_hangs_on_it_in_its_scene():
     runs = []
     for scene in (None, held(1.0)):

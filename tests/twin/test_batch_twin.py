@@ -70,6 +70,7 @@ def test_each_has_its_own_parameters_states_and_references(pepper):
     assert np.ptp(run.final_position, axis=0).min() > 1e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("hands", ["locked", "mimic"])
 def test_masses_and_payloads_are_those_of_a_changed_model(hands):
     """M a + b = tau with inertias scaled, and point masses added, by Pinocchio."""

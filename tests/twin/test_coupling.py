@@ -71,6 +71,7 @@ def overflowing():
     return world
 
 
+@pytest.mark.thorough
 def test_a_run_stops_where_its_world_does_and_keeps_what_went_before(tmp_path):
     target = np.tile(PEPPER.joint_vector({"HeadYaw": 0.1}), (100, 1))
     twin = Twin(PEPPER, world=overflowing())

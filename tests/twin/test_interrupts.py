@@ -54,6 +54,7 @@ def boxes(pepper):
     return world
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["boxes", "boxes of proxsuite", "python"])
 def test_no_interrupt_is_lost_between_machine_code_and_what_it_calls_back(pepper, interrupt_after, kind):
     """Python handles signals as a function begins, before its first line: there ctypes would drop them."""

@@ -74,6 +74,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ROBOTS)
 @pytest.mark.parametrize("detail", ["servo", "motor"])
 def test_all_robots(kind, detail):

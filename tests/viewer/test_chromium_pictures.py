@@ -29,6 +29,7 @@ def red_center(path):
     return columns.mean(), rows.mean()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_pictures_show_the_chosen_time_and_repeat_to_the_pixel(chromium_path, page, tmp_path):
     early = screenshot(page, tmp_path / "early.png", (320, 240), 0.0, view="front")

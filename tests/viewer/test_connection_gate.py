@@ -124,6 +124,7 @@ def test_a_first_message_has_a_time_limit_that_no_drop_of_bytes_prolongs():
     in_a_loop(attack)
 
 
+@pytest.mark.thorough
 def test_a_process_without_files_closes_the_oldest_and_logs_once(monkeypatch, caplog):
     async def attack():
         gate = ConnectionGate("server", lambda text: False, lambda *_: None)

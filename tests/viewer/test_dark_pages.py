@@ -40,6 +40,7 @@ def pixels(page):
     return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("kind", ["live", "recorded"])
 def test_text_can_be_read_in_both_schemes(browser, until, pepper, tmp_path, scheme, kind):
@@ -63,6 +64,7 @@ def test_text_can_be_read_in_both_schemes(browser, until, pepper, tmp_path, sche
             server.close()
 
 
+@pytest.mark.thorough
 def test_a_picture_is_the_same_whatever_the_scheme(browser, until, pepper, tmp_path):
     url = Viewer(pepper).save_html(tmp_path / "a.html").as_uri() + "#panel=0"
     pictures = []

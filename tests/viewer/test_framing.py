@@ -49,6 +49,7 @@ def test_a_camera_of_ones_own_is_an_option_of_the_page():
         Viewpoint((1, 0, 0), (1, 0, 0.01))
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_picture_has_the_cameras_target_in_its_middle(pepper, chromium_path, tmp_path):
     """A ball 10 cm wide, seen from 1 m, where the picture is 2 tan(16 deg) m high."""
@@ -64,6 +65,7 @@ def test_a_picture_has_the_cameras_target_in_its_middle(pepper, chromium_path, t
     assert np.ptp(columns) + 1 == pytest.approx(400 * 0.1 / (2 * np.tan(np.radians(16.0))), rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_recording_frames_its_targets_and_the_whole_way_of_the_base(
     browser, until, planar, drive, tmp_path
@@ -86,6 +88,7 @@ def test_a_recording_frames_its_targets_and_the_whole_way_of_the_base(
         page.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, planar, drive):
     server = ViewerServer(planar, port=0)
@@ -107,6 +110,7 @@ def test_the_live_page_steps_back_for_targets_and_long_ways(open_live, until, pl
         server.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_camera_that_a_visitor_has_turned_stays_and_is_found_again(open_live, until, pepper):
     where = "stage.standing(pepperKin.viewer)"

@@ -110,6 +110,7 @@ def test_what_does_not_fit_is_refused(pepper):
         JointMotion(times, q, {"a": times}, commands={"b": times})
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_the_ghost_stands_where_the_robot_was_and_is_named(browser, until, pepper, found, tmp_path):
     page = browser.new_page(viewport={"width": 1100, "height": 700})

@@ -125,6 +125,7 @@ def test_following_too_fast_is_warned_of_and_the_warning_ends_by_itself(session,
     assert session.document["alerts"] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_contact_is_red_on_the_links_with_a_sentence(open_live, until, pepper):
     server = ViewerServer(pepper, port=0)

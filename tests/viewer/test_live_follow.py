@@ -79,6 +79,7 @@ def agreed(page, server):
         page.wait_for_timeout(20)
 
 
+@pytest.mark.thorough
 def test_a_dragged_target_takes_the_hand_along(open_live, until, on_screen, fresh, pepper):
     page = open_live(fresh.url)
     page.screenshot()  # the camera stands where it will
@@ -124,6 +125,7 @@ def test_within_half_a_second_the_hand_is_within_a_centimeter(fresh, pepper):
     assert np.linalg.norm(hand(fresh, pepper) - target) < 0.01
 
 
+@pytest.mark.thorough
 def test_typed_targets_move_the_body_and_sliders_let_them_go(open_live, until, fresh, pepper):
     page = open_live(fresh.url, scale=0.5)
     start = hand(fresh, pepper)
@@ -136,6 +138,7 @@ def test_typed_targets_move_the_body_and_sliders_let_them_go(open_live, until, f
     until(page, "pepperKin.values.mode === 'free' && !pepperKin.values.targets['left hand'].on")
 
 
+@pytest.mark.thorough
 def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
     page = open_live(fresh.url, scale=0.5)
     page.locator("#left-hand-x").fill("2.5")
@@ -149,6 +152,7 @@ def test_a_target_out_of_reach_is_explained(open_live, until, fresh):
     assert page.get_attribute("#message", "class") == "bad"
 
 
+@pytest.mark.thorough
 def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, pepper):
     page = open_live(fresh.url, scale=0.5)
     page.click("button[name=add-box]")
@@ -195,6 +199,7 @@ def test_a_box_is_planned_around_and_the_motion_played(open_live, until, fresh, 
     assert pk.collision.in_collision(pepper, straight, scene).any()
 
 
+@pytest.mark.thorough
 def test_without_a_target_there_is_nothing_to_plan(open_live, until, fresh):
     page = open_live(fresh.url, scale=0.5)
     page.click("#plan")

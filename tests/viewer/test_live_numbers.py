@@ -51,6 +51,7 @@ def shows(axis, value):
     return f"document.getElementById('left-hand-{axis}').valueAsNumber === {value}"
 
 
+@pytest.mark.thorough
 def test_every_number_has_three_digits(open_live, until, server):
     page = open_live(server.url, scale=0.5)
     move(server, (0.24, 0.2, 0.8))
@@ -62,6 +63,7 @@ def test_every_number_has_three_digits(open_live, until, server):
     assert all(re.fullmatch(r"-?\d\.\d{3}", text) for text in texts), texts
 
 
+@pytest.mark.thorough
 def test_a_late_message_does_not_replace_a_number_that_is_typed(open_live, until, server):
     page = open_live(server.url, scale=0.5)
     move(server, (0.3, 0.2, 0.8))
@@ -95,6 +97,7 @@ def test_a_late_message_does_not_replace_a_number_that_is_typed(open_live, until
         until(page, delivered(shows(axis, value)))
 
 
+@pytest.mark.thorough
 def test_steps_of_the_arrow_keys_add_up_while_messages_are_late(open_live, until, server):
     page = open_live(server.url, scale=0.5)
     move(server, (0.3, 0.2, 0.8))
@@ -110,6 +113,7 @@ def test_steps_of_the_arrow_keys_add_up_while_messages_are_late(open_live, until
     np.testing.assert_allclose(target(server), [0.3, 0.2, 0.85], atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_number_that_the_server_refuses_comes_back_as_it_was(open_live, until, server):
     page = open_live(server.url, scale=0.5)
     page.click("button[name=add-box]")

@@ -62,6 +62,7 @@ def at(q):
     return f"pepperKin.values.q.every((x, k) => Math.abs(x - {np.round(q, 5).tolist()}[k]) < 1e-4)"
 
 
+@pytest.mark.thorough
 def test_a_slider_moves_the_arm_in_picture_and_numbers(open_live, until, server, pepper):
     page = open_live(server.url)
     before, wrist = picture(page), page.evaluate(WRIST)
@@ -80,6 +81,7 @@ def test_a_slider_moves_the_arm_in_picture_and_numbers(open_live, until, server,
     until(page, "document.querySelector('label[for=HeadYaw] + output').textContent === '-0.004 rad (0°)'")
 
 
+@pytest.mark.thorough
 def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
     page = open_live(server.url, scale=0.5)
     sliders = page.evaluate(
@@ -96,6 +98,7 @@ def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
     assert page.locator("#joints .joint:visible").count() == 2
 
 
+@pytest.mark.thorough
 def test_keys_move_a_slider_and_postures_are_taken(open_live, until, server, pepper):
     page = open_live(server.url, scale=0.5)
     page.focus("#HeadYaw")
@@ -105,6 +108,7 @@ def test_keys_move_a_slider_and_postures_are_taken(open_live, until, server, pep
     until(page, at(pepper.posture("Crouch")))
 
 
+@pytest.mark.thorough
 def test_layers_are_switched_for_everybody(open_live, until, server):
     page, other = open_live(server.url), open_live(server.url)
     with_visual = picture(page)
@@ -120,6 +124,7 @@ def test_layers_are_switched_for_everybody(open_live, until, server):
     assert (np.abs(picture(page) - with_visual).max(axis=2) > 40).sum() > 2000
 
 
+@pytest.mark.thorough
 def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, server, pepper):
     page = open_live(server.url, scale=0.5)
     page.click("#show-center_of_mass")
@@ -133,6 +138,7 @@ def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, se
     np.testing.assert_allclose(point[:2], mass[:2], atol=1e-6)  # at rest it is below the center of mass
 
 
+@pytest.mark.thorough
 def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):
     page = open_live(server.url)
     bare = picture(page)
@@ -161,6 +167,7 @@ def test_obstacles_are_added_moved_sized_and_removed(open_live, until, server):
     assert (np.abs(picture(page) - bare).max(axis=2) > 40).sum() < 50
 
 
+@pytest.mark.thorough
 def test_each_obstacle_has_a_color_of_its_own_that_a_visitor_may_change(open_live, until, server):
     page = open_live(server.url, scale=0.5)
     for _ in range(5):
@@ -196,6 +203,7 @@ def test_each_obstacle_has_a_color_of_its_own_that_a_visitor_may_change(open_liv
     assert page.evaluate("document.documentElement.scrollWidth") <= 800
 
 
+@pytest.mark.thorough
 def test_an_obstacle_is_dragged_in_the_picture(open_live, until, server):
     server.call(lambda session: session.add_obstacle("ball", np.array([0.5, 0.3, 1.0])))
     page = open_live(server.url)
@@ -215,6 +223,7 @@ def test_an_obstacle_is_dragged_in_the_picture(open_live, until, server):
     assert np.linalg.norm(np.array(position) - [0.5, 0.3, 1.0]) < 0.6
 
 
+@pytest.mark.thorough
 def test_a_motion_plays_scrubs_and_is_found_again_after_a_reload(open_live, until, server, pepper, waving):
     from pepper_kin.viewer.server.planning import show_motion
 
@@ -246,6 +255,7 @@ def test_a_motion_plays_scrubs_and_is_found_again_after_a_reload(open_live, unti
     assert not page.is_visible("#timeline")
 
 
+@pytest.mark.thorough
 def test_the_numbers_beside_the_plots_are_whole(open_live, until, server, pepper, waving):
     """Every number that is written to the left of a curve begins inside of the canvas."""
     from pepper_kin.viewer.server.planning import show_motion
@@ -269,6 +279,7 @@ def test_the_numbers_beside_the_plots_are_whole(open_live, until, server, pepper
     assert min(place for _, place in begins) >= 0.0, begins
 
 
+@pytest.mark.thorough
 def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, server, pepper, waving):
     from pepper_kin.viewer.server.planning import show_motion
 
@@ -292,6 +303,7 @@ def test_a_motion_runs_to_its_end_and_its_curves_are_plotted(open_live, until, s
     assert page.is_visible("#plot-balance")
 
 
+@pytest.mark.thorough
 def test_two_pages_see_and_move_the_same(open_live, until, server):
     one, two = open_live(server.url, scale=0.5), open_live(server.url, scale=0.5)
     one.locator("#HeadYaw").fill("0.6")
@@ -305,6 +317,7 @@ def test_two_pages_see_and_move_the_same(open_live, until, server):
     assert one.evaluate("pepperKin.values.q") == two.evaluate("pepperKin.values.q")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("width", "height"), [(360, 720), (1280, 800), (844, 390)])
 def test_everything_fits_the_width(open_live, server, pepper, waving, width, height):
     from pepper_kin.viewer.server.planning import show_motion
@@ -329,6 +342,7 @@ def test_everything_fits_the_width(open_live, server, pepper, waving, width, hei
         assert 0 <= box["y"] <= height - box["height"]
 
 
+@pytest.mark.thorough
 def test_a_killed_server_comes_back_and_the_page_with_it(open_live, until):
     command = [sys.executable, "-c", "from pepper_kin.cli import main; main()", "view", "--no-open", "--port"]
 
@@ -359,6 +373,7 @@ def test_a_killed_server_comes_back_and_the_page_with_it(open_live, until):
         first.wait()
 
 
+@pytest.mark.thorough
 def test_the_viewer_shows_plays_and_hears_from_python(open_live, until, pepper, waving):
     scene = pk.Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
     heard = []

@@ -70,6 +70,7 @@ def there(session):
     return lambda: session._run.resting
 
 
+@pytest.mark.thorough
 def test_a_box_dragged_into_the_way_is_gone_around(session, pepper, ends):
     place = ends[1] + np.array([0.08, 0.5, 0.0])
     session.set_scene(pk.Scene().add_box("box 1", (0.12, 0.12, 0.12), place))
@@ -90,6 +91,7 @@ def test_a_box_dragged_into_the_way_is_gone_around(session, pepper, ends):
     assert any(checker_for(pepper, scene).in_collision(q) for _, q, _, _ in free)  # it had to change
 
 
+@pytest.mark.thorough
 def test_a_robot_waits_for_what_a_scene_moves_and_goes_on(session, pepper, ends):
     """A wide plate slides over the arm: nothing leads around it while it is there."""
     begin, velocity = ends[1] + np.array([0.1, -0.9, 0.0]), np.array([0.0, 0.25, 0.0])
@@ -176,6 +178,7 @@ def wait_for(server, condition):
         time.sleep(0.02)
 
 
+@pytest.mark.thorough
 def test_pages_do_not_wait_for_a_cycle_that_takes_long(server, pepper, ends, monkeypatch):
     begun, go_on, step = threading.Event(), threading.Event(), LiveMotion.step
 
@@ -196,6 +199,7 @@ def test_pages_do_not_wait_for_a_cycle_that_takes_long(server, pepper, ends, mon
     np.testing.assert_allclose(hand(pepper, server.call(lambda session: session.q)), ends[2], atol=0.005)
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_box_is_dragged_into_the_way_in_the_picture(
     open_live, until, on_screen, server, pepper, ends, monkeypatch

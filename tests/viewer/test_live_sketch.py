@@ -103,6 +103,7 @@ def test_coarsened_corners_stay_where_planes_meet(layers):
     assert coarsened((box,), len(faces)) == (box,)
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_everything_that_moves_takes_three_calls_and_is_fine_again_at_rest(open_live, until, server, pepper):
     for layer in server.call(lambda session: session.available):
@@ -121,6 +122,7 @@ def test_everything_that_moves_takes_three_calls_and_is_fine_again_at_rest(open_
     assert page.evaluate("pepperKin.viewer.renderer.getPixelRatio()") == 1.5
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_sketch_covers_what_moves_and_no_more(open_live, until, server, pepper):
     """The part that is drawn holds every pixel that would be drawn of the whole, wherever the arms are."""
@@ -154,6 +156,7 @@ def test_a_sketch_covers_what_moves_and_no_more(open_live, until, server, pepper
     assert boxes[1][2] > boxes[0][2]
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_the_sketch_resembles_the_fine_picture(open_live, until, server, pepper):
     server.call(lambda session: session.add_obstacle("box", np.array([0.5, 0.3, 0.9])))
@@ -177,6 +180,7 @@ def test_the_sketch_resembles_the_fine_picture(open_live, until, server, pepper)
     assert (np.abs(picture_of(page) - rough).max(axis=2) > 60).sum() > 3000
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_of_many_poses_at_once_the_newest_is_drawn(open_live, until, server, pepper):
     page = open_live(server.url)

@@ -9,6 +9,7 @@ import time
 from urllib.parse import urlsplit
 
 import numpy as np
+import pytest
 
 import pepper_kin as pk
 from pepper_kin.viewer.server import ViewerServer
@@ -40,6 +41,7 @@ def messages(stream):
         yield head[0] & 15, stream.read(length)
 
 
+@pytest.mark.thorough
 def test_a_page_that_takes_long_to_load_gets_its_poses_although_nothing_moves(server):
     points = np.random.default_rng(0).uniform(1.0, 3.0, size=(40_000, 3))
     server.call(lambda session: session.set_scene(pk.Scene().add_point_cloud("dust", points, 0.001)))
@@ -58,6 +60,7 @@ def test_a_page_that_takes_long_to_load_gets_its_poses_although_nothing_moves(se
     link.close()
 
 
+@pytest.mark.thorough
 def test_a_server_ends_without_a_word(pepper, caplog):
     """Whatever it was about to do: asyncio complains of tasks that are thrown away."""
     for _ in range(5):

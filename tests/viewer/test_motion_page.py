@@ -69,6 +69,7 @@ def red_columns(pixels):
     return np.nonzero(((pixels[..., 0] > 2 * pixels[..., 1]) & (pixels[..., 0] > 60)).any(axis=0))[0]
 
 
+@pytest.mark.thorough
 def test_the_picture_changes_where_the_cube_moves_and_returns_with_time(opened):
     page = opened("#panel=0&view=front")
     page.evaluate("pepperKin.viewer.scene_tree.find(['world']).object.visible = false")
@@ -78,6 +79,7 @@ def test_the_picture_changes_where_the_cube_moves_and_returns_with_time(opened):
     assert (start[:20] == end[:20]).all()  # the sky above stays as it is
 
 
+@pytest.mark.thorough
 def test_poses_between_frames_follow_the_line_and_the_great_arc(opened, machine):
     page = opened()
     turns = Slerp(machine.times, Rotation.from_matrix(machine.poses[:, 2, :3, :3]))
@@ -93,6 +95,7 @@ def test_poses_between_frames_follow_the_line_and_the_great_arc(opened, machine)
         assert (turns(time).inv() * Rotation.from_quat(quaternion)).magnitude() < 1e-6
 
 
+@pytest.mark.thorough
 def test_the_slider_seeks_and_follows(opened):
     page = opened()
     page.locator("#scrub").fill("1.25")
@@ -104,6 +107,7 @@ def test_the_slider_seeks_and_follows(opened):
     assert page.evaluate("pepperKin.time") == 2.0
 
 
+@pytest.mark.thorough
 def test_play_runs_to_the_end_and_starts_again(opened):
     page = opened()
     assert page.evaluate("pepperKin.duration") == 2.0
@@ -120,6 +124,7 @@ def test_play_runs_to_the_end_and_starts_again(opened):
     assert page.evaluate("pepperKin.time") == held
 
 
+@pytest.mark.thorough
 def test_speed_scales_time_and_loop_never_ends(opened):
     page = opened()
     page.click("#loop")
@@ -148,6 +153,7 @@ def test_speed_scales_time_and_loop_never_ends(opened):
     assert 0.0 < shown <= 0.1 * passed + 1e-6
 
 
+@pytest.mark.thorough
 def test_keys_play_and_step(opened):
     page = opened()
     time = "pepperKin.time"
@@ -169,6 +175,7 @@ def test_keys_play_and_step(opened):
     assert not page.evaluate("pepperKin.playing")
 
 
+@pytest.mark.thorough
 def test_the_address_chooses_time_view_and_panel(opened):
     page = opened("#t=1.5&panel=0")
     assert page.evaluate("pepperKin.time") == 1.5
@@ -178,6 +185,7 @@ def test_the_address_chooses_time_view_and_panel(opened):
     assert (quarter != side).any()
 
 
+@pytest.mark.thorough
 def test_plots_and_legend_name_what_they_show(opened):
     page = opened(width=1100)
     assert page.inner_text("h1") == "Machine <b>"
@@ -199,6 +207,7 @@ def test_plots_and_legend_name_what_they_show(opened):
     assert not page.is_visible("#plots")
 
 
+@pytest.mark.thorough
 def test_everything_stays_on_the_screen(opened):
     page = opened()
     for width, height in [(360, 640), (1280, 800), (844, 390)]:
@@ -226,6 +235,7 @@ INK = """([index, ratio]) => {
 }"""
 
 
+@pytest.mark.thorough
 def test_a_curve_with_a_limit_has_lines_at_the_limits(opened):
     """Both limits of the torque lie on the axis, as far from its ends as the page says; heights have none."""
     page = opened(width=1100)
@@ -240,6 +250,7 @@ def test_a_curve_with_a_limit_has_lines_at_the_limits(opened):
     assert page.evaluate(INK, [0, 0.3])["red"] == []
 
 
+@pytest.mark.thorough
 def test_pressing_on_a_curve_seeks_to_the_time_below_the_pointer(opened):
     page = opened(width=1100)
     box = page.locator("#plots canvas").first.bounding_box()
@@ -247,6 +258,7 @@ def test_pressing_on_a_curve_seeks_to_the_time_below_the_pointer(opened):
     assert page.evaluate("pepperKin.time") == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_rounding_leaves_no_sign_before_zero(opened):
     page = opened()
     assert page.evaluate("[-0.004, -0, 0.3, -1.26, -0.6].map((x) => Axes.fixed(x, 0))") == [

@@ -44,6 +44,7 @@ def notebook() -> Iterator[object]:
     server.server_close()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_the_frame_of_a_cell_draws_the_robot_and_follows_python(browser, until, pepper, notebook):
     q = pepper.joint_vector({"LShoulderPitch": -0.7, "HeadYaw": 0.4})

@@ -27,6 +27,7 @@ def panda():
     return pk.load_robot(urdf, package_dirs=[SHARE, ROBOTS])
 
 
+@pytest.mark.thorough
 def test_visuals_of_collada_files_hold_the_collision_shapes(panda):
     """The maker's hulls for collisions are drawn around the same bodies: both fill the same room."""
     layers = layers_of(panda, Targets(panda))
@@ -53,6 +54,7 @@ def test_visuals_of_collada_files_hold_the_collision_shapes(panda):
     assert sum(len(d.geometry.faces) for d in sketch) <= 1.1 * TRIANGLES
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_another_robot_is_shown_and_moved(open_live, until, panda):
     server = ViewerServer(panda, port=0)

@@ -34,6 +34,7 @@ def url_of(pepper, tmp_path):
     server.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["live", "recorded"])
 def test_every_control_has_a_name_and_the_keyboard_reaches_it(browser, until, url_of, kind):
     page = browser.new_page(viewport={"width": 1000, "height": 700})
@@ -54,6 +55,7 @@ def test_every_control_has_a_name_and_the_keyboard_reaches_it(browser, until, ur
     page.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["live", "recorded"])
 def test_a_page_that_cannot_draw_says_so(browser, until, url_of, kind):
     page = browser.new_page()

@@ -32,6 +32,7 @@ def test_spans_are_the_times_at_which_something_touches(pepper, through_a_ball):
     assert span.text == "The left hand touches the ball."
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_obstacles_move_in_a_recording(browser, until, pepper, tmp_path):
     """Drawn where they are at its times, red while they touch, and not larger by their uncertainty."""
@@ -64,6 +65,7 @@ def test_obstacles_move_in_a_recording(browser, until, pepper, tmp_path):
         assert there == pytest.approx(hand + np.array([1.0 - at, 0.0, 0.0]), abs=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_recording_is_red_while_it_touches(browser, until, pepper, through_a_ball, tmp_path):
     motion, scene = through_a_ball

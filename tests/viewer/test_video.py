@@ -45,6 +45,7 @@ def red_column(picture):
     return np.nonzero((red[..., 0] > 1.7 * red[..., 1]) & (red[..., 0] > 60))[1].mean()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_a_film_has_the_frames_asked_for_and_they_move(chromium_path, page, tmp_path, suffix):
@@ -67,6 +68,7 @@ def test_a_film_has_the_frames_asked_for_and_they_move(chromium_path, page, tmp_
     assert again.read_bytes() == path.read_bytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_one_browser_draws_the_same_pixels_in_any_order(chromium_path, page):
     with BrowserSession(page, SIZE, view="front") as session:
@@ -77,6 +79,7 @@ def test_one_browser_draws_the_same_pixels_in_any_order(chromium_path, page):
         assert Image.open(io.BytesIO(pictures[0.7])).size == SIZE
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_the_arm_of_pepper_moves_in_a_film(chromium_path, tmp_path):
     pepper = pk.load_pepper()

@@ -180,6 +180,7 @@ def test_bad_series_targets_and_geometry_types_are_refused_by_name(pepper, wavin
         Viewer(pepper, geometry_type="shiny")
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 def test_a_picture_shows_a_white_robot_in_the_middle(chromium_path, pepper, tmp_path):
     path = Viewer(pepper).save_image(tmp_path / "pepper.png", size=(240, 300), view="front")
@@ -214,6 +215,7 @@ def test_a_target_is_moved_from_python_as_by_dragging(pepper):
             viewer.move_target("gaze", [0.4, np.nan, 0.9])
 
 
+@pytest.mark.thorough
 def test_threads_that_show_while_another_closes_go_on(pepper):
     """A call whose turn came after the server's end was answered by nobody, and hung."""
     q = pepper.posture("Stand")
