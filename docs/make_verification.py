@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 FOLDER = Path(__file__).parent
 REPORTS = FOLDER / "verification"
 SIZES = ("small", "middle", "long")
-NEAR = 0.05
-"""Share by which counts may differ from processor to processor, where ties are left out."""
+NEAR = 0.2
+"""Share by which counts may differ from machine to machine: of ties, and of searches that run out of time."""
 HEAD = """# What is verified, how, and how often
 
 Written by `python docs/make_verification.py` from the reports of the fuzz tests; no number is by hand.
@@ -142,7 +142,7 @@ def differences(report: dict[str, Any]) -> list[str]:
     lines += [f"{file}: {what}: not on the page ({size})" for file, what in found.keys() - kept.keys()]
     for key in kept.keys() & found.keys():
         was, now = kept[key], found[key]
-        if was.wrong != now.wrong or abs(was.count - now.count) > max(2, NEAR * was.count):
+        if was.wrong != now.wrong or abs(was.count - now.count) > max(5, NEAR * was.count):
             numbers = (
                 f"{now.count:,}, {now.wrong} wrong; the page ({size}) has {was.count:,}, {was.wrong} wrong"
             )
