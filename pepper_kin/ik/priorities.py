@@ -26,6 +26,9 @@ RAISED = (10.0, 100.0)
 # Factors on the weight of a task that yields, one after the other, until the task before it is met.
 LOWERED = (1 / 30, 1 / 100)
 
+# The same factor where a search looks for what meets the task before it, whatever becomes of the other.
+ALONE = 1e-4
+
 # Least weight of a task that has a tolerance, and of a hard one, when the largest is 1.  A task of a hundred
 # times the weight of another shifts by no more than 0.1 mm for each meter of the other's error.
 LEAST_WEIGHT, LEAST_HARD_WEIGHT = 0.01, 0.1
@@ -162,13 +165,36 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
         q = _unless_worse(problem, _better(trial, context, q, leaders), q)
         if _worst(problem, leaders, q) <= 1:
             return q
-    budget = context.budget._replace(restarts=min(STARTS, context.budget.restarts))
-    again = make_solver(context.solver, trial).search(context.collisions, budget).q
-    if (context.collisions.free(again) or not context.collisions.free(q)) and _worst(
-        problem, leaders, again
-    ) <= 1:
-        return _unless_worse(problem, again, q)
-    return q
+    few = context.budget._replace(restarts=min(STARTS, context.budget.restarts))
+    again = make_solver(context.solver, trial).search(context.collisions, few).q
+    if _is_gain(problem, context, again, q, leaders):
+        return again
+    # All but without those that yield, what comes first is met wherever it can be; they come near from there.
+    trial = _reweighted(problem, yielding, ALONE)
+    again = make_solver(context.solver, trial).search(context.collisions, context.budget).q
+    if not _is_gain(problem, context, again, q, leaders):
+        return q
+    for factor in reversed(LOWERED):
+        trial = _reweighted(problem, yielding, factor)
+        end = _descended(trial, context, again)
+        if not _is_gain(problem, context, end, again, leaders):
+            break
+        again = end
+    return again
+
+
+def _descended(problem: Problem, context: SolverContext, q: Array) -> Array:
+    """Return where a descent from q ends, clear where q is clear of what may not touch, shape (n,) both."""
+    clear = context.collisions.considered and context.collisions.free(q)
+    return make_solver(context.solver, problem).descend(q, context.collisions, context.budget, clear=clear)
+
+
+def _is_gain(
+    problem: Problem, context: SolverContext, new: Array, old: Array, leaders: Sequence[int]
+) -> bool:
+    """Whether the new joint positions, shape (n,), meet the leaders and lose nothing that the old keep."""
+    clear = context.collisions.free(new) or not context.collisions.free(old)
+    return clear and _worst(problem, leaders, new) <= 1 and _unless_worse(problem, new, old) is new
 
 
 def _relax(problem: Problem, context: SolverContext, q: Array) -> Array:
