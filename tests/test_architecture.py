@@ -152,6 +152,7 @@ def test_the_toolkit_imports_no_interface():
 
 TOOLKIT_PROGRAM = """
 import importlib, pkgutil
+import pytest
 import numpy as np
 import pepper_kin as pk
 

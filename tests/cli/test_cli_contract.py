@@ -58,6 +58,7 @@ def test_every_command_has_an_example_json_and_a_place_in_the_docs():
         assert re.search(rf"^pepper-kin {name}\b.*", page, re.MULTILINE), "no example"
 
 
+@pytest.mark.thorough
 def test_alone_it_tells_a_newcomer_what_to_do(tmp_path):
     done = run_process(cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -98,6 +98,7 @@ def test_points_near_a_cloud_in_the_hand_are_distinguished():
     np.testing.assert_array_equal(FastChecker(PEPPER, scene).near(q, points, 0.01), near | bare)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (3.0, 0.001, 0.5), (0.01, 0.01, 0.01), (9.0, 7.0, 2.0)])
 def test_nearest_points_are_those_of_a_tree(spread):
     rng = np.random.default_rng(3)

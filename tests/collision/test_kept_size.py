@@ -4,6 +4,7 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 
 from pepper_kin.collision import PointCloud, TriangleMesh
 from pepper_kin.collision.fast import structure
@@ -47,6 +48,7 @@ def test_sizes_of_arrays_in_tuples_and_objects():
     assert bytes_of(cloud, (np.zeros(2), [b"abc"]), "text", 1.0) == 5 * 3 * 8 + 16 + 3
 
 
+@pytest.mark.thorough
 def test_balls_around_solids_and_trees_of_rays_are_forgotten_with_their_shapes(monkeypatch):
     """Of 30 solids and 30 meshes of 1 MB each 5 MB may be kept, where usually 64 and 256 MB may."""
     few = 5e6

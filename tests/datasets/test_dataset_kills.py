@@ -254,6 +254,7 @@ def test_other_clusters_of_the_process_come_and_go(job, undisturbed, tmp_path):
     assert contents(tmp_path / "data") == undisturbed
 
 
+@pytest.mark.thorough
 def test_damage_is_refused_by_name_and_mended_by_resume(job, undisturbed, tmp_path):
     folder = tmp_path / "data"
     datasets.make(job, folder, workers=0)

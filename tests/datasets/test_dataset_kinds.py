@@ -115,6 +115,7 @@ def test_trajectories_keep_limits_and_come_to_rest(made):
         assert not row["velocity"][[0, -1]].any()
 
 
+@pytest.mark.thorough
 def test_runs_are_of_twins_that_differ_with_sensors_and_pictures(made):
     dataset = made("runs")
     for row in dataset:

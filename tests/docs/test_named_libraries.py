@@ -51,6 +51,7 @@ def named(text):
     return {spelled[name.lower()] for name in NAMES.findall(text)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("command", "library", "function"), CHECKS)
 def test_a_check_fails_where_a_library_that_it_names_raises(
     monkeypatch, run, tmp_path, command, library, function

@@ -47,6 +47,7 @@ def misses(estimate, planted):
     return np.abs(np.array(list(planted.values())) - 0.5 * (low + high)) / (0.5 * (high - low))
 
 
+@pytest.mark.thorough
 def test_the_motion_is_certified_and_begins_and_ends_at_rest(pepper, excitation):
     assert excitation.certificate.success
     assert excitation.trajectory.check(pepper).success
@@ -78,6 +79,7 @@ def test_the_search_finds_a_better_condition_and_a_seed_gives_one_motion(pepper,
     assert excitation.condition < 0.7 * np.median(single)
 
 
+@pytest.mark.thorough
 def test_the_motion_avoids_what_is_around(pepper):
     free = excitation_motion(pepper, "left_arm", draws=20)
     reached = pk.kinematics.frame_pose(pepper, free.trajectory.sample(0.05).position, "LArm_effector")
@@ -90,6 +92,7 @@ def test_the_motion_avoids_what_is_around(pepper):
     )
 
 
+@pytest.mark.thorough
 def test_planted_stiffness_is_found(pepper, excitation, actuators):
     found = [
         estimate_stiffness(pepper, recorded(pepper, excitation, actuators, seed), "left_arm")
@@ -146,6 +149,7 @@ def test_a_load_beside_the_origin_of_a_frame_is_found_where_it_is(pepper, excita
     np.testing.assert_allclose(found.values[1:4], expected, atol=0.005)
 
 
+@pytest.mark.thorough
 def test_what_leaves_no_motion_is_refused_by_name(pepper):
     with pytest.raises(UnknownNameError, match="LElbow"):
         excitation_motion(pepper, ["LElbow"])

@@ -58,6 +58,7 @@ def only(found, kind, part):
     return found.faults[0]
 
 
+@pytest.mark.thorough
 def test_a_robot_within_its_tolerances_has_no_fault(pepper, model, made_log):
     found = diagnose(pepper, planted(pepper), model)
     assert found.faults == ()

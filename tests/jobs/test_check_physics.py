@@ -48,6 +48,7 @@ def test_a_heavier_hand_in_one_engine_would_be_found(monkeypatch):
     assert "BEYOND" in found.report()
 
 
+@pytest.mark.thorough
 def test_report_and_json_tell_the_same(found):
     text, summary = found.report(), found.as_dict()
     assert found.engine.startswith("MuJoCo")

@@ -111,6 +111,7 @@ def test_all_kinds_of_arguments_arrive():
     assert weigh(x, make_nested(np.bool_(True)), 1) == 2 * (expected + 1000)
 
 
+@pytest.mark.thorough
 def test_results_of_all_kinds_come_back():
     cube = np.random.default_rng(0).random((2, 3, 4))
     assert largest(cube, 0) == (cube.max(), cube.argmax())

@@ -105,6 +105,7 @@ def test_operation_agrees_with_casadi(kernels, name, dtype, tolerance):
     np.testing.assert_allclose(got, want, rtol=scale * tolerance, atol=scale * tolerance)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_special_values_agree_with_casadi(kernels, name):
     x, y = (grid.ravel() for grid in np.meshgrid(SPECIAL, SPECIAL))

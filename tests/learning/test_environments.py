@@ -125,6 +125,7 @@ def test_episodes_end_as_each_mode_says():
     np.testing.assert_array_equal(stopped.twins.position[mask], np.tile(home, (2, 1)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list(learning.TASKS))
 def test_every_task_ends_and_begins_in_every_mode(name):
     found = {}

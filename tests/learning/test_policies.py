@@ -148,6 +148,7 @@ def test_a_policy_works_with_latency_and_a_table_explains_a_failure(trained):
     assert any("clearance: VIOLATED" in text and "table" in text for text in failed)
 
 
+@pytest.mark.thorough
 def test_a_policy_works_through_set_angles(trained):
     policy, _ = trained
     one = PepperVectorEnv(1, "Reach", goal_seed=1)

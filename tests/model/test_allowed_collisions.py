@@ -134,6 +134,7 @@ def test_a_hand_may_close_on_itself_but_not_on_the_other():
     assert pk.collision.checker_for(free).contacts(curled) == (("LFinger22_link", "LFinger32_link"),)
 
 
+@pytest.mark.thorough
 def test_hands_that_meet_are_seen():
     """Both hands in front of the chest: the published list would not see their fingers cross."""
     pepper = pk.load_pepper(hands="mimic")

@@ -75,6 +75,7 @@ def test_newton_euler_agrees(pair):
         np.testing.assert_allclose(pk.dynamics.newton_euler(robot, q, v, a), tau, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_audit_and_exports_take_any_robot(pair):
     robot, _, _ = pair
     audit = pk.model.audit(robot)

@@ -130,6 +130,7 @@ def test_a_robot_that_is_behind_hits_nothing_either(careful):
     assert hits[0.3] == 0
 
 
+@pytest.mark.thorough
 def test_a_way_around_what_stands_is_planned(careful):
     start = careful.joint_vector({"RShoulderPitch": 0.9, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})
     goal = careful.joint_vector({"RShoulderPitch": -0.5, "RShoulderRoll": -0.3, "RElbowRoll": 0.6})

@@ -81,6 +81,7 @@ def test_in_the_open_all_of_the_margin_is_proven_and_nothing_is_said_of_it():
     assert "margin" not in plan.message
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("least", [0.006, 0.01])
 def test_a_least_margin_forbids_to_give_way_further(pinned, least):
     plan = swing(pinned, least_margin=least)

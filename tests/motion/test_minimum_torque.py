@@ -103,6 +103,7 @@ def on_wheels():
     return pepper, start, goal
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("duration", [2.5, 3.0, 5.0])
 def test_wheels_keep_their_limits(on_wheels, duration):
     """Such a motion was called solved at wheel speeds of 9.6 rad/s, where 6.28 rad/s are allowed."""

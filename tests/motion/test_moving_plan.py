@@ -35,6 +35,7 @@ def cases(pepper, rng, count, boxes):
         yield ends[0], velocity, ends[1], scene
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("boxes", [0, 6])
 def test_motions_begin_with_the_velocity_and_keep_all_limits(pepper, boxes):
     """The certificate measures distances by coal and torques by Newton-Euler, every millisecond."""

@@ -134,6 +134,7 @@ def problem_of(case):
     return path_problem(checks, case.start, case.goal[None], free, 0.01)
 
 
+@pytest.mark.thorough
 def test_the_improving_planner_shortens_what_the_first_path_was(case):
     whole = problem_of(case)
     problem = whole.search_problem

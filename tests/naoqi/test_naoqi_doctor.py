@@ -49,6 +49,7 @@ def test_a_robot_that_is_ready(robot):
     assert not found["protection on"].hinders
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("cause", "begin", "end"),
     [

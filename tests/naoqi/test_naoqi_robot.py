@@ -215,6 +215,7 @@ def test_a_live_motion_goes_where_its_goal_goes(robot):
     assert np.ptp(result.run.position[:, result.run.joint_names.index("HeadYaw")]) > 0.2
 
 
+@pytest.mark.thorough
 def test_an_error_in_a_cycle_of_a_live_motion_stops_the_robot(robot):
     pepper = pk.load_pepper()
     live = LiveMotion(pepper, robot.state().of(pepper.joint_names), tolerance=1.5, budget=1.0)
@@ -253,6 +254,7 @@ def test_driving_and_going_to_a_pose(robot):
     assert 0.05 < (after - before)[2] < 0.6
 
 
+@pytest.mark.thorough
 def test_motions_without_a_certificate_are_refused(robot):
     fast = waving(0.3)
     with pytest.raises(InvalidValueError, match=r"one that fails velocity.*passes check\(\); velocity"):
@@ -268,6 +270,7 @@ def test_motions_without_a_certificate_are_refused(robot):
         robot.follow(waving_fingers())
 
 
+@pytest.mark.thorough
 def test_motions_from_elsewhere_and_limp_motors_are_refused(robot):
     trajectory = waving()
     half = trajectory.between(trajectory.duration / 2, trajectory.duration)

@@ -65,6 +65,7 @@ def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
             assert report.gesture.paper_error("gazebo").max() >= 0.008
 
 
+@pytest.mark.thorough
 def test_report_holds_the_numbers_it_speaks_of(found):
     text = found.report()
     for title in ("Table 4", "Table 5", "Figures 6 and 7", "Section 3.3"):

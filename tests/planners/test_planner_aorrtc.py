@@ -159,6 +159,7 @@ def test_never_longer_and_history_tells_how(toy) -> None:  # type: ignore[no-unt
     assert costs[-1] < 0.95 * costs[0]
 
 
+@pytest.mark.thorough
 def test_same_seed_same_path(toy) -> None:  # type: ignore[no-untyped-def]
     problem, _ = box_problem(toy)
     first, again, other = (aorrtc(problem, seed=s, max_iterations=1500, timeout=60.0) for s in (3, 3, 4))

@@ -79,6 +79,7 @@ def test_velocities_are_cut_to_those_of_the_robot(pepper, steps):
     assert base.linear_velocity == base.MIN_LINEAR_VELOCITY == 0.1
 
 
+@pytest.mark.thorough
 def test_the_base_stops_before_a_wall_and_not_far_from_it(manager, client, pepper):
     wall = pk.Scene().add_box("wall", size=(0.1, 2.0, 1.5), position=(1.5, 0.0, 0.75))
     manager.setScene(client, wall)

@@ -47,6 +47,7 @@ def test_a_link_arrives_at_a_point_in_a_frame_of_the_robot(node):
     assert answer.error_code.source == "pepper_kin"
 
 
+@pytest.mark.thorough
 def test_scales_of_velocity_make_it_slower(node):
     def duration(scale):
         answer = ask(node, "head", joints={"HeadYaw": 1.0}, max_velocity_scaling_factor=scale)
@@ -56,6 +57,7 @@ def test_scales_of_velocity_make_it_slower(node):
     assert duration(0.1) > 3.0 * duration(1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("request_", "code", "words"),
     [

@@ -55,6 +55,7 @@ def test_a_certified_motion_is_followed(robot, served):
     assert result.largest_error < 0.05
 
 
+@pytest.mark.thorough
 def test_a_motion_without_a_certificate_is_refused(robot, served):
     trajectory = motion(robot, 1.5, HeadYaw=-0.5).scaled(0.02)
     before = served.body.commanded("HeadYaw")

@@ -160,6 +160,7 @@ def test_two_clients_at_once(served):
     assert served.body.measured("RElbowYaw") == pytest.approx(0.8, abs=0.02)
 
 
+@pytest.mark.thorough
 @CLIENTS
 def test_a_client_that_dies_in_mid_motion_stops_the_robot(served, client, caplog):
     body = served.body

@@ -43,6 +43,7 @@ def test_outer_forces(robot, states, frame_place):
     np.testing.assert_allclose(np.array(back).ravel(), a, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_forward_dynamics_derivatives(small_robot, states):
     robot = small_robot
     model, full = robot.pinocchio_model, robot.full_map

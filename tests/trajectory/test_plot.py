@@ -49,6 +49,7 @@ def test_a_retimed_trajectory_stays_below_both_curves(pepper, trajectory):
             plane.way[0] = 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("suffix", "head"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_pictures_are_written(pepper, trajectory, tmp_path, suffix, head):
     path = tmp_path / f"picture.{suffix}"

@@ -71,6 +71,7 @@ def test_limits_are_drawn_near_and_written_far(pepper, wave):
     assert found["HeadYaw", "velocity"].texts[0].get_text() == f"limit ±{fast:.3g}"
 
 
+@pytest.mark.thorough
 def test_a_run_alone_has_its_reference_and_its_error(pepper, run, tmp_path):
     figure = run.plot(pepper, tmp_path / "run.png", quantities=["position", "error"])
     joint = next(iter(panels(figure)))[0]

@@ -107,6 +107,7 @@ def test_a_dragged_target_takes_the_hand_along(open_live, until, on_screen, fres
     until(page, f"{place}.every((x, k) => Math.abs(x - {wrist.tolist()}[k]) < 1e-4)")
 
 
+@pytest.mark.thorough
 def test_within_half_a_second_the_hand_is_within_a_centimeter(fresh, pepper):
     """Counted in the servo's own time, so that a busy machine does not fail it."""
     start = hand(fresh, pepper)

@@ -172,6 +172,7 @@ def grip(mass, friction):
     return world.bodies["bar"].position[2] - bar[2], rise, world
 
 
+@pytest.mark.thorough
 def test_a_hand_closes_on_a_bar_and_lifts_it_by_friction():
     lifted, rise, world = grip(0.05, 0.6)
     assert rise == pytest.approx(0.05, abs=2e-3)
