@@ -30,7 +30,7 @@ The same test has three sizes:
 
 | size | when | how |
 |---|---|---|
-| small | with the thorough tests, two minutes | `pytest tests/fuzz` |
+| small | in continuous integration, two minutes | `pytest tests/fuzz` |
 | middle | in continuous integration, minutes | `pytest tests/fuzz --fuzz-size middle` |
 | long | before a release, hours | `python tests/fuzz/long_run.py --hours 8` |
 

@@ -5,8 +5,6 @@ import copy
 import importlib.util
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -27,18 +25,6 @@ def test_the_page_is_what_its_script_writes(script, monkeypatch, tmp_path):
     monkeypatch.setattr(script, "FOLDER", tmp_path)
     script.main([])
     assert (tmp_path / "verification.md").read_text("utf-8") == PAGE.read_text("utf-8")
-
-
-@pytest.mark.thorough
-def test_the_figures_of_the_small_size_are_those_of_a_run(script, tmp_path):
-    """Those of the middle size are compared in `.ci/run`, with the run that is there."""
-    report = tmp_path / "small.json"
-    command = ["-n", "2", "tests/fuzz", "--fuzz-report", report, "--fuzz-keep", tmp_path]
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", *command], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert script.differences(json.loads(report.read_text("utf-8"))) == []
 
 
 def test_figures_that_differ_are_named(script):
