@@ -40,7 +40,7 @@ def answer(found: subprocess.CompletedProcess[str], **options: Any) -> dict[str,
 def test_results_are_the_same_between_guard_pages(job, amount, rng, tried, request):
     small = request.config.getoption("--fuzz-size") == "small"
     if small and job not in IN_SMALL:
-        pytest.skip("from the middle size on")
+        pytest.skip("in a larger size")
     left = amount(1, 1 if job == "searches" else 3, 1200)  # their checkers in Python make many arrays
     while left > 0:
         options = {"jobs": [job], "count": min(left, TASKS), "seed": int(rng.integers(2**31))}
