@@ -1,4 +1,4 @@
-"""Every recipe of the documentation runs by itself, prints what its comments say, and stands in the index."""
+"""Every recipe says when one wants it, runs by itself, prints what its comments say, and is in the index."""
 
 import ast
 import contextlib
@@ -82,6 +82,14 @@ def test_there_are_forty_and_the_index_lists_them_in_order():
     assert len(ALL) >= 40
     assert listed == [(r.title, page) for page in pages for r in ALL if r.page == page]
     assert len(listed) == len(ALL)
+
+
+@pytest.mark.parametrize("recipe", ALL, ids=lambda recipe: f"{recipe.page}: {recipe.title}")
+def test_a_recipe_begins_with_one_sentence_of_at_most_25_words(recipe: Recipe) -> None:
+    first = recipe.text.strip().partition("\n\n")[0]
+    words = re.sub(r"`[^`]*`", "code", first)
+    assert re.fullmatch(r"[A-Z][^.?!:|\[<#\n]*(?:: [^.?!:|\[<#\n]+)?\.", words), first
+    assert 8 <= len(words.split()) <= 25
 
 
 @pytest.mark.thorough
