@@ -106,7 +106,8 @@ class Stepper:
             caution: Factor on the speed of approach to obstacles, up to 1.
         """
         guard, wanted = self._guard, _packed(demands) if demands else self._nothing
-        idle = ~wanted.jacobian.any(axis=0) if demands else np.zeros(self._n, dtype=bool)
+        moved = wanted.jacobian.any(axis=0) if demands else np.ones(self._n)
+        idle = np.asarray(moved) == 0.0
         table = self._resting(idle, v) if idle.any() else self._table
         result = TickResult(np.empty(self._n), np.empty(len(demands)), np.empty(2), self._numbers)
         world = self._unexamined if guard is None else guard.world
