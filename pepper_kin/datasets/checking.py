@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from pepper_kin.datasets.columns import Column, decoded
 from pepper_kin.datasets.dataset import JOB, MANIFEST, Dataset, open_dataset
+from pepper_kin.datasets.export import export_faults
 from pepper_kin.datasets.making import read_job
 from pepper_kin.datasets.shard import DATA, name_of, rows_of
 from pepper_kin.datasets.store import Store
@@ -67,7 +68,7 @@ def check(
 
     Args:
         folder: Its folder, or an address that fsspec knows.
-        sample: How many rows are recomputed; all files are read in any case.
+        sample: How many rows are recomputed, each once; all files are read in any case.
         seed: Draws these rows.
         on_progress: Called with the number of files that were read, and of all.
 
@@ -97,6 +98,8 @@ def check(
                 faults.append(f"{error}: remove it and {MANIFEST}, then resume")
         if on_progress is not None:
             on_progress(shard + 1, len(names))
+    if job.format != "parquet":
+        faults += export_faults(store, job.format)
     again = _sampled(dataset, sound, sample, seed)
     for row in again:
         faults += _compared(dataset, row)
@@ -115,14 +118,15 @@ def _check_rows(dataset: Dataset, shard: int) -> None:
 
 
 def _sampled(dataset: Dataset, shards: list[int], count: int, seed: int) -> list[int]:
-    """Return the numbers of some rows of files, each once, in order."""
-    if not shards:
+    """Return the numbers of some rows of files, each once, in order; all where there are no more."""
+    begins = np.array([dataset.shards[shard]["first"] for shard in shards], dtype=np.int64)
+    ends = np.cumsum([dataset.shards[shard]["rows"] for shard in shards], dtype=np.int64)
+    if not len(ends):
         return []
-    rng, rows = np.random.default_rng(check_seed(seed)), set[int]()
-    for shard in rng.choice(shards, count).tolist():
-        about = dataset.shards[shard]
-        rows.add(about["first"] + int(rng.integers(about["rows"])))
-    return sorted(rows)
+    drawn = np.random.default_rng(check_seed(seed)).choice(ends[-1], min(count, ends[-1]), replace=False)
+    at = np.searchsorted(ends, drawn, side="right")
+    rows = begins[at] + drawn - np.concatenate([[0], ends])[at]
+    return sorted(map(int, rows))
 
 
 def _compared(dataset: Dataset, row: int) -> list[str]:

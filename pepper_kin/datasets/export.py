@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.datasets.columns import Column
-from pepper_kin.datasets.dataset import Dataset
+from pepper_kin.datasets.dataset import MANIFEST, Dataset
 from pepper_kin.datasets.kinds import SOLVED
 from pepper_kin.datasets.lerobot import Feature, LeRobotWriter
 from pepper_kin.datasets.recipe import PLACE
@@ -38,8 +39,8 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
     "lerobot": one LeRobotDataset v3.0 of all; the rates of sensors become that of the frames, which hold the
     newest reading. Of motions without a twin the action of a frame is the next one's position.  Where objects
     are shifted, `observation.environment_state` has their positions [m].  Joints that a log lacks are left
-    out.  "mcap": a
-    file for each row, with the messages of ROS 2, on a disk only.
+    out.  "mcap": a file for each row, with the messages of ROS 2, on a disk only.  Digests of the files are
+    written beside the folder, to "lerobot.json" or "mcap.json", with which `check` compares them.
 
     Raises:
         InvalidValueError: for another format or a kind without motions, where no row was solved or an object
@@ -52,17 +53,38 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
     if dataset.job.kind not in _STATES:
         raise InvalidValueError("kind of data set", dataset.job.kind, f"one of {', '.join(_STATES)}")
     if format == "lerobot":
-        _to_lerobot(dataset, store)
+        written = _to_lerobot(dataset, store)
     elif format == "mcap":
-        _to_mcap(dataset, store)
+        written = _to_mcap(dataset, store)
     else:
         raise InvalidValueError("format", format, "lerobot or mcap")
+    kept = json.loads(store.read_text(f"{format}.json")) if store.exists(f"{format}.json") else {}
+    digests = {name: store.sha256(name)[0] for name in (written if kept else store.files(format))}
+    if digests:
+        store.write_text(f"{format}.json", json.dumps(kept | digests, indent=1))
 
 
-def _to_lerobot(dataset: Dataset, store: Store) -> None:
+def export_faults(store: Store, format: str) -> list[str]:
+    """Return which files of `export` are missing or other ones than were written, a sentence each."""
+    if not store.exists(f"{format}.json"):
+        missing = f"{store.path(f'{format}.json')}: is missing, the digests of the files in {format}"
+        return [f"{missing}: remove {MANIFEST}, then resume"]
+    kept, there = json.loads(store.read_text(f"{format}.json")), {*store.files(format)}
+    again = f"remove {format}, {format}.json and {MANIFEST}, then resume"
+    faults = [f"{store.path(name)}: is missing: {again}" for name in kept if name not in there]
+    faults += [f"{store.path(name)}: is no file of this data set" for name in sorted(there - kept.keys())]
+    for name in sorted(there & kept.keys()):
+        if (found := store.sha256(name)[0]) != kept[name]:
+            words = f"is damaged: its SHA-256 is {found}, that of {format}.json {kept[name]}"
+            faults.append(f"{store.path(name)}: {words}: {again}")
+    return faults
+
+
+def _to_lerobot(dataset: Dataset, store: Store) -> list[str]:
+    """Write all of it unless it is there; return the names of the files that were written."""
     place = Store(store.path("lerobot"))
     if place.exists("meta/info.json"):
-        return  # it was finished: info.json comes last
+        return []  # it was finished: info.json comes last
     place.remove()
     state, action = (next(c for c in dataset.columns if c.name == name) for name in _STATES[dataset.job.kind])
     sensed = {c.name for c in dataset.columns if f"{c.name}.time" in {o.name for o in dataset.columns}}
@@ -96,6 +118,7 @@ def _to_lerobot(dataset: Dataset, store: Store) -> None:
     if uneven > 0.5 / fps:
         text = f"lerobot: frames are stated every {1.0 / fps:g} s; their times differ by up to {uneven:.3g} s"
         warnings.warn(text, FileFormatWarning, stacklevel=4)
+    return store.files("lerobot")
 
 
 def _known_joints(dataset: Dataset, state: Column, action: Column) -> Array:
@@ -158,13 +181,14 @@ def _feature(column: Column) -> Feature:
     return Feature(max(1, column.size), column.names)
 
 
-def _to_mcap(dataset: Dataset, store: Store) -> None:
+def _to_mcap(dataset: Dataset, store: Store) -> list[str]:
+    """Write the files that are not there; return their names in the store."""
     if store.local is None:
         raise InvalidValueError("format", "mcap", f"another one for {store.place}: it needs a disk")
     if "mcap" not in plugins("formats"):
         raise UnknownNameError("format", "mcap", plugins("formats"))
     writer, folder = plugins("formats")["mcap"].load(), make_folder(store.local / "mcap")
-    pepper = kind_of(dataset.job).recipe.pepper
+    pepper, written = kind_of(dataset.job).recipe.pepper, []
     for row in dataset:
         path = folder / f"row-{row['row']:06d}.mcap"
         if row["status"] != SOLVED or not len(row["time"]) or path.exists():
@@ -173,6 +197,8 @@ def _to_mcap(dataset: Dataset, store: Store) -> None:
             writer.write_recording(path, _run(dataset, row, pepper))
         else:
             writer.write_trajectory(path, _points(dataset, row, path))
+        written.append(f"mcap/{path.name}")
+    return written
 
 
 def _run(dataset: Dataset, row: dict[str, Any], pepper: Any) -> Run:

@@ -66,6 +66,17 @@ class Store:
                 return []
             return sorted(found)
 
+    def files(self, folder: str) -> list[str]:
+        """Return the files in a folder and those below it, by their names in the store, sorted."""
+        with self._named(folder):
+            if self._fs is None:
+                below = Path(self._at(folder)).rglob("*")
+                return sorted(path.relative_to(self._root).as_posix() for path in below if path.is_file())
+            if not self._fs.exists(self._at(folder)):
+                return []
+            root = self._fs._strip_protocol(self._at(""))
+            return sorted(posixpath.relpath(path, root) for path in self._fs.find(self._at(folder)))
+
     def exists(self, name: str) -> bool:
         """Return whether there is such a file."""
         return bool(os.path.exists(self._at(name)) if self._fs is None else self._fs.exists(self._at(name)))

@@ -1,6 +1,7 @@
 """LeRobotDataset v3.0: its files as pandas, pyarrow and PyAV read them, its statistics against NumPy's."""
 
 import json
+import shutil
 
 import av
 import mcap.reader
@@ -140,3 +141,26 @@ def test_mcap_files_are_read_by_the_package_mcap(kind, tmp_path):
     assert counts["/joint_states"] == len(made[solved[0]]["time"])
     if kind == "runs":
         assert counts["/sensors/joint_encoders"] == len(made[0]["joint_encoders"])
+
+
+@pytest.mark.parametrize("format", ["lerobot", "mcap"])
+def test_files_of_other_formats_that_are_lost_or_changed_are_named(format, tmp_path):
+    """Each file has its digest; the set is whole again after what the words say."""
+    folder, size = tmp_path / "data", {"rows": 3, "rows_per_shard": 3}
+    datasets.make(small_job("trajectories", tmp_path, format=format, **size), folder, workers=0)
+    assert datasets.check(folder, sample=0).success
+    first, *others = sorted(path for path in (folder / format).rglob("*") if path.is_file())
+    first.unlink()
+    others[-1].write_bytes(others[-1].read_bytes()[:-1])
+    (folder / format / "other").write_text("x")
+    missing, strange, damaged = datasets.check(folder, sample=0).faults
+    assert first.name in missing
+    assert "is missing" in missing
+    assert "no file of this data set" in strange
+    assert others[-1].name in damaged
+    assert "SHA-256" in damaged
+    shutil.rmtree(folder / format)
+    (folder / f"{format}.json").unlink()
+    (folder / "manifest.json").unlink()
+    datasets.resume(folder, workers=0)
+    assert datasets.check(folder, sample=0).success
