@@ -44,7 +44,7 @@ PURPOSES: Mapping[str, str] = {
     "placo": 'IK by `solver="placo"`',
     "toppra": 'timing by `solver="toppra"`',
     "cmeel-urdfdom": "what placo is built against",
-    "cmeel-tinyxml2": "what placo is built against",
+    "cmeel-tinyxml2": "the parser of XML that placo is built against",
     "example-robot-data": "other robots to try",
     "pandas": "tables",
     "matplotlib": "plots",
