@@ -87,10 +87,16 @@ def main(paths: list[str]) -> None:
     REPORTS.mkdir(exist_ok=True)
     for path in paths:
         report = json.loads(Path(path).read_text("utf-8"))
-        (REPORTS / f"{report['size']}.json").write_text(json.dumps(report, indent=1) + "\n", "utf-8")
+        (REPORTS / f"{report['size']}.json").write_text(in_lines(report), "utf-8")
     files = {size: REPORTS / f"{size}.json" for size in SIZES}
     reports = {size: json.loads(file.read_text("utf-8")) for size, file in files.items() if file.exists()}
     (FOLDER / "verification.md").write_text(HEAD + page(reports), encoding="utf-8")
+
+
+def in_lines(report: dict[str, Any]) -> str:
+    """Return a report as JSON, with a line for each test, so that changes are read and merged by test."""
+    rest = json.dumps({name: value for name, value in report.items() if name != "tests"})
+    return f'{rest[:-1]},\n "tests": [\n' + ",\n".join(map(json.dumps, report["tests"])) + "\n]}\n"
 
 
 def page(reports: dict[str, Any]) -> str:
