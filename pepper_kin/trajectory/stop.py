@@ -65,8 +65,8 @@ class Stop(BriefRepr):
         how: "path"; "end", the whole rest of the motion, where no slow-down along it keeps jerk limits; or
             "joints".
         exceeded: Limits that the stop does not keep: "position", "velocity", "acceleration", "jerk" (also
-            where accelerations jump), "torque", "balance".  Empty for stops along the path, but for those of
-            a motion that does not keep jerk limits itself, where no slow-down does.
+            where accelerations jump, at its end to rest), "torque", "balance".  Empty for stops along the
+            path, but for those of a motion that does not keep jerk limits itself, where no slow-down does.
         clearance: Least distances to obstacles and to itself at every millisecond [m], at most 0 in contact;
             None without a scene.
     """
@@ -474,11 +474,12 @@ class _Length:
 
 
 def _jumps(motion: Trajectory) -> bool:
-    """Return whether accelerations jump at a knot."""
+    """Return whether accelerations jump at a knot, or from the end to rest."""
     pieces, steps = motion.coefficients, np.diff(motion.breaks)
-    each = np.arange(steps.size - 1)
-    before = derivatives_on_segments(pieces, each, steps[:-1], 3)[2]
-    after = derivatives_on_segments(pieces, each + 1, 0.0 * steps[1:], 3)[2]
+    each = np.arange(steps.size)
+    before = derivatives_on_segments(pieces, each, steps, 3)[2]
+    after = np.zeros_like(before)
+    after[:-1] = derivatives_on_segments(pieces, each[1:], 0.0 * steps[1:], 3)[2]
     return bool(np.abs(after - before).max(initial=0.0) > JUMP_TOLERANCE)
 
 
