@@ -58,7 +58,7 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
         written = _to_mcap(dataset, store)
     else:
         raise InvalidValueError("format", format, "lerobot or mcap")
-    kept = json.loads(store.read_text(f"{format}.json")) if store.exists(f"{format}.json") else {}
+    kept = _kept_digests(store, format) if store.exists(f"{format}.json") else {}
     digests = {name: store.sha256(name)[0] for name in (written if kept else store.files(format))}
     if digests:
         store.write_text(f"{format}.json", json.dumps(kept | digests, indent=1))
@@ -69,8 +69,11 @@ def export_faults(store: Store, format: str) -> list[str]:
     if not store.exists(f"{format}.json"):
         missing = f"{store.path(f'{format}.json')}: is missing, the digests of the files in {format}"
         return [f"{missing}: remove {MANIFEST}, then resume"]
-    kept, there = json.loads(store.read_text(f"{format}.json")), {*store.files(format)}
     again = f"remove {format}, {format}.json and {MANIFEST}, then resume"
+    try:
+        kept, there = _kept_digests(store, format), {*store.files(format)}
+    except FileFormatError as error:
+        return [f"{error}: {again}"]
     faults = [f"{store.path(name)}: is missing: {again}" for name in kept if name not in there]
     faults += [f"{store.path(name)}: is no file of this data set" for name in sorted(there - kept.keys())]
     for name in sorted(there & kept.keys()):
@@ -78,6 +81,22 @@ def export_faults(store: Store, format: str) -> list[str]:
             words = f"is damaged: its SHA-256 is {found}, that of {format}.json {kept[name]}"
             faults.append(f"{store.path(name)}: {words}: {again}")
     return faults
+
+
+def _kept_digests(store: Store, format: str) -> dict[str, str]:
+    """Return the digests of the files that `export` wrote, by their names in the store.
+
+    Raises:
+        FileFormatError: for a file that does not hold them.
+    """
+    name = f"{format}.json"
+    try:
+        kept = json.loads(store.read_text(name))
+    except ValueError as error:
+        raise FileFormatError(store.path(name), f"is damaged: {error}") from error
+    if not isinstance(kept, dict):
+        raise FileFormatError(store.path(name), "holds no digests by the names of files")
+    return kept
 
 
 def _to_lerobot(dataset: Dataset, store: Store) -> list[str]:

@@ -169,7 +169,7 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
     again = make_solver(context.solver, trial).search(context.collisions, few).q
     if _is_gain(problem, context, again, q, leaders):
         return again
-    # All but without those that yield, what comes first is met wherever it can be; they come near from there.
+    # While those that yield weigh next to nothing, what comes first is met; from there they come nearer.
     trial = _reweighted(problem, yielding, ALONE)
     again = make_solver(context.solver, trial).search(context.collisions, context.budget).q
     if not _is_gain(problem, context, again, q, leaders):

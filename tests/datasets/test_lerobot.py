@@ -159,6 +159,9 @@ def test_files_of_other_formats_that_are_lost_or_changed_are_named(format, tmp_p
     assert "no file of this data set" in strange
     assert others[-1].name in damaged
     assert "SHA-256" in damaged
+    (folder / f"{format}.json").write_text("{")
+    (unread,) = datasets.check(folder, sample=0).faults
+    assert f"{format}.json: is damaged" in unread
     shutil.rmtree(folder / format)
     (folder / f"{format}.json").unlink()
     (folder / "manifest.json").unlink()
