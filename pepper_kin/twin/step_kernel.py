@@ -331,10 +331,8 @@ def step_kernels(
         return compile_function(function, key=_key(pepper, what), vector_bytes=width, batch=False)
 
     if pepper.solvers != "fast":
-        before, after = (
-            compiled(lambda k=k: drive_functions(pepper, variant)[k], f"twin drive {k} {variant}")  # type: ignore[misc]
-            for k in (0, 1)
-        )
+        before = compiled(lambda: drive_functions(pepper, variant)[0], f"twin drive 0 {variant}")
+        after = compiled(lambda: drive_functions(pepper, variant)[1], f"twin drive 1 {variant}")
         return pinocchio_steps(pepper, variant, before, after, mass_places(pepper))
     step = compiled(lambda: step_function(pepper, variant), f"twin step {variant}")
     return step, compiled(lambda: solve_function(pepper), "twin solve")

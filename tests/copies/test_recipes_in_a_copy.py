@@ -100,8 +100,9 @@ class Copy:
         self.write(file, text.replace("\n" + old, "\n" + new)[1:])
 
     def write(self, file: str, text: str) -> None:
-        """Write a file; the lines of code are no longer than others are."""
-        assert not file.endswith(".py") or max(map(len, text.splitlines())) <= 110
+        """Write a file; the lines of code are no longer than others are, without what is said to mypy."""
+        lines = [line.split("  # type: ignore")[0] for line in text.splitlines()]
+        assert not file.endswith(".py") or max(map(len, lines)) <= 110
         self.written.add(file)
         (self.folder / file).unlink(missing_ok=True)  # a link
         (self.folder / file).write_text(text, encoding="utf-8")
