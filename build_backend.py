@@ -70,7 +70,8 @@ def _with_code(folder: Path, name: str, tag: str, output: Path) -> str:
     processor = {"PEPPER_KIN_CPU": "x86-64-v3"} if tag.endswith("x86_64") else {}
     run(
         "pepper_kin.jobs.wheel_code", tag, content / CODE,
-        PYTHONPATH=paths, PEPPER_KIN_CACHE=str(folder / "cache"), PYTHONDONTWRITEBYTECODE="1", **processor,
+        PYTHONPATH=paths, PEPPER_KIN_CACHE=str(folder / "cache"), PYTHONDONTWRITEBYTECODE="1",
+        PYTHONHASHSEED="0", **processor,
     )  # fmt: skip
     (metadata,) = content.glob("*.dist-info")
     text = (metadata / "WHEEL").read_text("utf-8")

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import _dynfunc, njit, types  # type: ignore[attr-defined]
-from numba.core import cgutils, codegen, compiler, funcdesc, typing
+from numba.core import cgutils, codegen, compiler, funcdesc, targetconfig, typing
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
@@ -115,12 +115,24 @@ def _front_end() -> Iterator[Any]:
     """Let Numba make libraries of our kind, and run nothing."""
     context = cpu_target.target_context
     generator = context.codegen()
-    usual = generator._library_class
+    usual, search = generator._library_class, types.BaseFunction.get_call_type
     generator._library_class = _Library
     generator.set_env = lambda name, environment: None
+
+    def known(operation: Any, typing_context: Any, arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:
+        """Return what was found before: all definitions of an operator are tried each time, arrays' first."""
+        key = operation, tuple(arguments), tuple(named.items()), targetconfig.ConfigStack.top_or_none()
+        if key not in _signatures:
+            signature = search(operation, typing_context, arguments, named)
+            _signatures[key] = signature, operation._impl_keys[signature.args]
+        signature, operation._impl_keys[signature.args] = _signatures[key]
+        return signature
+
+    types.BaseFunction.get_call_type = known
     try:
         yield context
     finally:
+        types.BaseFunction.get_call_type = search
         generator._library_class = usual
         del generator.set_env
 
@@ -142,6 +154,9 @@ _parts: dict[str, PortablePart] = {}
 
 _symbols: dict[Any, str] = {}
 """The symbol of the function of each of Numba's libraries."""
+
+_signatures: dict[Any, Any] = {}
+"""Types of arguments and results of Numba's own functions, and which definition it found, for a call."""
 
 _functions: dict[Any, tuple[CompiledFunction, tuple[Any, ...]]] = {}
 """Our function, and the types of its arguments, of each library that has one."""
@@ -343,6 +358,7 @@ def _stored(module: Any, symbols: set[str], renamed: Mapping[str, str]) -> bytes
             assert head is not None, str(function)
             body = "{\n  call void @abort()\n  unreachable\n}"
             module.link_in(llvm.parse_assembly(f"declare void @abort()\ndefine {head[1]} {head[2]} {body}"))
+    module = _without_origin(module)
     for function in module.functions:
         if function.name in renamed:
             function.name = renamed[function.name]
@@ -367,6 +383,18 @@ def _stored(module: Any, symbols: set[str], renamed: Mapping[str, str]) -> bytes
     passes.run(module, builder)
     module.verify()
     return bytes(module.as_bitcode())
+
+
+def _without_origin(module: Any) -> Any:
+    """Return a module without addresses, and what exceptions say: they hold paths, and counts of the process.
+
+    Nothing reads them, since an exception becomes a status; but the order of parts, and so the bytes of what
+    is linked of them, depends on hashes of these.
+    """
+    text = re.sub(r"inttoptr \(i64 \d+ to ptr\)", "null", str(module))
+    text = re.sub(rf"constant {re.escape(_EXCEPTION)} .*", f"constant {_EXCEPTION} zeroinitializer", text)
+    text = re.sub(r'constant \[\d+ x i8\] c"missing Env.*', "constant [1 x i8] zeroinitializer", text)
+    return llvm.parse_assembly(text)
 
 
 def _entry_module(function: CompiledFunction, context: Any, fndesc: Any, returned: Any) -> Any:
@@ -480,6 +508,9 @@ class _BlockReader:
         else:
             builder.store(builder.zext(value, ir.IntType(64)) if scalar.name == "boolean" else value, place)
 
+
+_EXCEPTION = "{ ptr, i32, ptr, ptr, i32 }"
+"""LLVM's type of an exception: pickled, its size, its hash, and what unpacks its arguments."""
 
 # What unpacks the arguments of exceptions that Numba foresees (slices of different lengths).  Nothing here
 # does: an exception becomes a status.

@@ -47,7 +47,9 @@ class Build:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={name: value for name, value in os.environ.items() if name != INTERPRETER},
+            # Numba counts references in the order of a set of names, which is that of their hashes.
+            env={name: value for name, value in os.environ.items() if name != INTERPRETER}
+            | {"PYTHONHASHSEED": "0"},
         )
         self._errors: list[str] = []
         for read in (self._read_progress, self._read_errors):

@@ -8,10 +8,12 @@ import pytest
 
 from pepper_kin.kernels import parallel_build
 from pepper_kin.kernels.compiled_function import unit_of
+from pepper_kin.kernels.sources import digests_key
 from pepper_kin.kernels.store import is_kept
 from pepper_kin.kernels.warm_up import Build
 
 SMALL = ("pepper_kin.kernels.calling", "pepper_kin.core.timing.kinks", "pepper_kin.core.kernel_batch")
+LARGE = "pepper_kin.core.inverse_kinematics.multi_start"
 
 
 @pytest.fixture
@@ -54,6 +56,21 @@ def test_one_that_is_ended_leaves_whole_parts(empty):
     assert before
     Build(SMALL, only=True).finish(lambda progress: None)
     assert kept() == set(SMALL)
+
+
+@pytest.mark.thorough
+def test_the_same_bytes_are_made_whatever_was_made_before(tmp_path, monkeypatch):
+    """Of Numba's counters, hashes of names, and flags of whoever called a function first, nothing is left."""
+    folders = []
+    for before in ("pepper_kin.core.braking", "pepper_kin.core.timing.parameterization"):
+        folders.append(tmp_path / before)
+        monkeypatch.setenv("PEPPER_KIN_CACHE", str(folders[-1]))
+        for name in (before, LARGE):
+            Build([name], only=True).finish(lambda progress: None)
+    first, second = ({path.name: path.read_bytes() for path in folder.glob("*.code")} for folder in folders)
+    same = first.keys() & second.keys() - {f"{digests_key()}.code"}  # the list of sources that were read
+    assert len(same) > 50
+    assert not [name for name in same if first[name] != second[name]]
 
 
 @pytest.mark.thorough
