@@ -391,13 +391,17 @@ class LiveMotion:
 
     def _is_nearly_free(self, way: Trajectory) -> bool:
         """Whether a way is free where own parts keep less, which they do from then on."""
-        before = self._own
-        while self._own > LEAST_MARGIN:
-            self._own /= 2.0
+        kept, self._own = self._own, 0.0
+        if not self._is_free(way):
+            self._own = kept
+            return False
+        while kept > LEAST_MARGIN:
+            kept /= 2.0
+            self._own = kept
             if self._is_free(way):
                 return True
-        self._own = before
-        return False
+        self._own = 0.0
+        return True
 
     def _along_given(self, now: float) -> Iterator[Trajectory]:
         """Yield the way that was given with the goal, once."""
