@@ -131,7 +131,8 @@ def _nearest(problem: PathProblem, states: Array) -> str:
 def own_margin(checker: CollisionChecker, ends: Iterable[Array], most: float) -> float:
     """Return the distance that the robot's own parts keep on a motion [m], 0 where its ends leave none.
 
-    It is at most half of what they keep at the ends, since joints near one another have to move.
+    It is at most half of what they keep at the ends, since joints near one another have to move.  Ends at
+    which they touch do not count: no motion goes there.
 
     Args:
         checker: Of the robot and what it holds.
@@ -140,7 +141,10 @@ def own_margin(checker: CollisionChecker, ends: Iterable[Array], most: float) ->
     """
     kept, ranges = most, checker.dependent_ranges
     for q in ends:
-        kept = min(kept, float(checker.clearance(q, to="self")) / 2.0)
+        near = float(checker.clearance(q, to="self"))
+        if near <= 0.0 or any(table.violated(q) for table in ranges):
+            continue
+        kept = min(kept, near / 2.0)
         while kept > LEAST_MARGIN and any(table.violated(q, kept / RANGE_RADIUS) for table in ranges):
             kept /= 2.0
     return kept if kept > LEAST_MARGIN else 0.0

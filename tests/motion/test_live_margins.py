@@ -60,7 +60,9 @@ def test_ends_that_are_nearer_leave_half_of_their_distance(careful):
     assert own_margin(checker, [ready, stand], 0.4 * near) == 0.4 * near
     rng = np.random.default_rng(0)
     states = rng.uniform(careful.lower_limits, careful.upper_limits, (300, careful.n))
-    states = states[~checker.in_collision(states)]
+    touching = checker.in_collision(states)
+    assert own_margin(checker, states[touching], KEPT) == KEPT
+    states = states[~touching]
     for q in states:
         kept = own_margin(checker, [q], KEPT)
         assert not checker.with_margins(0.0, kept).in_collision(q)
