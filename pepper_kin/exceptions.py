@@ -57,6 +57,24 @@ def _within_reason(reason: str) -> str:
     return f"{reason[:half]} ... {reason[-half:]}"
 
 
+def beside_limits(value: float, *limits: float, outside: bool = False, digits: int = 4) -> list[str]:
+    """Return a value and its limits as text, all with the same number of digits.
+
+    Rounded alike, a value within its limits reads as within them.
+
+    Args:
+        value: The value.
+        limits: Its limits.
+        outside: Whether the value is beyond one of them: as many digits are shown as tell it from each.
+        digits: Least number of significant digits.
+    """
+    for count in range(digits, 17):
+        text, *others = (f"{number:.{count}g}" for number in (value, *limits))
+        if not outside or text not in others:
+            break
+    return [text, *others]
+
+
 def did_you_mean(name: object, available: Iterable[object]) -> str:
     """Return " (did you mean 'HeadYaw'?)" with the known name that is most like a wrong one; "" if none is.
 
@@ -165,8 +183,9 @@ class LimitError(PepperKinError, ValueError):
     ) -> None:
         self.quantity, self.joint, self.value = quantity, joint, value
         self.lower, self.upper, self.unit = lower, upper, unit
+        text, *limits = beside_limits(value, lower, upper, outside=True, digits=6)
         super().__init__(
-            f"{quantity}: {joint} = {value:.6g} {unit} is outside [{lower:.6g}, {upper:.6g}] {unit}"
+            f"{quantity}: {joint} = {text} {unit} is outside [{', '.join(limits)}] {unit}"
             f"{suspect_degrees(value, unit)}"
         )
 

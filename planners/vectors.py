@@ -125,7 +125,9 @@ def require_inside(
     if outside.any():
         i = int(np.argmax(outside))
         name = coordinate_name(quantity, i, labels)
-        raise InvalidValueError(name, state[i], f"a value within the bounds [{lower[i]:g}, {upper[i]:g}]")
+        raise InvalidValueError(
+            name, state[i], f"a value within the bounds [{lower[i]:.12g}, {upper[i]:.12g}]"
+        )
 
 
 def positive_number(quantity: str, value: float) -> float:

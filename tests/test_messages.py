@@ -19,6 +19,7 @@ from pepper_kin.exceptions import (
     InvalidValueError,
     LimitError,
     UnknownNameError,
+    beside_limits,
     did_you_mean,
     shortened,
 )
@@ -38,6 +39,19 @@ def test_a_long_value_is_cut_at_80_characters():
     assert len(str(error)) == len("q: got , expected finite numbers") + 80
     assert "\n" not in str(error)
     assert len(str(raised.value).partition(", expected")[0]) < 130
+
+
+def test_a_value_beside_its_limit_reads_as_what_it_is():
+    assert beside_limits(0.43978, 0.4398) == ["0.4398", "0.4398"]
+    assert beside_limits(2.085669, -2.08567, 2.085668, outside=True) == ["2.085669", "-2.08567", "2.085668"]
+    rng = np.random.default_rng(0)
+    limits = 10.0 ** rng.uniform(-3, 3, 1000)
+    for limit, value in zip(limits, limits * (1.0 + 10.0 ** rng.uniform(-12, 0, 1000)), strict=True):
+        text, most = map(float, beside_limits(value, limit, outside=True))
+        assert text > most
+        assert float.__le__(*map(float, beside_limits(limit, value)))
+    with pytest.raises(LimitError, match=r"2\.0856691 rad is outside \[-2\.08567, 2\.085669\]"):
+        raise LimitError("start", "HeadYaw", 2.0856691, -2.08567, 2.085669)
 
 
 def test_the_name_most_like_a_wrong_one_is_suggested():

@@ -9,7 +9,8 @@ theta:
     weak motor       angle - twin's + (torque - twin's) / Kp             -torque / Kp         1 / strength - 1
     wrong payload    torques of an arm - twin's                          -J^T g of the hand   mass [kg]
     slipped wheel    turn of a wheel - turn that the base's way needs    turn of the wheel    share of turns
-    slipping gear    as of a stuck joint                                 -change of twin's    share of its way
+    slipping gear    as of a stuck joint                                 -change of twin's,   share of its way
+                                                                         both or one way
 
 The residual with torque / Kp does not see a payload, and torques do not see a weak motor, whose servo leans
 further until it gives the same torque: such structured residuals isolate faults (Gertler, Fault Detection
@@ -215,9 +216,10 @@ def diagnose(
         given = f"{type(run).__name__} with {type(model).__name__}"
         raise InvalidValueError("run", given, "a RobotLog with a JointResponse, or a Run with a Twin")
     found: list[tuple[RunFault, frozenset[str]]] = []
-    scores = {}
+    scores: dict[tuple[str, str], float] = {}
     for one in evidence:
-        scores[one.kind, one.part], faults = _tested(one, limits[one.kind])
+        score, faults = _tested(one, limits[one.kind])
+        scores[one.kind, one.part] = max(score, scores.get((one.kind, one.part), 0.0))
         found += [(fault, one.joints) for fault in faults]
     gears = [fault for fault, _ in found if fault.kind == GEAR]
     found = [(f, joints) for f, joints in found if f.kind != BIAS or not any(map(f.meets, gears))]
@@ -306,9 +308,10 @@ def _of_motion(joint: str, time: Array, angle: Array, expected: Array) -> Iterat
     near = np.diff(time) < GAP
     moved = np.where(near, np.diff(expected), 0.0)[:, None]
     residual = np.where(near, np.diff(angle), 0.0)[:, None] - moved
-    for kind, sizes in ((STUCK, np.ones(1)), (GEAR, _LOSSES)):
+    ways = ((STUCK, moved), (GEAR, moved), (GEAR, np.maximum(moved, 0.0)), (GEAR, np.minimum(moved, 0.0)))
+    for kind, way in ways:
         where = kind, joint, frozenset([joint]), time[1:]
-        yield _Evidence(*where, residual, -moved, SPREADS[kind], sizes)
+        yield _Evidence(*where, residual, -way, SPREADS[kind], np.ones(1) if kind == STUCK else _LOSSES)
 
 
 def _of_bias(joint: str, time: Array, residual: Array, spread: float) -> _Evidence:

@@ -91,8 +91,7 @@ def reach(
         at: Where the palm should go, in the world [m], shape (3,).
         look_at: Where the top camera should look [m], shape (3,); None leaves the gaze free.
         scene: The world around the robot.
-        start: Start configuration [rad or m], shape (n,); None for Ready, or for
-            `pepper.neutral()` of a robot that has no such posture.
+        start: Start configuration [rad or m], shape (n,); None for `pepper.default_posture()`.
         seed: Seed of all random choices.
         timeout: Time budget of IK and planning [s].
         timestep: Step of the twin [s].
@@ -107,8 +106,7 @@ def reach(
     scene = scene if scene is not None else Scene()
     target = read_only(as_finite(at, "at", (3,)))
     gaze = None if look_at is None else read_only(as_finite(look_at, "look_at", (3,)))
-    first = pepper.posture("Ready") if "Ready" in pepper.posture_names else pepper.neutral()
-    q_start = first if start is None else np.asarray(start, dtype=float)
+    q_start = pepper.default_posture() if start is None else np.asarray(start, dtype=float)
     tasks: list[Any] = [HandPosition(hand, target)]
     if gaze is not None:
         tasks.append(LookAt(gaze, camera=CAMERA))

@@ -361,12 +361,21 @@ class PepperModel:
     def neutral(self) -> NDArray[np.float64]:
         """Return Stand where the robot has it, else zero moved into the limits, shape (n,) [rad or m].
 
-        It is where values begin that nobody gives, such as the joints that a task leaves out.  In NAOqi's
-        Stand Pepper's wrists are 3 mm from the pelvis: begin motions from `posture("Ready")`.
+        It fills in joints that nobody names, as in `joint_vector`; a twin that is put nowhere stands there,
+        so that commands made by `joint_vector` do not jump, and IK without a `start` begins there.  In
+        NAOqi's Stand Pepper's wrists are 3 mm from the pelvis: begin motions from `default_posture()`.
         """
         if "Stand" in self.posture_names:
             return self.posture("Stand")
         return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
+
+    def default_posture(self) -> NDArray[np.float64]:
+        """Return where the robot stands when nobody says, shape (n,) [rad or m].
+
+        It is Ready, which is Stand with room around the wrists, where the robot has it, else `neutral()`.
+        Viewers, the live page and the demo begin there.
+        """
+        return self.posture("Ready") if "Ready" in self.posture_names else self.neutral()
 
     def export(self, format: str, **options: Unpack[ExportOptions]) -> str:
         """Return the robot as the text of a "urdf", "srdf", "sdf" or "mjcf" file.

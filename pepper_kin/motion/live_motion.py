@@ -13,16 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, BriefRepr
-from pepper_kin.collision import CollisionChecker, Scene, in_collision
+from pepper_kin.collision import Scene, in_collision
 from pepper_kin.collision.checked_world import ROBOT_ALONE, checked_world
+from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.fast import FastChecker, fast_checker_for
 from pepper_kin.collision.motion_tree import motion_bounds
 from pepper_kin.collision.movers import Movers, movers_of
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError
+from pepper_kin.ik.problem import moved_aside
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, as_real, check_positive, check_within_limits
 from pepper_kin.model.requirements import Balance, TorqueScale
+from pepper_kin.motion.checks import LEAST_MARGIN
+from pepper_kin.motion.follow_result import words_for_aside
+from pepper_kin.motion.margins import own_margin
 from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory
@@ -36,7 +41,7 @@ COMMITTED = 2
 """Cycles that a robot goes on before the stop begins that it was sent."""
 
 _STEP = 0.0025  # [s] between states that are compared
-_STILL = 0.003  # [m] kept from what stands, which states 2.5 ms apart stand for
+_STILL = 0.003  # [m] kept from what stands and between own parts, which states 2.5 ms apart stand for
 _BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
 _LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
 _LAG = 0.3  # [s] by which a robot may be behind what it was sent
@@ -44,6 +49,7 @@ _SLOWEST = 20.0  # times as slow, a way that is given
 _SAME = 1e-6  # [rad or m]
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
+_LOOKED_AT = 60  # states of a way, where it is asked which joints go out of the way
 _HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
 
 
@@ -72,6 +78,8 @@ class LiveState(BriefRepr):
         clear: Whether all of it was found clear of the newest scene.
         spent: Processor time of the cycle [s].
         searching: Whether a search for a way was paused, to go on in the next cycle.
+        aside: Joints that the goal leaves where they are and that go out of the way, such as "HeadYaw by
+            0.12 rad".
     """
 
     trajectory: Trajectory
@@ -83,6 +91,12 @@ class LiveState(BriefRepr):
     clear: bool
     spent: float
     searching: bool = False
+    aside: tuple[str, ...] = ()
+
+    def report(self) -> str:
+        """Return the state in plain words."""
+        why = f": {self.reason}" if self.reason else ""
+        return f"{self.status.value}{why}.{words_for_aside(self.aside)} {self.status.advice}"
 
     def at(self, now: float) -> State:
         """Return position, velocity and acceleration at a time of the caller's clock [s], shape (n,) each."""
@@ -132,8 +146,9 @@ class LiveMotion:
     beyond, as far as the horizon, with where the obstacles are predicted.  Where the first is not clear, the
     robot is on the stop of the cycle before, which was.  The way is straight to the goal from the motion that
     there is (`Trajectory.replaced`), or planned from where the robot can stop: a search pauses where a cycle
-    has spent its budget, and goes on in the next.  A robot that stands does not step aside.  Contact with
-    itself and what stands is looked for every 2.5 ms.
+    has spent its budget, and goes on in the next.  A robot that stands does not step aside.  States every
+    2.5 ms keep 3 mm from what stands, and between the robot's own parts; between these half of what start and
+    goal keep where that is less, and where only a planned way leads to the goal, less again.
 
     Args:
         pepper: The robot, whose limits are kept: see `PepperModel.with_limits` for a careful one.
@@ -191,6 +206,8 @@ class LiveMotion:
         self._reach = motion_bounds(pepper)
         self._bounds = limits_of(pepper, motion_limits(pepper, **self._limits))
         self._goal: Array | None = None
+        self._own, self._idle = _STILL, np.zeros(pepper.n, dtype=bool)
+        self._aside: tuple[str, ...] = ()
         self._way, self._begin = _standing(pepper, rest), math.nan
         self._sent: tuple[Trajectory, Stop | None] = (self._way, None)
         self._committed, self._fault, self._blocked, self._braking = 0.0, "", "", False
@@ -233,6 +250,11 @@ class LiveMotion:
             check_within_limits(self.pepper, goal, "goal", 1e-9)
         self._given = None if way is None or goal is None else self._within_limits(way, goal)
         self._goal, self._attempts, self._branch = goal, 0, None
+        rest, ends = self.trajectory.end, [] if goal is None else [goal]
+        self._aside, self._idle = (), np.abs((rest if goal is None else goal) - rest) <= _SAME
+        if _stands(self._way):
+            self._own, ends = _STILL, [rest, *ends]
+        self._own = own_margin(self._world.standing.exact, ends, self._own)
 
     def _within_limits(self, way: Trajectory, goal: Array) -> Trajectory | None:
         """Return a way to a goal, shape (n,), so slow that it keeps all limits; None where it never does."""
@@ -302,7 +324,7 @@ class LiveMotion:
         near = self._near if reason and reason == self._blocked else ()
         return LiveState(
             self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began,
-            self._branch is not None,
+            self._branch is not None, self._aside,
         )  # fmt: skip
 
     def _come_to(self, now: float) -> None:
@@ -326,7 +348,9 @@ class LiveMotion:
         for way, why in () if reason else self._ways(now):
             if self._send(way, now):
                 self._braking = way is self._sent[0]
-                self._way = way
+                if way is not self._way:
+                    self._way, times = way, np.linspace(0.0, way.duration, _LOOKED_AT)
+                    self._aside = moved_aside(self.pepper, self._idle, np.ptp(way(times).position, axis=0))
                 if why:
                     return LiveStatus.WAITING if _stands(way) else LiveStatus.STOPPING, why, True
                 self._attempts, self._branch = 0, None
@@ -350,7 +374,9 @@ class LiveMotion:
             yield self._way, ""
         for candidates in (self._along_given, self._straight, self._planned):
             for found in candidates(now):
-                if self._is_free(found) and self._ahead_is_clear(found, now):
+                less = candidates == self._planned and _stands(self._way)
+                free = self._is_free(found) or (less and self._is_nearly_free(found))
+                if free and self._ahead_is_clear(found, now):
                     yield found, ""
         self._ask(now)
         yield self._way, self._blocked or "no way to the goal was found yet"
@@ -362,6 +388,20 @@ class LiveMotion:
         """Whether all of a way is free of what stands."""
         times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
         return not self._meets_standing(way(times).position)
+
+    def _is_nearly_free(self, way: Trajectory) -> bool:
+        """Whether a way is free where own parts keep less, which they do from then on."""
+        kept, self._own = self._own, 0.0
+        if not self._is_free(way):
+            self._own = kept
+            return False
+        while kept > LEAST_MARGIN:
+            kept /= 2.0
+            self._own = kept
+            if self._is_free(way):
+                return True
+        self._own = 0.0
+        return True
 
     def _along_given(self, now: float) -> Iterator[Trajectory]:
         """Yield the way that was given with the goal, once."""
@@ -462,10 +502,21 @@ class LiveMotion:
         return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
 
     def _meets_standing(self, q: Array) -> bool:
-        found = self._world.standing.in_collision(q)
-        if found.any():
-            self._note(self._world.standing.exact, q[int(found.argmax())])
+        found = self._world.standing.nearer(q, np.full(len(q), self._own))
+        if found.any() and not self._blocked:
+            self._note(self._nearest(q[int(found.argmax())]))
         return bool(found.any())
+
+    def _nearest(self, q: Array) -> tuple[str, ...]:
+        """Return the names of what comes too near at q, shape (n,) [rad or m]."""
+        exact = self._world.standing.exact
+        for table in exact.dependent_ranges:
+            if table.violated(q, self._own / RANGE_RADIUS):
+                return table.links
+        pair = exact.closest_pair(q, "obstacles")
+        if pair is None or pair.distance > _STILL:
+            pair = exact.closest_pair(q, "self")
+        return () if pair is None else pair.names
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
         movers = self._world.movers
@@ -478,15 +529,15 @@ class LiveMotion:
             kept += movers.uncertainty * (since + self._delay)
         both = movers.states(states.position, since)
         found = self._world.moving.nearer(both, kept)
-        if found.any():
-            self._note(self._world.moving.exact, both[int(found.argmax())])
+        if found.any() and not self._blocked:
+            pair = self._world.moving.exact.closest_pair(both[int(found.argmax())])
+            self._note(() if pair is None else pair.names)
         return bool(found.any())
 
-    def _note(self, checker: CollisionChecker, q: Array) -> None:
-        """Note what is nearest to what at a configuration, unless something is noted in this cycle."""
-        pair = None if self._blocked else checker.closest_pair(q)
-        if pair is not None:
-            self._near, self._blocked = pair.names, f"{' and '.join(pair.names)} come too near"
+    def _note(self, names: tuple[str, ...]) -> None:
+        """Note which two come too near."""
+        if names:
+            self._near, self._blocked = names, f"{' and '.join(names)} come too near"
 
 
 def _standing(pepper: PepperModel, q: Array) -> Trajectory:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene
+from pepper_kin.collision import CollisionChecker, Scene
+from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.core.collision.curve_check import SHORTEST
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
-from pepper_kin.motion.checks import Checks
+from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.problem import (
     RESOLUTION,
     Ends,
@@ -125,6 +126,28 @@ def _nearest(problem: PathProblem, states: Array) -> str:
         return ""
     share = where.format(100 * place / (len(states) - 1))
     return f" where {' and '.join(names)} are {1000 * distance:.1f} mm apart, {share}"
+
+
+def own_margin(checker: CollisionChecker, ends: Iterable[Array], most: float) -> float:
+    """Return the distance that the robot's own parts keep on a motion [m], 0 where its ends leave none.
+
+    It is at most half of what they keep at the ends, since joints near one another have to move.  Ends at
+    which they touch do not count: no motion goes there.
+
+    Args:
+        checker: Of the robot and what it holds.
+        ends: Ends of the motion, shape (n,) each [rad or m].
+        most: The most that is kept [m].
+    """
+    kept, ranges = most, checker.dependent_ranges
+    for q in ends:
+        near = float(checker.clearance(q, to="self"))
+        if near <= 0.0 or any(table.violated(q) for table in ranges):
+            continue
+        kept = min(kept, near / 2.0)
+        while kept > LEAST_MARGIN and any(table.violated(q, kept / RANGE_RADIUS) for table in ranges):
+            kept /= 2.0
+    return kept if kept > LEAST_MARGIN else 0.0
 
 
 def proven_margin(

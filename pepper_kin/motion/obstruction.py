@@ -35,10 +35,14 @@ def why_no_path(
     status = _SHUT_IN.get(result.status, PlanStatus.NO_PATH_IN_TIME)
     if problem.margins_relaxed:
         message += f" with a margin relaxed to {1000 * problem.margins[0]:.2g} mm"
+    names, free = problem.checks.pepper.joint_names, problem.free.tolist()
+    moved = ", ".join(names[j] for j in free)
+    only = "" if len(free) == len(names) else f" Only {moved} may move; `joints=` frees others."
     if result.tree_sizes is None:
-        return status, f"{message}."
+        return status, f"{message}.{only}"
     start, goal = result.tree_sizes
     message += f"; the tree of the start grew to {start} of them, that of the goal to {goal}."
+    message += only
     if result.frontier is None:
         return status, message
     if manifold is None:

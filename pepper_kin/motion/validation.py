@@ -10,6 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array, BriefRepr, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with
+from pepper_kin.exceptions import beside_limits
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale
 from pepper_kin.motion.checks import Checks, checks_for
@@ -171,10 +172,8 @@ class _Look:
         joint = int(np.argmax(outside[at]))
         name = self.pepper.joint_names[joint]
         unit = turning if self.pepper.joint_units[joint] == "rad" else sliding
-        what = (
-            f"the {quantity} of {name} is {values[at, joint]:.6g} {unit}, "
-            f"outside [{lower[joint]:.6g}, {upper[joint]:.6g}] {unit}."
-        )
+        value, *limits = beside_limits(values[at, joint], lower[joint], upper[joint], outside=True, digits=6)
+        what = f"the {quantity} of {name} is {value} {unit}, outside [{', '.join(limits)}] {unit}."
         return at, _STATUS_OF[quantity], what, name
 
     def motion(self, trajectory: Trajectory, end: int) -> Finding | None:

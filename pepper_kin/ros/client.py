@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, beside_limits
 from pepper_kin.files.certified import refuse_unsafe
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.files.ros_file import ros_points
@@ -284,7 +284,8 @@ class RobotClient(Closable):
                 k = self.pepper.joint_index(name)
                 lower, upper = self.pepper.lower_limits[k], self.pepper.upper_limits[k]
                 if not lower - BEYOND <= position <= upper + BEYOND:
-                    return f"position of {name}: got {position:g}, expected {lower:g} to {upper:g}"
+                    got, *limits = beside_limits(position, lower, upper, outside=True, digits=6)
+                    return f"position of {name}: got {got}, expected {' to '.join(limits)}"
         return ""
 
     def trouble_since(self, time: float) -> str:

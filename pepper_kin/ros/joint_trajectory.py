@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.splines import quintic_hermite
-from pepper_kin.exceptions import PepperKinError, shortened
+from pepper_kin.exceptions import PepperKinError, beside_limits, shortened
 from pepper_kin.file_access.reading import repeated
 from pepper_kin.files.motion_points import MotionPoints
 from pepper_kin.ros.message_parts import duration_message
@@ -205,10 +205,9 @@ def _check_limits(names: tuple[str, ...], position: Array, start: StartState) ->
     outside = (position < start.lower - LIMIT_SLACK) | (position > start.upper + LIMIT_SLACK)
     if outside.any():
         i, k = (int(x) for x in np.argwhere(outside)[0])
-        raise _invalid(
-            f"point {i}: {names[k]} at {position[i, k]:g} is outside of its limits "
-            f"{start.lower[k]:g} ... {start.upper[k]:g} rad"
-        )
+        value, *limits = beside_limits(position[i, k], start.lower[k], start.upper[k], outside=True, digits=6)
+        reason = f"{names[k]} at {value} is outside of its limits {' ... '.join(limits)} rad"
+        raise _invalid(f"point {i}: {reason}")
 
 
 def _invalid(reason: str) -> TrajectoryRefusedError:

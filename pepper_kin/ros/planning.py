@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_kin import ik
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, PepperKinError, UnknownNameError, beside_limits
 from pepper_kin.files import ros_points
 from pepper_kin.motion import Plan, PlanStatus, plan
 from pepper_kin.naoqi.joint_names import ACTUATED, WHEELS
@@ -233,9 +233,8 @@ def configuration_of(node: RobotNode, state: Any) -> Array:
         if not np.isfinite(value):
             raise _bad_state(f"{name} is at {value} in the start state")
         if not low - ROUNDED <= value <= high + ROUNDED:
-            reason = (
-                f"{name} is at {value:.6g} in the start state, beyond its limits {low:.6g} and {high:.6g}"
-            )
+            at, *limits = beside_limits(value, low, high, outside=True, digits=6)
+            reason = f"{name} is at {at} in the start state, beyond its limits {' and '.join(limits)}"
             raise RefusedError(CODES.START_STATE_INVALID, f"{reason}; give a state within them")
         q[k] = min(max(value, low), high)
     return np.asarray(q)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array, BriefRepr, FrozenArrays, kept_read_only
+from pepper_kin.exceptions import beside_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +69,14 @@ class LimitCheck(FrozenArrays):
         j = self.worst
         if not np.isfinite(self.margin[j]):
             return f"{self.quantity}: no joint has a limit"
-        word = "inside" if self.margin[j] >= -self.tolerance[j] else "OUTSIDE"
+        outside = bool(self.margin[j] < -self.tolerance[j])
+        word = "OUTSIDE" if outside else "inside"
+        value, *limits = beside_limits(self.value[j], self.lower[j], self.upper[j], outside=outside)
         between = _between(float(self.resolution[j]), self.units[j], "more")
         return (
-            f"{self.quantity}: {self.joint_names[j]} reaches {self.value[j]:.4g} {self.units[j]} "
+            f"{self.quantity}: {self.joint_names[j]} reaches {value} {self.units[j]} "
             f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {self.units[j]} {word} "
-            f"[{self.lower[j]:.4g}, {self.upper[j]:.4g}]{between}"
+            f"[{', '.join(limits)}]{between}"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,6 +109,7 @@ class ScalarCheck:
         unit: Unit.
         detail: What the value means, in words.
         resolution: What the value may be worse by between the states examined, proven [unit].
+        limit: The greatest speed, or least clearance, allowed [unit]; None where only the margin says it.
     """
 
     quantity: str
@@ -115,6 +119,7 @@ class ScalarCheck:
     unit: str
     detail: str
     resolution: float = 0.0
+    limit: float | None = None
 
     @property
     def success(self) -> bool:
@@ -124,9 +129,15 @@ class ScalarCheck:
     def sentence(self) -> str:
         """Say the worst value and when it occurs."""
         word = "" if self.success else "VIOLATED: "
-        between = _between(self.resolution, self.unit, "worse")
-        value = f"{word}{self.value:.3g} {self.unit}"
-        return f"{self.quantity.replace('_', ' ')}: {value} {self.detail}, at {self.time:.3f} s{between}"
+        between, limit = _between(self.resolution, self.unit, "worse"), ""
+        if self.limit is None:
+            value = f"{self.value:.3g}"
+        else:
+            value, limit = beside_limits(self.value, self.limit, outside=not self.success)
+            least = self.quantity.endswith("clearance")
+            limit = f", {limit} {self.unit} asked" if least else f", limit {limit} {self.unit}"
+        words = f"{word}{value} {self.unit} {self.detail}{limit}"
+        return f"{self.quantity.replace('_', ' ')}: {words}, at {self.time:.3f} s{between}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; None stands for infinity."""
@@ -134,6 +145,7 @@ class ScalarCheck:
             "success": self.success,
             "margin": _plain(self.margin),
             "value": _plain(self.value),
+            **({} if self.limit is None else {"limit": self.limit}),
             "unit": self.unit,
             "time": self.time,
             "resolution": _plain(self.resolution),
@@ -157,7 +169,8 @@ class Certificate(BriefRepr):
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
             None for a robot without Pepper's wheels, and with `balance=None`.
         obstacle_clearance: Least distance to the objects of the scene, which succeeds where its bound is
-            above zero everywhere; None with `collisions=False` and where the scene is empty.
+            above zero, or keeps the margin asked, everywhere; None with `collisions=False` and where the
+            scene is empty.
         self_clearance: The same of the robot's own parts and what it holds; None with `collisions=False`.
         jerk: Against jerk limits; None if none were given.
         acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.

@@ -52,6 +52,7 @@ def check(
     scene: Scene | None = None,
     start_time: float = 0.0,
     collisions: bool = True,
+    margin: float = 0.0,
     jerk: JerkLike | None = None,
     balance: Balance = 0.0,
     hand_speed: float | Mapping[str, float] | None = None,
@@ -78,6 +79,8 @@ def check(
             that move are where they are at each time, and what their uncertainty has grown by is taken off.
         start_time: Time of the scene at which the motion begins [s], 0 or more.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
+        margin: Distance that is to be kept from the scene's objects [m]; the robot's own parts must not
+            touch.
         jerk: As in `retime`.
         balance: As in `retime` [m]: the edge of the triangle unless more is asked; not looked at for a robot
             without wheels.
@@ -95,7 +98,7 @@ def check(
             out of range.
     """
     refuse_other_joints(pepper, trajectory.joint_names)
-    world = checked_world(scene, collisions)
+    world, kept_away = checked_world(scene, collisions), not_negative("margin", margin)
     kept = checked_balance(pepper, balance, if_wheeled=True)
     limits = motion_limits(
         pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
@@ -129,10 +132,10 @@ def check(
         balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
         obstacle_clearance=None
         if world is None or not world.objects
-        else _clearance(pepper, trajectory, examined, world, start_time, "obstacles"),
+        else _clearance(pepper, trajectory, examined, world, start_time, kept_away),
         self_clearance=None
         if world is None
-        else _clearance(pepper, trajectory, examined, world, start_time, "self"),
+        else _clearance(pepper, trajectory, examined, world, start_time, None),
         jerk=None if rate is None else against("jerk", 3, -rate, rate),
         acceleration_continuity=None if rate is None else _continuity(trajectory, 2),
         hand_speed=_speed(pepper, examined, speeds) if speeds else None,
@@ -330,8 +333,7 @@ def _speed(pepper: PepperModel, examined: _Examined, speeds: AtFrames) -> Scalar
         )
     _, value, limit, time_at, frame, between = max(found)
     margin = limit * (1 + RELATIVE_TOLERANCE) - value
-    detail = f"of {frame}, whose limit is {limit:.4g} m/s"
-    return ScalarCheck("hand speed", margin, value, time_at, "m/s", detail, between)
+    return ScalarCheck("hand speed", margin, value, time_at, "m/s", f"of {frame}", between, limit)
 
 
 def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
@@ -344,8 +346,8 @@ def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
         at, row = np.unravel_index(int(np.argmax(size)), size.shape)
         value, between = float(size[at, row]), float(examined.between(size, second)[row])
         margin = limit * (1 + RELATIVE_TOLERANCE) - value
-        detail = f"of {names[row]}, whose limit is {limit:.4g} {unit}"
-        return ScalarCheck(name, margin, value, float(examined.time[at]), unit, detail, between)
+        when, which = float(examined.time[at]), f"of {names[row]}"
+        return ScalarCheck(name, margin, value, when, unit, which, between, limit)
 
     found = {}
     for name, size, order, limit in (
@@ -368,27 +370,31 @@ def _clearance(
     examined: _Examined,
     scene: Scene,
     start_time: float,
-    to: PairsTo,
+    margin: float | None,
 ) -> ScalarCheck:
-    """Find the least distance to itself or to obstacles, proven in between; see `proven_clearance`.
+    """Find the least distance to obstacles, or, without a margin [m], to itself; see `proven_clearance`.
 
     Neighbors decided by joint ranges count as yes or no.
     """
+    to: PairsTo = "self" if margin is None else "obstacles"
+    least = margin or 0.0
     count = sample_times(trajectory.duration, examined.step).size
     begin = not_negative("start_time", start_time)
     pieces = Pieces(examined.breaks, examined.rates)
     times = examined.time[:count]
-    found, time, bound, forbidden = proven_clearance(pepper, trajectory, times, pieces, scene, begin, to)
+    found, time, bound, forbidden = proven_clearance(
+        pepper, trajectory, times, pieces, scene, begin, to, least
+    )
     worst = found.distance
     pair = "" if found.pair is None else " between " + " and ".join(found.pair.names)
     detail = f"is the least distance{pair}"
     if forbidden is not None and worst > 0:
         worst, bound, time = -_TOUCH, -_TOUCH, forbidden
         detail = "two neighboring links touch, by their joint ranges"
-    if bound <= 0.0 < worst:
-        detail += ", too small to prove that nothing touches"
+    if bound <= least < worst:
+        detail += ", too small to prove that " + (f"{least:g} m are kept" if least else "nothing touches")
     if to == "self" and is_left_empty(scene):
         detail += f" ({LEFT_EMPTY})"
     name = "obstacle_clearance" if to == "obstacles" else "self_clearance"
     between = worst - bound if np.isfinite(worst) else 0.0
-    return ScalarCheck(name, bound, worst, time, "m", detail, between)
+    return ScalarCheck(name, bound - least, worst, time, "m", detail, between, least or None)

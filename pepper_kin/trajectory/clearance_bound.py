@@ -21,7 +21,7 @@ STATES = 32
 PARTS = 4
 """Stretches that a stretch is cut into where its bound does not suffice."""
 FINEST = 1e-6
-"""Bound [m] below which no stretch is cut: distances by coal are off by as much."""
+"""Bound [m] beyond what is asked below which no stretch is cut: distances by coal are off by as much."""
 MOST_STRETCHES = 2000
 """Stretches that are looked at; motions that keep less than some micrometers for long would take more."""
 
@@ -62,13 +62,14 @@ def proven_clearance(
     scene: Scene,
     start_time: float,
     to: PairsTo,
+    least: float = 0.0,
 ) -> ProvenClearance:
     """Return the least distance along a motion, and a bound for all of it.
 
     A distance that shrinks at most with the speed v is, between two states h apart, no more than v h / 2
-    below the lesser of its values there.  Where that does not suffice to prove that nothing touches, the
-    motion is cut into stretches with speeds of their own, and these into shorter ones, until it does, until
-    something touches, or until v h / 2 is less than `FINEST`.
+    below the lesser of its values there.  Where that does not suffice to prove that the least distance asked
+    is kept, the motion is cut into stretches with speeds of their own, and these into shorter ones, until it
+    does, until something is nearer, or until v h / 2 is less than `FINEST`.
 
     Args:
         pepper: The robot.
@@ -78,13 +79,14 @@ def proven_clearance(
         scene: The world around it.
         start_time: Time of the scene at which the motion begins [s].
         to: Which pairs count: "self" or "obstacles".
+        least: The least distance asked [m].
     """
     found = collision.least_clearance(pepper, motion(times).position, scene, start_time + times, to=to)
     at = float(times[found.index])
     forbidden = None if found.forbidden is None else float(times[found.forbidden])
     step = float(np.diff(times).max(initial=0.0))
     bound = found.distance - 0.5 * step * collision.approach_speed(pepper, pieces.rates, scene)
-    if bound > 0.0 or found.distance <= 0.0:
+    if bound > least or found.distance <= least:
         return ProvenClearance(found, at, min(bound, found.distance), forbidden)
     ends = np.unique(np.append(np.arange(0.0, motion.duration, STATES * step), motion.duration))
     waiting = list(pairwise(ends.tolist()))[::-1]
@@ -101,13 +103,13 @@ def proven_clearance(
         first, last = np.searchsorted(pieces.breaks, [start, end], side="right")
         rates = pieces.rates[max(first - 1, 0) : last]
         between = 0.5 * (end - start) / STATES * collision.approach_speed(pepper, rates, scene)
-        enough = nearest.distance > between or nearest.distance <= 0.0 or between < FINEST
+        enough = nearest.distance > least + between or nearest.distance <= least or between < FINEST
         if enough:
             bound = min(bound, nearest.distance - between)
         else:
             cuts = np.linspace(start, end, PARTS + 1).tolist()
             waiting += list(pairwise(cuts))[::-1]
-        if found.distance <= 0.0:
+        if found.distance <= least:
             break
         if looked >= MOST_STRETCHES:
             bound = -np.inf  # nothing is known of the stretches that wait

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.exceptions import beside_limits
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.quantities import unit_of
@@ -48,9 +49,10 @@ class LimitViolation:
         """Say what was exceeded, when and by how much."""
         if self.quantity.endswith("jump"):
             return f"{self.joint}: {self.quantity} of {self.value:.4g} {self.unit} at {self.time:.3f} s"
+        value, limit = beside_limits(self.value, self.limit, outside=True)
         return (
-            f"{self.joint}: {self.quantity} {self.value:.4g} {self.unit} at {self.time:.3f} s, "
-            f"limit {self.limit:.4g} (outside from {self.start:.3f} to {self.end:.3f} s)"
+            f"{self.joint}: {self.quantity} {value} {self.unit} at {self.time:.3f} s, "
+            f"limit {limit} (outside from {self.start:.3f} to {self.end:.3f} s)"
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, beside_limits
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_finite,
@@ -280,11 +280,11 @@ class OnlineMotion:
         violation = np.maximum(lower - q, q - upper)
         if violation.max() > 1e-6:
             at, joint = np.unravel_index(int(np.argmax(violation)), violation.shape)
-            name = self.pepper.joint_names[joint]
+            name, unit = self.pepper.joint_names[joint], self.pepper.joint_units[joint]
+            value, *limits = beside_limits(q[at, joint], lower[joint], upper[joint], outside=True)
             raise InfeasibleError(
                 "motion",
-                f"{name} would pass {q[at, joint]:.4g} {self.pepper.joint_units[joint]} on the way, outside "
-                f"[{lower[joint]:.4g}, {upper[joint]:.4g}]",
+                f"{name} would pass {value} {unit} on the way, outside [{', '.join(limits)}]",
                 "choose a target further inside, or set it earlier",
             )
 

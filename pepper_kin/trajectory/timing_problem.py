@@ -14,7 +14,7 @@ from pepper_kin.core.timing.parameterization import FOUND, motion_polynomials
 from pepper_kin.core.timing.tables import PathEffects, PathGrid, PathLimits, PathRows, ProfileSpace
 from pepper_kin.core.timing.whole_timing import TimedPath, time_path
 from pepper_kin.dynamics.load import carried_words
-from pepper_kin.exceptions import InfeasibleError
+from pepper_kin.exceptions import InfeasibleError, beside_limits
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limits import Limits, quantities_of, share_of
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
@@ -121,10 +121,11 @@ class TimingProblem:
         use = share_of(np.abs(torque), limit)  # of wheels 0: at rest they do not accelerate
         if use.size and use.max() >= 1.0:
             node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
+            needed, most = beside_limits(abs(torque[node, joint]), limit[joint], outside=True)
             reason = (
-                f"{self._names[joint]} needs {torque[node, joint]:.4g} N m to hold still against gravity"
+                f"{self._names[joint]} needs {needed} N m to hold still against gravity"
                 f"{carried_words(self.loads)} {self._node_share(node):.0%} along the path, "
-                f"and its limit is {limit[joint]:.4g} N m"
+                f"and its limit is {most} N m"
             )
             advice = "choose a path with less load on that joint" + (", or carry less" if self.loads else "")
             return InfeasibleError("trajectory", reason, advice)

@@ -53,7 +53,7 @@ class MeshcatScene:
         visualizer.delete()
         for command in draw_commands(drawn):
             visualizer.window.send(_Command({**command, "path": root + command["path"]}))
-        self.display(pepper.neutral())
+        self.display(pepper.default_posture())
 
     def display(self, q: ArrayLike) -> None:
         """Show joint positions [rad or m], shape (n,), as `MeshcatVisualizer.display` of Pinocchio does.

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.file_access import atomic_file
+from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 from pepper_kin.viewer.drawable import Color, Drawable, seen_through
 from pepper_kin.viewer.drawing import draw_commands, link_path
 from pepper_kin.viewer.ghost import GHOST_COLOR
@@ -86,11 +87,13 @@ def write_frames_page(
     touches: Sequence[TouchSpan] = (),
     notes: Sequence[Note] = (),
     ghost: Ghost | None = None,
+    view: CameraView | Viewpoint = "three-quarter",
 ) -> Path:
     """Write frames that are chosen already as one HTML file; see `save_motion_page`.
 
     What touches in `touches` is drawn in red at these times, and named in a sentence; `notes` are shown at
-    theirs.  `ghost` is the second robot, whose parts and frames are among the others.
+    theirs.  `ghost` is the second robot, whose parts and frames are among the others.  The page opens with
+    `view` unless its address has another.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):
@@ -109,6 +112,7 @@ def write_frames_page(
         "motion": _motion_data(frames, names, drawn, buffers),
         "touches": [asdict(span) for span in touches],
         "notes": [asdict(note) for note in notes],
+        "view": view_options(view),
         "buffers": buffers.contents,
     }
     # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.

@@ -89,7 +89,7 @@ class Viewer:
         self._surroundings: dict[str, Drawable] = {}
         self._scene = Scene()
         self._targets: dict[str, Drawable] = {}
-        self._motion = still(pepper, pepper.neutral())
+        self._motion = still(pepper, pepper.default_posture())
         self._server: ViewerServer | None = None
         self._starting = threading.Lock()
         self._listener: TargetListener | None = None
@@ -107,7 +107,7 @@ class Viewer:
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Joint positions that the live page shows now, shape (n,) [rad or m]; at first those of Stand."""
+        """Joint positions that the live page shows now, shape (n,) [rad or m]; at first Ready's."""
         if (server := self._server) is None:
             return self._motion.positions[0].copy()
         return server.call(lambda session: session.q.copy())
@@ -308,6 +308,7 @@ class Viewer:
         series: Mapping[str, ArrayLike] | None = None,
         limits: Mapping[str, float] | None = None,
         fps: float = 40.0,
+        view: CameraView | Viewpoint = "three-quarter",
     ) -> Path:
         """Save a page that plays and scrubs a motion in 3D: one file, no server, no network.
 
@@ -322,12 +323,14 @@ class Viewer:
             limits: Largest magnitude that a curve of `series` may have, by its name, in its unit; its axis
                 then shows shares of it.  What the motion brings along has its limits.
             fps: Most frames per second to keep.
+            view: Where the page's camera begins: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
 
         Returns:
             The path of the file.
 
         Raises:
             InvalidValueError: for a motion of another robot, or with NaN or infinity.
+            UnknownNameError: There is no such view.
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
@@ -364,6 +367,7 @@ class Viewer:
             ),
             notes=chosen.notes,
             ghost=chosen.ghost,
+            view=view,
         )
 
     def save_image(

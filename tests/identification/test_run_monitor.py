@@ -144,6 +144,17 @@ def test_a_gear_that_loses_a_part_of_each_way_is_named_as_that(pepper, model, ma
     assert fault.size == pytest.approx(loss, rel=0.05)
 
 
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_gear_that_slips_in_one_direction_is_named_with_the_share_of_that(pepper, made_log, direction):
+    log = made_log(pepper, joint_response(pepper), seed=1, noise=2e-3, seconds=120.0)
+    steps, measured = np.diff(log.measured[:, 3]), np.array(log.measured)
+    slips = (direction * steps > 0.0) & (log.time[1:] > 40.0)
+    measured[1:, 3] = measured[0, 3] + np.cumsum(np.where(slips, 0.6 * steps, steps))
+    fault = only(diagnose(pepper, replace(log, measured=measured)), "slipping gear", "RElbowRoll")
+    assert fault.begin == pytest.approx(40.0, abs=5.0)
+    assert fault.size == pytest.approx(0.4, rel=0.05)
+
+
 def test_a_gear_of_a_real_session_is_named_and_not_as_a_bias(pepper, real_logs):
     log = real_logs[-1]
     measured = losing(log.measured, int(np.argmax(log.time > 60.0)), log.index("RElbowYaw"), 0.4)

@@ -41,6 +41,15 @@ def test_an_object_in_the_way_is_named_with_link_and_sizes_of_the_trees(shelf, o
     assert "configurations were checked" in plan.message
 
 
+def test_the_joints_that_may_move_are_named_where_these_are_not_all(shelf):
+    """Without `joints` those in which start and goal differ."""
+    found = pk.plan(PEPPER, UP, DOWN, shelf, timeout=0.3)
+    assert found.status in FAILED
+    assert " Only LShoulderPitch may move; `joints=` frees others." in found.message
+    free = pk.plan(PEPPER, UP, DOWN, shelf, joints=PEPPER.joint_names, timeout=0.02)
+    assert "may move" not in free.message
+
+
 def test_a_constraint_that_lets_no_motion_through_is_named():
     index = PEPPER.joint_index("LShoulderPitch")
     apart = pk.ik.Expression(

@@ -1,9 +1,12 @@
 """Clearance between the states that are examined: coal at a hundredth of a millisecond is the reference."""
 
+import re
+
 import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.exceptions import InvalidValueError
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +61,19 @@ def test_what_keeps_a_millimeter_is_certified_with_a_bound_that_holds(pepper, sw
         assert found.success, found.sentence()
         assert 0.0 < found.margin <= least + 2e-6
         assert found.margin == pytest.approx(found.value - found.resolution)
+
+
+def test_a_margin_is_proven_or_not_kept(pepper, swing):
+    """It is kept up to the distance that coal finds at a hundredth of a millisecond, and not beyond."""
+    at = 0.5 * swing.duration
+    scene = thin_plate(pepper, swing, at, gap=0.0042)
+    times = at + np.arange(-400, 401) * 1e-5
+    least = pk.collision.least_clearance(pepper, swing(times).position, scene, to="obstacles").distance
+    for margin, kept in ((least - 1e-4, True), (least + 1e-5, False), (least + 0.01, False)):
+        found = swing.check(pepper, scene, margin=margin).obstacle_clearance
+        assert found.success == kept, found.sentence()
+        assert found.margin <= least - margin + 2e-6
+        value, asked = re.search(r"([\d.e-]+) m is the .*, ([\d.e-]+) m asked", found.sentence()).groups()
+        assert (float(value) >= float(asked)) == kept
+    with pytest.raises(InvalidValueError, match="margin"):
+        swing.check(pepper, scene, margin=-0.01)

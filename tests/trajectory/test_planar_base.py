@@ -80,7 +80,7 @@ def test_the_check_finds_wheels_that_are_too_fast(robot):
     trajectory = pk.retime(robot, drive(robot, (0, 0, 0), (2, 2, 0))).scaled(0.9)
     found = trajectory.check(robot, collisions=False, balance=None)
     assert {"base_speed", "wheel_speed", "wheel_acceleration"} >= set(found.failures) >= {"base_speed"}
-    assert "whose limit is 0.4398 m/s" in found.base_speed.sentence()
+    assert "of the base, limit 0.4398 m/s" in found.base_speed.sentence()
     twist = np.zeros((1, 2, robot.n))
     twist[0, 0] = robot.posture("Stand")
     twist[0, 1, :3] = 0.3, 0.3, 1.0  # fast in the corner of the box that the joints allow

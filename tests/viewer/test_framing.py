@@ -67,6 +67,22 @@ def test_a_picture_has_the_cameras_target_in_its_middle(pepper, chromium_path, t
 
 @pytest.mark.thorough
 @pytest.mark.browser
+def test_a_page_begins_with_its_view_unless_its_address_has_another(browser, until, pepper, tmp_path):
+    camera = Viewpoint((1.5, 0.9, 1.1), (0.1, 0.0, 0.8))
+    path = Viewer(pepper).save_html(tmp_path / "page.html", view=camera)
+    for options, place in (("", camera.position), ("#camera=2,0,1,0,0,0.5", (2.0, 0.0, 1.0))):
+        page = browser.new_page()
+        page.goto(path.as_uri() + options)
+        until(page, "window.pepperKin !== undefined")
+        x, y, z = page.evaluate("pepperKin.viewer.camera.position.toArray()")
+        np.testing.assert_allclose((x, -z, y), place, atol=1e-6)
+        page.close()
+    with pytest.raises(UnknownNameError, match="camera view"):
+        Viewer(pepper).save_html(path, view="back")
+
+
+@pytest.mark.thorough
+@pytest.mark.browser
 def test_a_recording_frames_its_targets_and_the_whole_way_of_the_base(
     browser, until, planar, drive, tmp_path
 ):

@@ -77,7 +77,7 @@ def test_without_a_motion_pepper_stands(pepper, tmp_path, content_of):
     motion = content_of(Viewer(pepper).save_html(tmp_path / "stand.html"))["motion"]
     names = [link["name"] for link in motion["links"]]
     hand = motion["positions"].reshape(-1, 3)[names.index("l_wrist")]
-    pose = pk.kinematics.frame_pose(pepper, pepper.posture("Stand"), "l_wrist")
+    pose = pk.kinematics.frame_pose(pepper, pepper.posture("Ready"), "l_wrist")
     np.testing.assert_allclose(hand, pose[:3, 3], atol=1e-6)
 
 

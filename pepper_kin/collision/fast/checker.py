@@ -123,26 +123,26 @@ class FastChecker:
         return touching.reshape(q_all.shape[:-1])
 
     def nearer(self, q: Array, margins: Array) -> NDArray[np.bool_]:
-        """Whether two parts of the robot are nearer than a margin that each state has, shape (m,).
+        """Whether the scene is nearer than `margin`, or two parts of the robot than each state's, shape (m,).
 
         Args:
             q: Joint positions [rad or m], shape (m, n).
             margins: Between parts of the robot, equal ones best in a row [m], shape (m,).
         """
-        flat, found = _rows(as_joint_vectors(self.pepper, q, "q")), np.ones(len(q), np.uint8)
-        if not self._decided or self._resting:
-            for k, margin in enumerate(margins.tolist()):
-                found[k] = self.exact.with_margins(self.exact.margin, margin).in_collision(flat[k])
+        flat, found = _rows(as_joint_vectors(self.pepper, q, "q")), np.full(len(q), TIE, np.uint8)
+        if self._resting:
             return found != 0
-        starts = np.flatnonzero(np.diff(margins, prepend=np.nan))
-        memory = self._prepared.memory()
-        for start, stop in pairwise([*starts.tolist(), len(q)]):
-            set_margins(memory, self.exact.margin, float(margins[start]), RANGE_RADIUS)
-            check_many(memory, flat, found, start, stop)
-        self._prepared.named(memory, self._prepared.margins)
-        for k in np.flatnonzero(found == TIE).tolist():
-            exact = self.exact.with_margins(self.exact.margin, float(margins[k]))
-            found[k] = exact.in_collision(flat[k])
+        if self._supported:
+            starts = np.flatnonzero(np.diff(margins, prepend=np.nan))
+            memory = self._prepared.memory()
+            for start, stop in pairwise([*starts.tolist(), len(q)]):
+                set_margins(memory, self.exact.margin, float(margins[start]), RANGE_RADIUS)
+                check_many(memory, flat, found, start, stop)
+            self._prepared.named(memory, self._prepared.margins)
+        ties = found == TIE
+        for margin in np.unique(margins[ties]).tolist():
+            rows = ties & (margins == margin)
+            found[rows] = self.exact.with_margins(self.exact.margin, margin).in_collision(flat[rows])
         return found != 0
 
     def surely_free(self, q: ArrayLike) -> NDArray[np.bool_]:

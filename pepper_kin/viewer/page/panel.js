@@ -166,6 +166,8 @@
   function open() {
     const options = new URLSearchParams(location.hash.slice(1));
     const { viewer, content } = stage.open();
+    if (!options.has("view") && !options.has("camera"))
+      for (const [name, value] of Object.entries(content.view)) options.set(name, value);
     const motion = new Motion(viewer, content.motion);
     document.body.classList.toggle("still", motion.duration === 0);
     document.body.classList.toggle("bare", options.get("panel") === "0");

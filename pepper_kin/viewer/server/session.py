@@ -64,7 +64,7 @@ class Session:
         self.target_revision = 0
         self.on_target: Callable[[str, Array], None] = lambda name, position: None
         self._tasks = tasks
-        self._q = pepper.neutral()
+        self._q = pepper.default_posture()
         self._v = self._a = np.zeros(pepper.n)
         self._follow, self._servo_ready = True, False
         self._follower: Follower | None = None
