@@ -25,7 +25,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
-_INSIDE = (0.25, 0.5, 0.75)  # of each interval, where limits are looked at besides its ends
+_INSIDE = (0.5,)  # of each interval, where limits are looked at besides its ends
 _MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _UNTHREADED_PRODUCT = 200_000  # multiplications that OpenBLAS does without threads
