@@ -13,12 +13,12 @@ class _State(NamedTuple):
     """How the clock stands.
 
     Attributes:
-        count: How many calls keep it standing.
+        holders: How many calls keep it standing.
         since: Since when, on `perf_counter` [s].
         stood: How long it stood before [s].
     """
 
-    count: int
+    holders: int
     since: float
     stood: float
 
@@ -29,14 +29,14 @@ _state = _State(0, 0.0, 0.0)
 
 def working_time() -> float:
     """Return the time of `perf_counter` less the time that the clock stood, in any thread [s]."""
-    count, since, stood = _state
-    return (since if count else perf_counter()) - stood
+    holders, since, stood = _state
+    return (since if holders else perf_counter()) - stood
 
 
 def on_perf_counter(time: float) -> float:
     """Return when the clock shows a time, on `perf_counter`, unless it stands meanwhile [s]."""
-    count, since, stood = _state
-    return time + stood + (perf_counter() - since if count else 0.0)
+    holders, since, stood = _state
+    return time + stood + (perf_counter() - since if holders else 0.0)
 
 
 @contextlib.contextmanager
@@ -44,11 +44,11 @@ def not_counted() -> Iterator[None]:
     """Let the clock stand, for all threads: one that makes code holds up those that need it."""
     global _state
     with _lock:
-        count, since, stood = _state
-        _state = _State(count + 1, since if count else perf_counter(), stood)
+        holders, since, stood = _state
+        _state = _State(holders + 1, since if holders else perf_counter(), stood)
     try:
         yield
     finally:
         with _lock:
-            count, since, stood = _state
-            _state = _State(count - 1, since, stood if count > 1 else stood + perf_counter() - since)
+            holders, since, stood = _state
+            _state = _State(holders - 1, since, stood if holders > 1 else stood + perf_counter() - since)

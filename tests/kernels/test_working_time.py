@@ -27,11 +27,11 @@ store.find = compiled_function.find = lambda *_: None
 import pepper_kin as pk
 
 robot, cup = pk.load_pepper().with_solvers({solvers!r}), (0.38, 0.22, 0.82)
-start, made = robot.posture("Stand"), []
+start, turned, made = robot.posture("Stand"), robot.joint_vector({{"HeadYaw": 0.5}}), []
 calls = {{
     "solve": lambda: pk.ik.solve(robot, pk.ik.HandPosition("left", cup), start, timeout=60.0),
     "plan": lambda: pk.plan(robot, start, [pk.ik.HandPosition("left", cup)], timeout=60.0),
-    "optimize": lambda: pk.motion.optimize(robot, [start, robot.joint_vector({{"HeadYaw": 0.5}})], timeout=60.0),
+    "optimize": lambda: pk.motion.optimize(robot, [start, turned], timeout=60.0),
 }}
 for name, call in calls.items():
     before = len(names)
