@@ -4,7 +4,8 @@ Targets are reachable by construction: those of joint positions drawn evenly wit
 less than 1 mm and 0.5 degrees away, within the limits, judged here from q.  All solvers take the targets in
 turns of 50, and are judged after each turn; times are those of one call, from Python, and ratios are medians
 over the targets.  Our tasks are made before; what the peers' own loops set up for a target counts as theirs.
-"From the first start" is what is solved without restarts; placo, Pink and mink have none.
+"From the first start" is what is solved without restarts; placo, Pink and mink have none, but Pink is also
+begun again by a loop around it.
 
 A peer that is not installed is left out with a message: `pip install --no-deps pin-pink qpsolvers daqp
 loop-rate-limiters mink`, so that `pin` stays as it is.  RoboPlan needs an environment of its own, named by
@@ -124,6 +125,7 @@ def main() -> None:
         peers = {
             "placo, lean loop": lean_placo(),
             "Pink, daqp": lean_pink("daqp"),
+            f"Pink, daqp, {RESTARTS} restarts": lean_pink("daqp", RESTARTS),
             "Pink, proxqp": lean_pink("proxqp"),
             "mink, daqp": lean_mink(),
             "RoboPlan, simple IK": roboplan(arguments.roboplan_python, RESTARTS),
@@ -131,6 +133,8 @@ def main() -> None:
     solvers: dict[str, Solver] = {OURS: ours(RESTARTS)}
     solvers |= {name: peer for name, peer in peers.items() if peer is not None}
     first: dict[str, Solver] = {OURS: ours(0)}
+    if "Pink, daqp" in solvers:
+        first[f"Pink, daqp, {RESTARTS} restarts"] = solvers["Pink, daqp"]
     single = None
     if peers.get("RoboPlan, simple IK") is not None:
         single = roboplan(arguments.roboplan_python, 0)

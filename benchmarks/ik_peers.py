@@ -98,8 +98,11 @@ def _pink_direction_task(pink: Any) -> type:
     return DirectionTask
 
 
-def lean_pink(qp: str) -> Solver | None:
-    """Return Pink with joint limits; pointing and gaze are tasks of ours, for Pink has none."""
+def lean_pink(qp: str, restarts: int = 0) -> Solver | None:
+    """Return Pink with joint limits; pointing and gaze are tasks of ours, for Pink has none.
+
+    With restarts, a descent that ends elsewhere is followed by one from joint positions drawn evenly.
+    """
     try:
         import pink
         import pinocchio
@@ -119,8 +122,17 @@ def lean_pink(qp: str) -> Solver | None:
         task.set_target(pinocchio.SE3(np.eye(3), pose[:3, 3]))
         return task
 
+    rng = np.random.default_rng(0)
+
     def solve(kind: str, case: Case) -> np.ndarray:
-        configuration = pink.Configuration(model, model.createData(), start)
+        for attempt in range(1 + restarts):
+            q, close = descended(kind, case, rng.uniform(LOW, HIGH) if attempt else start)
+            if close:
+                break
+        return np.clip(q, LOW, HIGH)
+
+    def descended(kind: str, case: Case, q: np.ndarray) -> tuple[np.ndarray, bool]:
+        configuration = pink.Configuration(model, model.createData(), q)
         tasks = [hand(LEFT, case[0])] if kind != "c" else []
         if kind == "b":
             tasks.append(direction_task(LEFT, case[0][:3, 0], False))
@@ -137,8 +149,8 @@ def lean_pink(qp: str) -> Solver | None:
                 break
             configuration.integrate_inplace(velocity, 0.1)
             if all(np.linalg.norm(task.compute_error(configuration)[:3]) < CLOSE for task in tasks):
-                break
-        return np.clip(configuration.q, LOW, HIGH)
+                return configuration.q, True
+        return configuration.q, False
 
     return solve
 

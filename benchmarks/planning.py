@@ -19,8 +19,10 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 
 import numpy as np
+from planning_ompl import CompiledOmpl
 from planning_peers import Roboplan, roboplan
 from planning_scenes import ARM, KINDS, PEPPER, TORSO_AND_ARM, Kind, Problem, problems
 
@@ -132,7 +134,21 @@ def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
             peer.connect(problem.start, problem.goal, " and ".join(kind.groups), step, seed, 5.0) is not None
         )
 
+    inside: dict[str, list[float]] = {}
+
+    def compiled_ompl(name: str, by_edge: bool) -> Callable[[Problem, int], bool]:
+        def run(problem: Problem, seed: int) -> bool:
+            begin = time.perf_counter()
+            one = CompiledOmpl(toy(problem, compiled=True), by_edge=by_edge)
+            solved = one.solve(5.0)
+            inside.setdefault(name, []).append(one.inside / (time.perf_counter() - begin))
+            return solved
+
+        return run
+
     racers = {"search": search, "plan": whole, "OMPL with coal": ompl}
+    for name in ("states", "edges"):
+        racers[f"OMPL, {name} by our compiled check"] = compiled_ompl(name, name == "edges")
     if peer is not None:
         peer.furnish(cases[0].scene)
         peer.group(" and ".join(kind.groups), cases[0].joints)
@@ -155,6 +171,8 @@ def race(kind: Kind, count: int, peer: Roboplan | None) -> None:
             f"{np.median(milli):.2f} | {np.percentile(milli, 95):.2f} | {np.median(found / base):.1f} |",
             flush=True,
         )
+    for name, ratios in inside.items():
+        print(f"{name}: {100 * np.median(ratios):.0f} % of the time within callbacks", flush=True)
 
 
 def is_clear(problem: Problem, plan: pk.motion.Plan) -> bool:

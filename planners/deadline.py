@@ -9,6 +9,7 @@ from typing import TypeAlias, TypeVar, cast
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import CompiledFunction
+from pepper_kin.kernels.working_time import not_counted, working_time
 
 TIME_SLICE = 0.25
 """How long machine code may run before Python listens to an interrupt from the keyboard again [s]."""
@@ -36,25 +37,25 @@ class PausedClock:
     """A clock that goes on only between `resume` and `pause`, and says how long it may."""
 
     def __init__(self) -> None:
-        self._away, self._paused, self._until = 0.0, perf_counter(), -math.inf
+        self._away, self._paused, self._until = 0.0, working_time(), -math.inf
 
     def now(self) -> float:
         """Return the time [s]."""
-        return perf_counter() - self._away
+        return working_time() - self._away
 
     @property
     def left(self) -> float:
         """Seconds until a pause is due; none or less once it is."""
-        return self._until - self.now()
+        return self._until - perf_counter()
 
     def resume(self, seconds: float) -> None:
         """Go on for so long [s]."""
-        self._away += perf_counter() - self._paused
-        self._until = self.now() + seconds
+        self._away += working_time() - self._paused
+        self._until = perf_counter() + seconds
 
     def pause(self) -> None:
         """Stand still."""
-        self._paused = perf_counter()
+        self._paused = working_time()
 
 
 class Deadline:
@@ -81,7 +82,7 @@ class Deadline:
             self.timeout = float(timeout)
         except OverflowError:
             raise InvalidValueError("timeout", timeout, allowed) from None
-        self._clock, self._now = clock, perf_counter if clock is None else clock.now
+        self._clock, self._now = clock, working_time if clock is None else clock.now
         self._started = self._now()
 
     @property
@@ -112,5 +113,6 @@ class Deadline:
 
 def load_code(*functions: CompiledFunction) -> None:
     """Get the machine code of functions ready, which is not to be counted as time of a run."""
-    for function in functions:
-        function.native  # noqa: B018
+    with not_counted():
+        for function in functions:
+            function.native  # noqa: B018

@@ -127,7 +127,8 @@ def all_over_states(
     results = [np.empty((count, *shape)) for shape in shapes]
     for i, state in enumerate(zip(*_finite(pepper, flat, quantities), strict=True)):
         for result, value, shape in zip(results, function(*state), shapes, strict=True):
-            result[i] = np.reshape(value, shape)
+            exact = type(value) is np.ndarray and value.shape == shape
+            result[i] = value if exact else np.reshape(value, shape)
     return tuple(result.reshape(*batch, *shape) for result, shape in zip(results, shapes, strict=True))
 
 

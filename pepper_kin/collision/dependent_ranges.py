@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 
 import numpy as np
@@ -55,11 +56,17 @@ class DependentRange(FrozenArrays):
         Args:
             x: Positions of the first joint [rad], shape (...,).
         """
-        last = len(self.positions) - 1
-        below = np.maximum(np.searchsorted(self.positions, x, side="right") - 1, 0)
-        above = np.minimum(np.searchsorted(self.positions, x, side="left"), last)
+        place = self.positions.searchsorted(x, side="right") + self.positions.searchsorted(x, side="left")
+        lower, upper = self._steps
+        return lower[place], upper[place]
+
+    @cached_property
+    def _steps(self) -> NDArray[np.float64]:
+        """Bounds before, at and after each position, by twos, shape (2, 2 k + 1)."""
+        places = np.arange(2 * len(self.positions) + 1)
+        below, above = np.maximum(places - 1, 0) // 2, np.minimum(places // 2, len(self.positions) - 1)
         lower = np.maximum(self.lower[below], self.lower[above])
-        return lower, np.minimum(self.upper[below], self.upper[above])
+        return np.stack([lower, np.minimum(self.upper[below], self.upper[above])])
 
     def violated(self, q: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad].

@@ -341,7 +341,9 @@ class _Known:
         bounds, (first, second) = motion_bounds_of(self._pepper, hulls), self._against
         pairs = shapes.pairs
         against = np.where(first, bounds[pairs[0]], 0.0) + np.where(second, bounds[pairs[1]], 0.0)
-        return np.unique(against, axis=0)
+        bounds = np.unique(against, axis=0)
+        exceeded = [((bounds >= own).all(axis=1) & (bounds > own).any(axis=1)).any() for own in bounds]
+        return bounds[~np.array(exceeded, bool)]
 
     @cached_property
     def _against(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

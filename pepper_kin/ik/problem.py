@@ -31,7 +31,7 @@ class SearchBudget(NamedTuple):
         seed: Draws the restarts.
         restarts: Number of restarts after the first start.
         max_iterations: Steps from each start.
-        deadline: When to stop, on the clock of `time.perf_counter` [s].
+        deadline: When to stop, on the clock of `working_time` [s].
         thorough: Whether to search on where what was found touches something; else it is only moved clear.
         closest: Whether to search for the closest configuration where the tasks are not met.
     """

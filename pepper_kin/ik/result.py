@@ -141,7 +141,7 @@ class IKResult(FrozenArrays):
         q: Joint positions within all limits [rad or m], shape (n,), read-only.
         iterations: Steps over all starts.
         restarts: Starts used after the first.
-        time: Wall-clock time of the call [s].
+        time: Wall-clock time of the call, without the loading or compiling of code [s].
         solver: Name of the solver.
         seed: Seed of the restarts.
         evidence: Computes the certificate.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import operator
-import time
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
@@ -53,6 +52,7 @@ from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.expression import Expression
 from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.task import PointTask, Task, TaskGroup
+from pepper_kin.kernels.working_time import not_counted, working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     as_joint_vector,
@@ -136,7 +136,7 @@ def solve(
     tasks_to_solve = balanced(parts)
     if solver == "fast":
         load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
-    begin = time.perf_counter()
+    begin = working_time()
     movable = None if joints is None else movable_joints(pepper, joints)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
     request = Request(pepper, tasks_to_solve, q0, movable, around, budget)
@@ -155,7 +155,7 @@ def solve(
         q=read_only(found.q + turns),
         iterations=found.iterations,
         restarts=found.restarts,
-        time=time.perf_counter() - begin,
+        time=working_time() - begin,
         solver=solver,
         seed=budget.seed,
         evidence=CertificateInputs(
@@ -214,12 +214,11 @@ def standing(request: Request, solver: str, found: SearchResult, balance: float)
         balance: Distance to keep from the edges of the wheels' triangle [m].
     """
     more = flatten_tasks(request.pepper, over_wheels(balance, request.collisions.loads))
-    tasks, begin = equally_weighted((*request.tasks, *more)), time.perf_counter()
+    tasks = equally_weighted((*request.tasks, *more))
     if solver == "fast":
-        load_search(request.pepper, tasks, request.collisions)
-    budget = request.budget._replace(
-        closest=False, deadline=request.budget.deadline + time.perf_counter() - begin
-    )
+        with not_counted():
+            load_search(request.pepper, tasks, request.collisions)
+    budget = request.budget._replace(closest=False)
     for one in (_with_idle_held(request, solver), request):
         other = _search(one._replace(tasks=tasks, budget=budget), solver)
         found = _after(found, other)

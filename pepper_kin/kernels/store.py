@@ -35,6 +35,7 @@ from pepper_kin.kernels.private_folder import folder_without_home, made, private
 from pepper_kin.kernels.progress import making
 from pepper_kin.kernels.target import Target, host_target, made_by
 from pepper_kin.kernels.wheel_code import has_wheel_part, wheel_part
+from pepper_kin.kernels.working_time import not_counted
 
 try:
     import fcntl
@@ -83,7 +84,10 @@ def obtain(
     if target is None and _collection is not None:
         _collection.add(name, key, make)
     found = find(name, key) if target is None else None
-    return found or _kept_or_made(name, _for_target(key, wanted), wanted, make)
+    if found is None:
+        with not_counted():
+            found = _kept_or_made(name, _for_target(key, wanted), wanted, make)
+    return found
 
 
 def find(name: str, key: str) -> Part | None:

@@ -15,6 +15,7 @@ from pepper_kin.kernels.compiled_function import INTERPRETER, Unit, units
 from pepper_kin.kernels.parallel_build import WORKER
 from pepper_kin.kernels.progress import PATIENCE, Progress, announce, show
 from pepper_kin.kernels.store import can_write, is_collecting, is_kept, is_known
+from pepper_kin.kernels.working_time import not_counted
 
 _POLL = 0.02
 """Interval of looking whether the code that is waited for is there [s]."""
@@ -118,10 +119,11 @@ def wait_for(unit: Unit) -> None:
         return
     build.ask(unit.module)
     begin = time.monotonic()
-    while not is_kept(key) and build.is_running:
-        if time.monotonic() - begin > PATIENCE:
-            announce(f"machine code {build.progress.bar()}")
-        time.sleep(_POLL)
+    with not_counted():
+        while not is_kept(key) and build.is_running:
+            if time.monotonic() - begin > PATIENCE:
+                announce(f"machine code {build.progress.bar()}")
+            time.sleep(_POLL)
     show("")
 
 

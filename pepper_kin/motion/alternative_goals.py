@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -15,6 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.ik import IKResult, Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.goal_search import TaskGoals, clear_goals
 from pepper_kin.motion.goals import ends_of
@@ -81,7 +81,7 @@ def plan_to_any(
     begin, failed, hard = requests[0].ended.begin, list[Plan](), list[int]()
 
     def left() -> float:
-        return begin + options.timeout - time.perf_counter()
+        return begin + options.timeout - working_time()
 
     def soon() -> Iterator[_Goal]:
         for number in order:
@@ -108,13 +108,13 @@ def plan_to_any(
         rows = np.concatenate([goal.configurations for goal in goals])
         found = search(pepper, start, rows, scene, replace(options, timeout=max(left(), _LEAST_TIME)))
         if found.success:
-            return _named(replace(found, time=time.perf_counter() - begin), goals, len(alternatives))
+            return _named(replace(found, time=working_time() - begin), goals, len(alternatives))
         failed.append(found)
     if not failed:  # the time was up before any was tried to the end
         failed.append(requests[0].ended(PlanStatus.NO_PATH_IN_TIME, "The time was up."))
     last = ([plan for plan in failed if plan.status is not PlanStatus.NO_IK] or failed)[-1]
     message = f"None of {len(alternatives)} goals; of the last: {last.message}"
-    return replace(last, message=message, time=time.perf_counter() - begin)
+    return replace(last, message=message, time=working_time() - begin)
 
 
 def _farness(request: PlanRequest) -> float:

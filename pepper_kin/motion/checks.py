@@ -143,8 +143,9 @@ class Checks(CurveChecks):
                 """Return which states of the free joints [rad or m], shape (m, k), are valid, shape (m,)."""
                 q = np.tile(frozen, (len(states), 1))
                 q[:, free] = states
-                ok = self.holds(q)
-                ok[ok] = ~checker.in_collision(q[ok])
+                ok = ~checker.in_collision(q)
+                if ok.any():
+                    ok[ok] = self.holds(q[ok])
                 return ok
 
             return valid

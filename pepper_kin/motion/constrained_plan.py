@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.tasks.task import words_for
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.constrained_waypoints import constrained_waypoints, largest_errors
@@ -130,7 +130,7 @@ def constrained_path(
             break
     more: dict[str, Any] = {"ik": ik, "states_checked": states}
     if result.path is None:
-        whole = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        whole = replace(result, states_checked=states, time=working_time() - ended.begin)
         return ended(*why_no_path(problem, whole, request.seed, manifold), **more)
     along = _Along(request, problem, manifold)
     path = along.shortest(result.path)
@@ -171,16 +171,16 @@ class _Along:
         problem = self._problem
         before = None if plain is None else figures_of(problem, costs, plain)
         price = costs.for_planner(problem.start, problem.free)
-        end = time.perf_counter() + self._timeout
+        end = working_time() + self._timeout
 
         def descended(one: planners.Path, steps: int) -> planners.Path:
-            left = max(end - time.perf_counter(), 1e-3)
+            left = max(end - working_time(), 1e-3)
             return planners.descend_cost(
                 problem.search_problem, price, one, manifold=self._manifold, seed=self._seed,
                 iterations=steps, timeout=left,
             )  # fmt: skip
 
-        others = [self._other(self._seed + k, end - time.perf_counter()) for k in range(1, SEARCHES)]
+        others = [self._other(self._seed + k, end - working_time()) for k in range(1, SEARCHES)]
         lowered = [descended(one, FIRST_STEPS) for one in (path, *others) if one is not None]
         lowered.sort(key=price.along)
         cheapest = descended(lowered[0], STEPS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.goals import ends_of
@@ -125,7 +125,7 @@ def costed_path(
             break
     more: dict[str, Any] = {"ik": ends.ik, "states_checked": states}
     if search.first is None:
-        whole = replace(search.result, states_checked=states, time=time.perf_counter() - ended.begin)
+        whole = replace(search.result, states_checked=states, time=working_time() - ended.begin)
         return ended(*why_no_path(problem, whole, request.seed), **more)
     path, figures, before = search.cheapest()
     if path is None or figures is None:
@@ -163,7 +163,7 @@ class _CheapSearch:
             problem: What is planned.
             costs: Soft costs.
             seed: Seed of all random choices.
-            deadlines: Of the first path, and of all that is done, on the clock of `time.perf_counter` [s].
+            deadlines: Of the first path, and of all that is done, on the clock of `working_time` [s].
         """
         self._problem, self._costs, self._seed, self._deadline = problem, costs, seed, deadlines[0]
         self._price = costs.for_planner(problem.start, problem.free)
@@ -196,7 +196,7 @@ class _CheapSearch:
 
     @property
     def _left(self) -> float:
-        return max(self._deadline - time.perf_counter(), 1e-3)
+        return max(self._deadline - working_time(), 1e-3)
 
     def _paths(self, first: planners.Path) -> list[planners.Path]:
         """Return the first path and those of further searches, with regard to the price and without."""

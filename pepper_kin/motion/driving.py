@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, TypeAlias
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_kin import planners
 from pepper_kin.arrays import Array
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model.wheels import Wheels
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goals import fault_of
@@ -66,7 +66,7 @@ def plan_drive(request: PlanRequest, ends: Ends) -> Plan:
             shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
             gave = ""
             for begin, end in legs:
-                left = request.deadline - time.perf_counter()
+                left = request.deadline - working_time()
                 left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time as well
                 curve, states, outcome = _Leg(request, begin + shift, end + shift, base, free).curve(left)
                 checked += states
@@ -165,10 +165,10 @@ class _Leg(NamedTuple):
         """Return the curve, or None; the number of states asked about; and status and message, on request."""
         drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
-        began, states = time.perf_counter(), 0
+        began, states = working_time(), 0
         margins, ends = self.request.options.margins, Ends(self.begin, self.end[None], moving)
         for problem, share in falling_problems(self.request.checks, ends, margins, COARSE):
-            left = max(share * timeout - (time.perf_counter() - began), 1e-3)
+            left = max(share * timeout - (working_time() - began), 1e-3)
             curve, checked, outcome = self._driven(problem, left) if drives else self._moved(problem, left)
             states += checked
             if curve is not None:

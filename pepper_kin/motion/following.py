@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import itertools
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,6 +18,7 @@ from pepper_kin.collision.checked_world import checked_world
 from pepper_kin.exceptions import CallError, InvalidValueError
 from pepper_kin.ik.problem import movable_joints
 from pepper_kin.ik.tasks.task import Task
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.kinematics import frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
@@ -95,7 +95,7 @@ def follow(
         UnknownNameError: for an unknown hand, joint or group.
         LimitError: for a start outside the joint limits.
     """
-    begin = time.perf_counter()
+    begin = working_time()
     unknown = sorted(set(limits) - set(_OF_RETIME))
     if unknown:
         known = [*inspect.signature(follow).parameters][:-1] + list(_OF_RETIME)
@@ -132,7 +132,7 @@ def follow(
             found = error.result
         if best is None or found.success or found.reached > best.reached:
             best = found
-        if best.success or time.perf_counter() - begin > allowed_time:
+        if best.success or working_time() - begin > allowed_time:
             break
         if q is not None and found.status in _FINAL:
             break
@@ -142,7 +142,7 @@ def follow(
     if not best.success and best.status is not FollowStatus.IN_COLLISION:
         lacking = path.lacking_joints(pepper.neutral() if q is None else q, best.reached)
         best = replace(best, message=f"{best.message} {lacking}".rstrip())
-    return replace(best, time=time.perf_counter() - begin)
+    return replace(best, time=working_time() - begin)
 
 
 def _weights(n: int) -> Iterator[Array]:

@@ -7,7 +7,6 @@ provides its arrays, which are kept for the next search, and goes farther away w
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 from weakref import WeakKeyDictionary
@@ -40,6 +39,7 @@ from pepper_kin.ik.priorities import equally_weighted, is_ordered
 from pepper_kin.ik.problem import SearchBudget, flatten_tasks, movable_joints
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
+from pepper_kin.kernels.working_time import on_perf_counter, working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.planners.deadline import load_code
@@ -520,7 +520,7 @@ class TaskGoalSearch:
             status = self._in_order(search)
         round_ = 0
         while status not in (FOUND, START_AT_FAULT, UNSOLVED, STOPPED) and round_ < rounds:
-            if time.perf_counter() > self._deadline:
+            if working_time() > self._deadline:
                 break
             status = self._widened(search, round_)
             round_ += 1
@@ -542,11 +542,11 @@ class TaskGoalSearch:
         )
         check, _ = self._checks.of_configurations(), search_nearby.native
         # Code is loaded by now, and perhaps compiled: that is not searching.
-        self._begin = time.perf_counter()
+        self._begin = working_time()
         self._deadline = self._begin + self._timeout
         first = SearchOptions(
             further.tolerance, further.first, further.advance, NEAR_RESTARTS, STEPS, False, True,
-            finite, further.clock, self._deadline, further.signals,
+            finite, further.clock, on_perf_counter(self._deadline), further.signals,
         )  # fmt: skip
         bounds = ready.bounds if self._movable is None else ready.bounds_of(self._movable)
         search = GoalSearch(
@@ -561,7 +561,7 @@ class TaskGoalSearch:
 
     def _in_order(self, search: GoalSearch) -> int:
         """Go on from what `solve` finds where tasks yield to others; return as `search_nearby`."""
-        checks, timeout = self._checks, max(self._deadline - time.perf_counter(), 1e-3)
+        checks, timeout = self._checks, max(self._deadline - working_time(), 1e-3)
         joints = None
         if self._movable is not None:
             joints = [checks.pepper.joint_names[k] for k in np.flatnonzero(self._movable)]
@@ -605,6 +605,6 @@ class TaskGoalSearch:
         )
         ik = IKResult(
             IKStatus.SOLVED, q, counts[STEPS_TAKEN], counts[RESTARTED] + counts[SPENT],
-            time.perf_counter() - self._begin, "fast", seed=self._seed, evidence=inputs.certificate,
+            working_time() - self._begin, "fast", seed=self._seed, evidence=inputs.certificate,
         )  # fmt: skip
         return TaskGoals(goals, ik, (float(search.kept[0]), float(search.kept[1])))

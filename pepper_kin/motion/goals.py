@@ -17,6 +17,7 @@ from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import IKResult, Task, solve
 from pepper_kin.ik.problem import flatten_tasks
+from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, full_turns
 from pepper_kin.motion.checks import Checks
@@ -175,9 +176,8 @@ def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
     tasks, checks, scene = request.goal, request.checks, request.checks.exact.scene
     more, fast = checks.statics.tasks(), are_known_to_fast(checks.pepper, request.goal)
     for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
-        begin = request.now()
-        load_tasks(checks.pepper, flatten_tasks(checks.pepper, sought))
-        request.ended.begin += request.now() - begin  # to load code is not planning
+        with not_counted():
+            load_tasks(checks.pepper, flatten_tasks(checks.pepper, sought))
         clear = _clear_goals(request, sought)
         if clear is not None:
             return clear.goals, clear.ik, None

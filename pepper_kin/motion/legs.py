@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -15,6 +14,7 @@ from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.collision import Scene, in_collision
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup, solutions
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import shown
 from pepper_kin.model.requirements import Balance, TorqueScale
@@ -220,7 +220,7 @@ def plan_legs(
     check_robot(pepper)
     legs = _checked(legs)
     kept = [as_constraints(pepper, leg.constraints) if len(leg.constraints) else () for leg in legs]
-    q_start, begin = checked_start(pepper, start, margin, timeout), time.perf_counter()
+    q_start, begin = checked_start(pepper, start, margin, timeout), working_time()
     options = PlanOptions(
         joints=joints, margin=margin, least_margin=least_margin, balance=balance, torque_scale=torque_scale,
         payload=payload,
@@ -233,10 +233,10 @@ def plan_legs(
         )
         best = max(best, found, key=lambda made: (sum(one.success for one, _ in made), len(made)))
         # Where the first leg fails, no other solution of a goal will help; nor is there always time for one.
-        if found[-1][0].success or len(found) == 1 or time.perf_counter() >= begin + timeout:
+        if found[-1][0].success or len(found) == 1 or working_time() >= begin + timeout:
             break
     plans, scenes = zip(*best, strict=True)
-    return PlanInLegs(plans, len(legs), time.perf_counter() - begin, scenes)
+    return PlanInLegs(plans, len(legs), working_time() - begin, scenes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +247,7 @@ class _LegSearch:
         pepper: The robot.
         legs: What to do.
         kept: The constraints of each leg.
-        deadline: When planning has to end, on the clock of `time.perf_counter` [s].
+        deadline: When planning has to end, on the clock of `working_time` [s].
         options: The same for all legs; `joints` where a leg names none.
     """
 
@@ -270,7 +270,7 @@ class _LegSearch:
         q, world, count = start, scene, len(self.legs)
         for k, leg in enumerate(self.legs):
             world = _scene_of(leg, k, world, q)
-            left = self.deadline - time.perf_counter()
+            left = self.deadline - working_time()
             options = replace(
                 self.options, joints=self._joints_of(leg), constraints=self.kept[k] or None,
                 costs=leg.costs if len(leg.costs) else None, seed=seed, timeout=max(left / (count - k), 0.01),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,6 +14,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector
 from pepper_kin.model.wheels import BASE_JOINTS
@@ -179,7 +179,7 @@ def _no_room(pepper: PepperModel, start: Array, velocity: Array) -> str:
 
 
 def _since(request: PlanRequest) -> float:
-    return time.perf_counter() - request.ended.begin
+    return working_time() - request.ended.begin
 
 
 def _solved(request: PlanRequest, found: Splice, way: Plan | None) -> Plan:

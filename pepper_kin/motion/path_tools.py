@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,6 +12,7 @@ from pepper_kin import planners
 from pepper_kin.arrays import Array, PiecewiseCubic
 from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed, check_whole
 from pepper_kin.model.requirements import Balance, TorqueScale
@@ -81,7 +81,7 @@ def simplify_path(
     checks = checks_for(pepper, scene, static_limits(pepper, balance, payload, scene, torque_scale))
     followed = checked_path(pepper, path)
     load_code(run)
-    ended = Ending(pepper, time.perf_counter(), seed, NAME, margin, (balance, torque_scale))
+    ended = Ending(pepper, working_time(), seed, NAME, margin, (balance, torque_scale))
     found = validate(pepper, path, scene, balance=balance, torque_scale=torque_scale, payload=payload)
     if not found.success:
         return ended(PlanStatus.PATH_INVALID, found.message, states_checked=found.states_checked)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
@@ -18,6 +17,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.structure import known_structures
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
@@ -115,11 +115,11 @@ class PlanRequest(NamedTuple):
     constraints: tuple[Task, ...]
     costs: PathCosts | None
     ended: Ending
-    now: Callable[[], float] = time.perf_counter
+    now: Callable[[], float] = working_time
 
     @property
     def deadline(self) -> float:
-        """When planning has to end, on the clock of `time.perf_counter` [s]."""
+        """When planning has to end, on the clock of `working_time` [s]."""
         return self.ended.begin + self.options.timeout
 
     def left(self, share: float = 1.0) -> float:
@@ -134,7 +134,7 @@ def plan_request(
     scene: Scene | None,
     options: PlanOptions,
     name: str | None = None,
-    now: Callable[[], float] = time.perf_counter,
+    now: Callable[[], float] = working_time,
 ) -> PlanRequest:
     """Check what was asked for, and load the code that it needs.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -18,6 +17,7 @@ from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.splines import polyline_length
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.ik import IKResult
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.margins import proven_margin
@@ -210,7 +210,7 @@ class Ending:
         made = object.__new__(Plan)
         made.__dict__.update(
             _DEFAULTS, status=status, message=message, joint_names=self.joint_names,
-            time=time.perf_counter() - self.begin, seed=self.seed, planner=self.planner,
+            time=working_time() - self.begin, seed=self.seed, planner=self.planner,
             balance=self.balance, torque_scale=self.torque_scale,
         )  # fmt: skip
         made.__dict__.update(more)

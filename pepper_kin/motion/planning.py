@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,6 +14,7 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.checked_world import LEFT_EMPTY, is_left_empty
 from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
@@ -163,7 +163,7 @@ def _free_path(
     problem, result, way, states = whole(path_found(request, ends))
     more: dict[str, Any] = {"ik": ends.ik, "states_checked": states, "search": result}
     if result.path is None:
-        searched = replace(result, states_checked=states, time=time.perf_counter() - ended.begin)
+        searched = replace(result, states_checked=states, time=working_time() - ended.begin)
         return ended(*why_no_path(problem, searched, request.seed), **more)
     if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
@@ -292,7 +292,7 @@ def find_path(
         gap: Of "aorrtc", see `plan`.
         total: Time budget of "aorrtc", the first path included [s]; None: `timeout`.
     """
-    begin = time.perf_counter()
+    begin = working_time()
     if planner == "aorrtc" and total in (None, timeout):
         return planners.aorrtc(problem, seed=seed, timeout=timeout, gap=gap)
     if planner == "aorrtc":
@@ -343,7 +343,7 @@ def _shortest_of_base(
 
 def _left(begin: float, timeout: float) -> float:
     """Return what is left of a time budget [s], above zero."""
-    return max(timeout - (time.perf_counter() - begin), 1e-3)
+    return max(timeout - (working_time() - begin), 1e-3)
 
 
 def _to_a_goal(better: planners.Result, first: planners.Result) -> planners.Result:

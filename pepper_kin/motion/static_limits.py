@@ -24,7 +24,7 @@ from pepper_kin.collision.loads import (
 from pepper_kin.core.collision.curve_check import LONGEST
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.kernel_batch import evaluate
-from pepper_kin.dynamics import base_wrench, gravity_torque, total_mass
+from pepper_kin.dynamics import center_of_mass, gravity_torque, total_mass
 from pepper_kin.dynamics.load import STATIC_PARAMETERS, Loads, carried_words
 from pepper_kin.dynamics.mass import joint_masses
 from pepper_kin.dynamics.support_polygon import checked_balance
@@ -146,8 +146,9 @@ class StaticLimits:
             if self.balance is not None:
                 placed = q.copy()
                 placed[:, self._base] = 0.0
-                wrench = base_wrench(robot, placed, np.zeros_like(q), np.zeros_like(q))
-                held &= (wrench[:, _WRENCH] @ self._edges(margin).T >= 0.0).all(axis=1)
+                edges, (x, y, z) = self._edges(margin), -total_mass(robot) * robot.inner_model.gravity.linear
+                arms = edges[:, 1:] @ np.array([[0.0, z, -y], [-z, 0.0, x]])  # of n = c x f
+                held &= (edges[:, 0] * z + center_of_mass(robot, placed) @ arms.T >= 0.0).all(axis=1)
             return np.asarray(held)
         n, inputs, carried = self.pepper.n, np.ascontiguousarray(q), self._parameters.static
         if carried.size:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -18,6 +17,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.ik.fast.task_rows import TaskRows
 from pepper_kin.ik.problem import moved_aside
 from pepper_kin.ik.tasks.task import Task
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
@@ -108,7 +108,7 @@ class WholePath:
             weights: How much each joint may accelerate beside the others, shape (n,).
             ramps: See `follow`.
             laps: See `follow`.
-            deadline: Time of `perf_counter` after which a motion that is too fast is not bent otherwise [s].
+            deadline: Time of `working_time` after which a motion that is too fast is not bent otherwise [s].
 
         Raises:
             NotFollowedError: with the reason.
@@ -135,7 +135,7 @@ class WholePath:
                 if gentlest is not None:
                     break
                 first = first or error
-                if error.joint is None or time.perf_counter() > deadline:
+                if error.joint is None or working_time() > deadline:
                     raise first from None
                 self._scale[error.joint] *= _SLOWER
                 self._fast.append(error.reached * laps % 1.0)
@@ -144,7 +144,7 @@ class WholePath:
                 if gentlest is None or pace < gentlest[0]:
                     gentlest = pace, self._done(curve, whole, motion, slowest)
                 rest = next(others, None)
-                if pace <= _GENTLE or rest is None or time.perf_counter() > deadline:
+                if pace <= _GENTLE or rest is None or working_time() > deadline:
                     break
                 self._rest = rest
             nodes = curve.breaks[: len(curve.breaks) - self.path.closed]

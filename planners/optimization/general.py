@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.status import ResultStatus
 
 from ..vectors import FloatArray, finite_points, finite_vector, positive_number, read_only
@@ -64,7 +64,7 @@ def descend_by(
         InvalidValueError: for a wrong shape, NaN, an unknown solver, a spline of another degree, or a timeout
             for "fatrop".
     """
-    begin = time.perf_counter()
+    begin = working_time()
     spline = objective.spline
     _check_solver(solver)
     if solver == FATROP:
@@ -82,7 +82,7 @@ def descend_by(
     }.get(_outcome(report), OptimizationStatus.STALLED)  # fmt: skip
     if not walk.violation() <= _BROKEN:
         status, walk.x, walk.t = OptimizationStatus.START_INFEASIBLE, x, float(duration)
-    cost, spent = objective.cost(spline.control_points(walk.x), walk.t), time.perf_counter() - begin
+    cost, spent = objective.cost(spline.control_points(walk.x), walk.t), working_time() - begin
     return LocalResult(status, read_only(walk.x), walk.t, cost, first_cost, walk.steps, float("nan"), spent)
 
 
@@ -129,7 +129,7 @@ class _Walk:
         objective, reach = self._objective, _REACH if self._kinked else float("inf")
         report: dict[str, Any] = {}
         for _ in range(_ROUNDS if self._kinked else 1):
-            left, steps = end - time.perf_counter(), max_iterations - self.steps
+            left, steps = end - working_time(), max_iterations - self.steps
             if left <= 0.0 or steps <= 0:
                 return {"return_status": "Time" if left <= 0.0 else "Iteration"}
             control = objective.spline.control_points(self.x)

@@ -34,8 +34,8 @@ def motion_of(robot):
 
 @pytest.mark.thorough
 def test_the_main_job_is_done_by_others_and_certified_by_both(monkeypatch):
-    """The compiled check of collisions raises; placo, toppra, RNEA and ABA are counted."""
-    calls = dict.fromkeys(("rnea", "aba", "nonLinearEffects"), 0)
+    """The compiled check of collisions raises; placo, toppra, RNEA and CRBA are counted."""
+    calls = dict.fromkeys(("rnea", "crba", "nonLinearEffects"), 0)
 
     def counted(name, function):
         def call(*arguments):
@@ -49,14 +49,14 @@ def test_the_main_job_is_done_by_others_and_certified_by_both(monkeypatch):
 
     for name in ("_verdicts", "_verdict", "of_motion"):
         monkeypatch.setattr(FastChecker, name, refuse)
-    for module, names in ((pk.dynamics.inverse, ["rnea"]), (pinocchio_step, ["aba", "nonLinearEffects"])):
+    for module, names in ((pk.dynamics.inverse, ["rnea"]), (pinocchio_step, ["crba", "nonLinearEffects"])):
         for name in names:
             monkeypatch.setattr(module.pinocchio, name, counted(name, getattr(pinocchio, name)))
     found = pk.jobs.run_demo(pk.load_pepper().with_solvers("reference"))
     assert found.success, found.message
     assert found.plan.ik.solver == "placo"
     assert found.figures["hand_error_m"] < 0.01
-    assert calls["aba"] == calls["nonLinearEffects"] == len(found.run.time) - 1
+    assert calls["crba"] == calls["nonLinearEffects"] == len(found.run.time) - 1
     assert calls["rnea"] > 1000
     monkeypatch.undo()
     assert found.trajectory.check(FAST, demo_scene()).success
@@ -174,6 +174,6 @@ def test_what_a_step_raises_ends_the_run_as_itself(monkeypatch, many):
     q = BY_THE_FIELD.posture("Stand")
     twin = pk.Twin(BY_THE_FIELD)
     twin.step(q)
-    monkeypatch.setattr(pinocchio_step.pinocchio, "aba", interrupted)
+    monkeypatch.setattr(pinocchio_step.pinocchio, "crba", interrupted)
     with pytest.raises(KeyboardInterrupt):
         twin.execute(motion_of(FAST)) if many else twin.step(q)

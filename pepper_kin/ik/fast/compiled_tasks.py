@@ -22,6 +22,7 @@ from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
 from pepper_kin.kernels.intrinsics import floats_at
+from pepper_kin.kernels.working_time import on_perf_counter
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
 _KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
@@ -57,12 +58,13 @@ class SearchBuffers:
 
     def options(self, budget: SearchBudget, stop_when_met: bool, dimension: int) -> SearchOptions:
         """Return the options of a search; those of the last one where nothing has changed."""
-        key = (budget, stop_when_met, dimension)
+        deadline = on_perf_counter(budget.deadline)
+        key = (budget._replace(deadline=deadline), stop_when_met, dimension)
         if key != self._key or self._options is None:
             first, advance = unit_points(dimension, self.q.size, budget.seed)
             self._options = SearchOptions(
                 self.tolerance, first, advance, budget.restarts, budget.max_iterations, budget.thorough,
-                budget.closest, stop_when_met, CLOCK, budget.deadline, self.signals,
+                budget.closest, stop_when_met, CLOCK, deadline, self.signals,
             )  # fmt: skip
             self._key = key
         return self._options

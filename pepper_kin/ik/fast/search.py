@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -29,6 +28,7 @@ from pepper_kin.ik.problem import Problem, SearchBudget
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Task
+from pepper_kin.kernels.working_time import not_counted, on_perf_counter
 from pepper_kin.model import PepperModel
 
 if TYPE_CHECKING:
@@ -50,11 +50,10 @@ def _finish(
     answers: Array, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Go on with the rows that `solve_rows` has left; loading the code for it is not searching."""
-    start = time.perf_counter()
-    finish = finish_rows.native
-    spent = time.perf_counter() - start
-    if spent > 1e-4:
-        options = options._replace(deadline=options.deadline + spent)
+    before = on_perf_counter(0.0)
+    with not_counted():
+        finish = finish_rows.native
+    options = options._replace(deadline=options.deadline + on_perf_counter(0.0) - before)
     finish(tables, bounds, options, tests, inputs, answers, begin, end)
 
 

@@ -20,6 +20,7 @@ from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.relative_orientation import RelativeOrientation
 from pepper_kin.ik.tasks.relative_position import RelativePosition
 from pepper_kin.ik.tasks.task import Task
+from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.plain_urdf import plain_urdf
 
@@ -198,7 +199,8 @@ def _placo() -> Any:
         MissingDependencyError: where it is not installed.
     """
     try:
-        import placo
+        with not_counted():
+            import placo
     except ImportError as error:
         command = 'pip install "pepper_kin[reference]"'
         raise MissingDependencyError("placo", command, 'solver="placo"') from error
@@ -220,7 +222,8 @@ def robot_of(pepper: PepperModel) -> Any:
             raise InvalidValueError(
                 "solver", "'placo'", "'proxsuite' for a robot whose mimic joints have an offset"
             )
-        robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, plain_urdf(pepper.document))
+        with not_counted():
+            robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, plain_urdf(pepper.document))
         if _full_names(robot) != list(pepper.inner_model.names)[1:]:
             raise ModelError(f"placo orders the joints of robot {pepper.name!r} in another way")
         changed = pepper.dynamics_model.changed()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -19,9 +18,7 @@ from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solver import HalfSpaces, StepSolver, TaskSolver
 from pepper_kin.ik.solvers.placo import PlacoSolver
 from pepper_kin.ik.solvers.proxsuite import ProxsuiteSolver
-
-RESTARTS = 16
-"""Further starts at most, also where the budget allows for more."""
+from pepper_kin.kernels.working_time import working_time
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-8, 1e4
 SMALL_GAIN = 1e-6
@@ -67,8 +64,8 @@ class ReferenceSolver(TaskSolver):
         """Return the best of the descents' ends; where one ends in collision, another keeps clear."""
         self._steps = restarts = 0
         best, met_in_collision = self._judged(self._problem.q0, collisions), False
-        for number, start in enumerate(starts(self._problem, budget.seed, min(RESTARTS, budget.restarts))):
-            if (number > 0 and not any(best[:3])) or time.perf_counter() > budget.deadline:
+        for number, start in enumerate(starts(self._problem, budget.seed, budget.restarts)):
+            if (number > 0 and not any(best[:3])) or working_time() > budget.deadline:
                 break
             restarts = number
             for clear in (False, True):
@@ -91,7 +88,7 @@ class ReferenceSolver(TaskSolver):
         cost = problem.cost(q, residuals, problem.q0)
         cuts = deque(collisions.half_spaces(q, NEAREST) if clear else (), maxlen=CUTS)
         for _ in range(budget.max_iterations):
-            if problem.is_close(residuals) or damping > MOST_DAMPING or time.perf_counter() > budget.deadline:
+            if problem.is_close(residuals) or damping > MOST_DAMPING or working_time() > budget.deadline:
                 break
             self._steps += 1
             step = self._stepper.step(q, residuals, problem.q0, damping, _half_spaces(cuts, q))
@@ -127,7 +124,7 @@ class ReferenceSolver(TaskSolver):
         """Return how the search ended; LIMITS where the same joints would meet the tasks without limits."""
         if not best.touches and not best.unmet:
             return IKStatus.SOLVED
-        if time.perf_counter() > budget.deadline:
+        if working_time() > budget.deadline:
             return IKStatus.TIMED_OUT
         if met_in_collision:
             return IKStatus.CLOSEST_COLLISION
@@ -138,7 +135,7 @@ class ReferenceSolver(TaskSolver):
             end = solver.descend(start, nothing, fewer, clear=False)
             if unlimited.is_met(unlimited.residuals(end)):
                 return IKStatus.CLOSEST_LIMITS
-        timed_out = time.perf_counter() > budget.deadline
+        timed_out = working_time() > budget.deadline
         return IKStatus.TIMED_OUT if timed_out else IKStatus.CLOSEST_UNREACHABLE
 
 

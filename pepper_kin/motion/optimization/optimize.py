@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from pepper_kin.collision import Clearance, Scene, clearance_along
 from pepper_kin.collision.curve_examination import is_clear_along
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.ik import Task, TaskGroup
+from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import (
     check_choice,
@@ -134,7 +134,7 @@ def optimize(
     # Over a base that moves, balance is kept by slowing down what the search finds without it.
     searched = allowed._replace(balance=None) if balance == ROBOT and moves_base(pepper) else allowed
     load_search(pepper, allowed.loads, searched.balance is not None)
-    begin = time.perf_counter()
+    begin = working_time()
     wanted, seconds = _checked(margin, timeout, duration, solver, starts, intervals, seed)
     rate = None if jerk is None else _jerk_limits(pepper, jerk, solver)
     limits = replace(allowed.of(pepper, pepper.acceleration_limits, drives=True), jerk=rate)
@@ -152,7 +152,7 @@ def optimize(
     problems += map(posed, _detours(pepper, before, starts, seed, allowed, begin + seconds))
     search = _Descents(wanted, check_whole("max_iterations", max_iterations, 0), begin + seconds, solver)
     best = _cheapest(judge, problems, search, lambda: posed(before, _FINER * intervals))
-    return replace(best, time=time.perf_counter() - begin)
+    return replace(best, time=working_time() - begin)
 
 
 class _Descents(NamedTuple):
@@ -161,7 +161,7 @@ class _Descents(NamedTuple):
     Attributes:
         wanted: The duration that the motion shall have [s]; None: it is free.
         steps: Newton steps at most.
-        end: When a search ends, on the clock of `time.perf_counter` [s].
+        end: When a search ends, on the clock of `working_time` [s].
         solver: One of SOLVERS.
     """
 
@@ -178,7 +178,7 @@ class _Descents(NamedTuple):
             return list(threads.map(self._of, problems))
 
     def _of(self, problem: SplineProblem) -> LocalResult:
-        left = max(self.end - time.perf_counter(), _LEAST_TIME)
+        left = max(self.end - working_time(), _LEAST_TIME)
         return problem.descend(self.wanted, self.steps, left, self.solver)
 
 
@@ -311,7 +311,7 @@ def _detours(
             motion = _timed(pepper, np.stack([first, middle, last]), allowed._replace(balance=None))
         except (InfeasibleError, LimitError):
             continue
-        if time.perf_counter() >= end:
+        if working_time() >= end:
             return
         yield motion
 

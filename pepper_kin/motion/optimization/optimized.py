@@ -40,7 +40,7 @@ class Optimized(BriefRepr):
         cost: The weights.
         evidence: What gives `clearance`, or its value.
         descent: How the search itself ended; None where it had no start.
-        time: Wall time [s], the timing of a given path included.
+        time: Wall time [s], the timing of a given path included, the compiling of code not.
         constraint_errors: Largest error of each task that was to stay met, along `trajectory`, by Pinocchio,
             groups taken apart [m or rad]; empty where there are none.
     """
