@@ -115,7 +115,8 @@ def _front_end() -> Iterator[Any]:
     """Let Numba make libraries of our kind, and run nothing."""
     context = cpu_target.target_context
     generator = context.codegen()
-    usual, search = generator._library_class, types.BaseFunction.get_call_type
+    functions: Any = types.BaseFunction
+    usual, search = generator._library_class, functions.get_call_type
     generator._library_class = _Library
     generator.set_env = lambda name, environment: None
 
@@ -128,11 +129,11 @@ def _front_end() -> Iterator[Any]:
         signature, operation._impl_keys[signature.args] = _signatures[key]
         return signature
 
-    types.BaseFunction.get_call_type = known
+    functions.get_call_type = known
     try:
         yield context
     finally:
-        types.BaseFunction.get_call_type = search
+        functions.get_call_type = search
         generator._library_class = usual
         del generator.set_env
 
