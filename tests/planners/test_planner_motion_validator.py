@@ -40,7 +40,7 @@ def test_an_edge_is_followed_to_the_last_valid_step(low: float, steps: int) -> N
 
 def test_what_is_not_checked_in_time_is_not_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("pepper_kin.planners.deadline.perf_counter", lambda: now[0])
+    monkeypatch.setattr("pepper_kin.kernels.working_time.perf_counter", lambda: now[0])
 
     def slow(states: np.ndarray) -> np.ndarray:
         now[0] += 0.01 * len(states)

@@ -201,7 +201,7 @@ def test_invalid_start_and_goals_have_their_own_status(wall) -> None:  # type: i
 
 def test_budget_is_overrun_by_one_batch_at_most(closed_wall, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     now, cost, timeout = [0.0], 1e-3, 3.0
-    monkeypatch.setattr("pepper_kin.planners.deadline.perf_counter", lambda: now[0])
+    monkeypatch.setattr("pepper_kin.kernels.working_time.perf_counter", lambda: now[0])
     free = closed_wall.padded(0.0)
 
     def slow(states: np.ndarray) -> np.ndarray:
