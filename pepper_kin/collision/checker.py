@@ -65,7 +65,7 @@ class CollisionChecker:
         for geometry in (*geometries, *(item.geometry for item in self.scene.attached.values())):
             if isinstance(geometry, Mesh):
                 coal_geometry(geometry)  # a file that cannot be read is reported now
-        self._local, self._joints = threading.local(), threading.local()
+        self._local = threading.local()
         self._like: CollisionChecker | None = None  # not itself: only a collection of garbage would free it
 
     @cached_property
@@ -179,10 +179,10 @@ class CollisionChecker:
         data = getattr(self._local, "data", None)
         if data is None:
             model = self.pepper.inner_model
-            joints = getattr(self._joints, "data", None)  # the same at all margins
-            if joints is None:
-                joints = self._joints.data = working_memory(model)
-            data = self._local.data = joints, pair_queries(model, self._shapes, self._margins)
+            joints = _joints_of(self.pepper)
+            if not hasattr(joints, "data"):
+                joints.data = working_memory(model)
+            data = self._local.data = joints.data, pair_queries(model, self._shapes, self._margins)
         return data
 
     def _one(self, q: ArrayLike) -> NDArray[np.float64]:
@@ -249,6 +249,12 @@ class CollisionChecker:
             normal = apart / length * (1.0 if result.min_distance > 0 else -1.0)
         points += normal * [[first.padding], [-second.padding]]
         return (first.owner, second.owner), read_only(points), read_only(normal), (first.link, second.link)
+
+
+@kept_for_robot(most=1)
+def _joints_of(pepper: PepperModel) -> threading.local:
+    """Return what holds Pinocchio's data of a thread, which every query of any checker writes anew."""
+    return threading.local()
 
 
 def _finite(quantity: str, value: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,12 +112,14 @@ def least_clearance(
     path = as_joint_vectors(pepper, q, "q")
     if path.ndim != 2 or not len(path):
         raise InvalidValueError("q", f"shape {path.shape}", f"one or more of them, shape (T, {pepper.n})")
-    movers = None if times is None or to == "self" else movers_of(pepper, scene)
-    if movers is not None and scene is not None and times is not None:
-        still, when = least_clearance(pepper, path, scene.standing, to=to), checked_times(times, len(path))
-        found = least_clearance_of_movers(movers, movers.states(path, when), when, still.distance)
-        nearest = found if found.distance < still.distance else still
-        return replace(nearest, forbidden=still.forbidden, measured=still.measured + found.measured)
+    groups = () if times is None or to == "self" else movers_of(pepper, scene)
+    if groups and scene is not None and times is not None:
+        nearest, when = least_clearance(pepper, path, scene.standing, to=to), checked_times(times, len(path))
+        forbidden, measured = nearest.forbidden, nearest.measured
+        for movers in groups:
+            found = least_clearance_of_movers(movers, movers.states(path, when), when, nearest.distance)
+            nearest, measured = min(nearest, found, key=attrgetter("distance")), measured + found.measured
+        return replace(nearest, forbidden=forbidden, measured=measured)
     checker = checker_for(pepper, scene)
     violated = np.zeros(len(path), dtype=bool)
     for table in checker.dependent_ranges if to != "obstacles" else ():
@@ -166,6 +169,9 @@ def least_clearance_of_movers(
         states: Configurations of `movers.robot`, shape (T, n + 6 k).
         times: Their times [s], shape (T,).
         known: A distance above which none is looked for [m].
+
+    Returns:
+        What was found; where nothing is nearer than `known`, that distance without a pair.
     """
     checker = checker_for(movers.robot, movers.scene)
     uncertainty = {item.name: item.uncertainty for item in movers.items}
@@ -173,7 +179,7 @@ def least_clearance_of_movers(
     growth = np.array(owners)[np.array(checker._shapes.pairs)].max(axis=0)
     search = _Search(checker, states, times, growth, known)
     search.run()
-    nearest = checker.closest_pair(states[search.index])
+    nearest = checker.closest_pair(states[search.index]) if search.best < known else None
     return LeastClearance(search.best, search.index, nearest, None, search.measured)
 
 
@@ -191,17 +197,23 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     Returns:
         The bound; 0 where no pair is checked.
     """
-    movers = movers_of(pepper, scene)
-    if movers is not None and scene is not None:
+    groups = movers_of(pepper, scene)
+    if groups and scene is not None:
         own = np.atleast_2d(np.asarray(rates, dtype=float))
-        alone = movers.joined(own, np.zeros((len(own), movers.columns.size - pepper.n)))
-        to_movers = approach_speed(movers.robot, alone, movers.scene) + movers.speed + movers.uncertainty
-        return max(approach_speed(pepper, own, scene.standing), to_movers)
+        fastest = approach_speed(pepper, own, scene.standing)
+        for movers in groups:
+            alone = movers.joined(own, np.zeros((len(own), movers.columns.size - pepper.n)))
+            to_movers = approach_speed(movers.robot, alone, movers.scene) + movers.speed + movers.uncertainty
+            fastest = max(fastest, to_movers)
+        return fastest
     checker = checker_for(pepper, scene)
     if not checker.pair_count:
         return 0.0
     full = np.asarray(rates, dtype=float) @ np.abs(np.asarray(pepper.full_map)).T
-    return float((_known(checker.pepper, checker._shapes).motion_bounds @ full.T).max())
+    bounds, moving = _known(checker.pepper, checker._shapes).motion_bounds, full.any(axis=0)
+    if not moving.all():  # places of obstacles do not move here, and the bounds of many pairs are the same
+        bounds, full = np.unique(bounds[:, moving], axis=0), full[:, moving]
+    return float((bounds @ full.T).max(initial=0.0))
 
 
 class _Search:
@@ -354,7 +366,7 @@ class _Known:
         return first & ~second, second & ~first
 
 
-@kept_for_robot(most=4)
+@kept_for_robot(most=64)
 def _known(pepper: PepperModel, shapes: CheckedShapes) -> _Known:
     """Return what the search knows of a robot's shapes and pairs."""
     return _Known(pepper, shapes)

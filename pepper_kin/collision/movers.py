@@ -2,7 +2,9 @@
 
 To the checks they hang on the robot: at the ends of chains of six joints from its root link, three that slide
 and three that turn, whose positions are the obstacle's place.  Verdicts, distances and bounds between
-neighbors are then those of a robot of more joints, by the same code.
+neighbors are then those of a robot of more joints, by the same code.  Tables of a robot grow with the second
+power of its joints, and Pinocchio's working memory with the third; so at most `GROUP` obstacles hang on one
+robot, and further ones on others like it.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -21,18 +24,20 @@ from pepper_kin.collision.scene_object import AttachedObject, SceneObject, sorte
 from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel, kept_for_robot
-from pepper_kin.model.dynamics_model import described
+from pepper_kin.model.dynamics_model import MOST_COMPUTED, described
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.urdf_document import parse_urdf
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")  # x, y, z, then yaw, pitch, roll
 _PLACE = len(_AXES)
 _FARTHEST = 1e5  # [m]
+GROUP = 8
+"""Obstacles that hang on one robot at most: of Pepper, their joints are then some three times its own."""
 
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """The obstacles of a scene that move, and the robot with their places as joints.
+    """Some obstacles of a scene that move, and the robot with their places as joints.
 
     Attributes:
         robot: The robot, of n + 6 k joints.
@@ -50,12 +55,12 @@ class Movers:
         """Return configurations of `robot`, shape (T, n + 6 k), for q, shape (T, n), at times [s], (T,)."""
         places = np.empty((len(times), len(self.items), _PLACE))
         for k, item in enumerate(self.items):
-            poses = item.poses(times)
+            straight = item.path is None  # does not turn
+            poses = item.transform_object_to_world[None] if straight else item.poses(times)
             places[:, k, :3] = poses[:, :3, 3]
-            places[:, k, 3] = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-            places[:, k, 4] = np.arctan2(-poses[:, 2, 0], np.hypot(poses[:, 0, 0], poses[:, 1, 0]))
-            places[:, k, 5] = np.arctan2(poses[:, 2, 1], poses[:, 2, 2])
-        places[:, :, 3:] = np.unwrap(places[:, :, 3:], axis=0)
+            if straight:
+                places[:, k, :3] += times[:, None] * item.velocity
+            places[:, k, 3:] = np.unwrap(_turns(poses), axis=0)
         return self.joined(q, places.reshape(len(times), len(self.items) * _PLACE))
 
     def joined(self, own: Array, places: Array) -> Array:
@@ -64,30 +69,49 @@ class Movers:
         found[:, self.columns] = np.concatenate([own, places], axis=1)
         return found
 
-    @property
+    @cached_property
     def uncertainty(self) -> float:
         """The greatest of all [m/s]."""
         return max(item.uncertainty for item in self.items)
 
-    @property
+    @cached_property
     def speed(self) -> float:
         """The greatest of all [m/s]."""
         return max(item.speed for item in self.items)
 
-    @property
+    @cached_property
     def alike(self) -> bool:
         """Whether all uncertainties are the same."""
         return len({item.uncertainty for item in self.items}) == 1
 
 
-def movers_of(pepper: PepperModel, scene: Scene | None) -> Movers | None:
-    """Return what moves in a scene besides the robot; None where nothing does."""
-    items = () if scene is None else scene.movers
-    if scene is None or not items:
-        return None
+def movers_of(pepper: PepperModel, scene: Scene | None) -> tuple[Movers, ...]:
+    """Return what moves in a scene besides the robot, in groups; none where nothing does."""
+    if scene is None:
+        return ()
+    held, most = tuple(scene.attached.values()), (MOST_COMPUTED - len(pepper.full_offset)) // _PLACE
+    items, size = scene.movers, min(max(most, 1), GROUP)
+    groups = (items[k : k + size] for k in range(0, len(items), size))
+    return tuple(_group(pepper, group, held, scene.allowed) for group in groups)
+
+
+def _group(
+    pepper: PepperModel,
+    items: tuple[SceneObject, ...],
+    held: tuple[AttachedObject, ...],
+    allowed: frozenset[tuple[str, str]],
+) -> Movers:
+    """Return obstacles that hang on one robot."""
     shapes = tuple((item.name, item.geometry) for item in items)
-    robot, held, columns = _robot_of(pepper, shapes, tuple(scene.attached.values()), scene.allowed)
-    return Movers(robot, held, items, columns)
+    robot, scene, columns = _robot_of(pepper, shapes, held, allowed)
+    return Movers(robot, scene, items, columns)
+
+
+def _turns(poses: Array) -> Array:
+    """Return yaw, pitch and roll of poses, shape (T, 4, 4), as [rad], shape (T, 3)."""
+    pitch = np.arctan2(-poses[:, 2, 0], np.hypot(poses[:, 0, 0], poses[:, 1, 0]))
+    yaw, roll = np.arctan2(poses[:, 1, 0], poses[:, 0, 0]), np.arctan2(poses[:, 2, 1], poses[:, 2, 2])
+    return np.stack([yaw, pitch, roll], axis=1)
 
 
 def checked_times(times: ArrayLike, count: int) -> Array:
@@ -107,7 +131,7 @@ def without_self_pairs(robot: PepperModel) -> dict[tuple[str, str], str]:
     return {sorted_pair(*pair): "Never" for pair in combinations(robot.link_names, 2)}
 
 
-@kept_for_robot(most=16)
+@kept_for_robot(most=64)
 def _robot_of(
     pepper: PepperModel,
     shapes: tuple[tuple[str, SceneGeometry], ...],

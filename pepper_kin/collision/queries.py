@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pepper_kin.arrays import Array
 from pepper_kin.collision.bodies import GeometryType
 from pepper_kin.collision.checked_shapes import PairsTo
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.contact import ClosestPair, Contact
 from pepper_kin.collision.least_clearance import least_clearance_of_movers
-from pepper_kin.collision.movers import checked_times, movers_of
+from pepper_kin.collision.movers import Movers, checked_times, movers_of
 from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.model import PepperModel
@@ -42,21 +43,26 @@ def in_collision(
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity, or a time below 0.
     """
-    movers = None if times is None else movers_of(pepper, scene)
-    if movers is None or scene is None or times is None:
+    groups = () if times is None else movers_of(pepper, scene)
+    if not groups or scene is None or times is None:
         return _checkers()(pepper, scene).in_collision(q)
     q_all = as_joint_vectors(pepper, q, "q")
     found = np.array(_checkers()(pepper, scene.standing).in_collision(q_all)).ravel()
-    free, when = np.flatnonzero(~found), checked_times(times, found.size)
-    states = movers.states(q_all.reshape(found.size, pepper.n)[free], when[free])
-    checker = _checkers()(movers.robot, movers.scene)
-    near = checker.nearer(states, movers.uncertainty * when[free])
-    if movers.alike:
-        found[free] = near
-    else:
-        for k in np.flatnonzero(near):
-            found[free[k]] = least_clearance_of_movers(movers, states[[k]], when[free[[k]]]).distance <= 0.0
+    flat, when = q_all.reshape(found.size, pepper.n), checked_times(times, found.size)
+    for movers in groups:
+        free = np.flatnonzero(~found)
+        found[free] = _meets(movers, flat[free], when[free])
     return found.reshape(q_all.shape[:-1])
+
+
+def _meets(movers: Movers, q: Array, times: Array) -> NDArray[np.bool_]:
+    """Whether a robot at q, shape (T, n), touches obstacles where they are at times [s], shape (T,)."""
+    states = movers.states(q, times)
+    found = _checkers()(movers.robot, movers.scene).nearer(states, movers.uncertainty * times)
+    if not movers.alike:
+        for k in np.flatnonzero(found):
+            found[k] = least_clearance_of_movers(movers, states[[k]], times[[k]]).distance <= 0.0
+    return found
 
 
 @functools.cache

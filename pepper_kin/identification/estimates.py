@@ -91,6 +91,7 @@ def estimate_stiffness(
     """
     names = pepper.resolve_joints(joints)
     data = recorded_motion(pepper, run, names, cutoff)
+    sliding = data.sliding
     # The servo acts by where the joint is at the end of the step.
     error = data.filter((run.reference_position - run.position)[1:, data.moving])
     speed = np.gradient(data.filter(run.reference_position[1:, data.moving]), data.step, axis=0)
@@ -101,7 +102,7 @@ def estimate_stiffness(
     for j, name in enumerate(names):
         i = data.moving[j]
         columns = np.column_stack([torque[:, i], speed[:, j], acceleration[:, i], friction[:, j, j::k]])
-        found = solve(data, columns[:, None], error[:, [j]])
+        found = solve(data, columns[:, None], error[:, [j]], sliding[:, [j]])
         (low, high), compliance = found.intervals[0], found.values[0]
         values[j], residual[name] = 1.0 / compliance, float(found.residual[0] / abs(compliance))
         intervals[j] = (1.0 / high if high > 0 else np.inf), (1.0 / low if low > 0 else np.inf)
@@ -138,7 +139,7 @@ def estimate_inertia(
     data = recorded_motion(pepper, run, names, cutoff)
     base = base_parameters(pepper, names, data.position[0])
     columns = data.regressor(np.eye(base.grouping.shape[1] + len(names))[:, base.columns])
-    found = solve(data, np.concatenate([columns, data.friction], axis=2), data.torque)
+    found = solve(data, np.concatenate([columns, data.friction], axis=2), data.torque, data.sliding)
     return _with_friction(data, found, (base.names, base.units, base.of(pepper)))
 
 
@@ -184,7 +185,7 @@ def estimate_payload(
     of[: known.size, 4] = known
     load, described, rotors = np.split(data.regressor(of), [4, 5], axis=2)
     target = data.torque - described[..., 0]
-    found = solve(data, np.concatenate([load, data.friction, rotors], axis=2), target)
+    found = solve(data, np.concatenate([load, data.friction, rotors], axis=2), target, data.sliding)
     mass, moment, k = found.values[0], found.values[1:4], len(names)
     # Center = moment / mass, and its covariance to the first order.
     change = np.eye(len(found.values))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
@@ -14,7 +15,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.twin.run import Run
 
-signal, stats = lazy_module("scipy.signal"), lazy_module("scipy.stats")
+ndimage, signal, stats = (lazy_module(f"scipy.{name}") for name in ("ndimage", "signal", "stats"))
 
 CUTOFF = 8.0
 """Of the low-pass filter of positions, torques and regressors [Hz]."""
@@ -22,6 +23,8 @@ CUTOFF = 8.0
 _ORDER = 4  # of the filter, which goes forth and back
 _EDGE = 1.0  # x 1 / cutoff: time that is left out at either end, where the filter settles
 _PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice the time over which they go together
+_AROUND = 0.8  # x 1 / cutoff: time before and after a reversal in which friction is not what columns say
+_SLOW = 0.05  # of the greatest speed of a joint, below which its direction is uncertain
 _HUBER, _ROUNDS = 2.0, 6
 _STATES = 512  # whose regressor is in memory at a time
 
@@ -71,6 +74,27 @@ class RecordedMotion(NamedTuple):
         return self.filter(
             np.concatenate([np.eye(len(self.moving)) * one for one in (speed, np.sign(speed))], axis=2)
         )
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """When each joint surely moves one way, away from reversals, shape (T, k).
+
+        Where a joint turns around it sticks for a while, and the filter spreads this over its width: the
+        columns of Coulomb friction are wrong there.
+
+        Raises:
+            InvalidValueError: for a joint that never does so for as long as that.
+        """
+        speed = self.velocity[:, self.moving]
+        slow = np.abs(speed) < _SLOW * np.abs(speed).max(axis=0)
+        slow[1:] |= speed[1:] * speed[:-1] < 0.0
+        around = int(_AROUND / (self.cutoff * self.step))
+        found = ~ndimage.maximum_filter1d(slow, 2 * around + 1, axis=0)
+        for name, ever in zip(self.names, found.any(axis=0), strict=True):
+            if not ever:
+                longer = f"motion one way for over {2 * _AROUND / self.cutoff:.2g} s, or a higher cutoff"
+                raise InvalidValueError("recording", f"{name} turns around all the time", longer)
+        return np.asarray(found)
 
 
 def recorded_motion(pepper: PepperModel, run: Run, names: tuple[str, ...], cutoff: float) -> RecordedMotion:
@@ -132,7 +156,7 @@ class Solution(NamedTuple):
         return np.asarray(np.column_stack([self.values - half, self.values + half]))
 
 
-def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
+def solve(data: RecordedMotion, columns: Array, target: Array, counts: NDArray[np.bool_]) -> Solution:
     """Return x of columns x = target by weighted least squares, robust against outliers (Huber).
 
     Rows of a joint are over the spread of its residuals.  Residuals follow one another in time, so their
@@ -142,12 +166,13 @@ def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
         data: The recording.
         columns: Shape (T, k, p).
         target: [N m or N], shape (T, k).
+        counts: Which rows count, shape (T, k).
 
     Raises:
         InvalidValueError: for a recording with too few blocks for so many parameters.
     """
     edge = int(_EDGE / (data.cutoff * data.step))
-    columns, target = columns[edge:-edge], target[edge:-edge]
+    columns, target, counts = columns[edge:-edge], target[edge:-edge], counts[edge:-edge]
     p = columns.shape[2]
     length = max(int(_PER_BLOCK / (data.cutoff * data.step)), 1)
     blocks = len(target) // length
@@ -156,7 +181,8 @@ def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
         raise InvalidValueError(
             "duration", f"{len(target) * data.step:.3g} s", f"at least {needed:.3g} s for {p} parameters"
         )
-    columns, target = columns[: blocks * length], target[: blocks * length]
+    counts = counts[: blocks * length]
+    columns, target = columns[: blocks * length] * counts[..., None], target[: blocks * length] * counts
     scale = np.sqrt(np.mean(columns**2, axis=(0, 1))) + 1e-300
     weight, values, left = np.ones_like(target), np.zeros(p), target
     for _ in range(_ROUNDS):
@@ -164,7 +190,7 @@ def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
         values = np.linalg.lstsq(rows.reshape(-1, p), (np.sqrt(weight) * target).ravel(), rcond=None)[0]
         values = values / scale
         left = target - columns @ values
-        spread = 1.4826 * np.median(np.abs(left), axis=0) + 1e-12
+        spread = 1.4826 * np.nanmedian(np.where(counts, np.abs(left), np.nan), axis=0) + 1e-12
         weight = np.minimum(1.0, _HUBER * spread / (np.abs(left) + 1e-300)) / spread**2
     weighted = columns * weight[..., None]
     inverse = np.linalg.pinv(np.einsum("tkp,tkq->pq", weighted / scale, columns / scale), hermitian=True)
@@ -174,5 +200,5 @@ def solve(data: RecordedMotion, columns: Array, target: Array) -> Solution:
         values,
         covariance / np.outer(scale, scale),
         float(stats.t.ppf(0.975, blocks - p)),
-        np.sqrt(np.mean(left**2, axis=0)),
+        np.sqrt(np.sum(left**2, axis=0) / np.count_nonzero(counts, axis=0)),
     )

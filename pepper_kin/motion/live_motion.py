@@ -120,15 +120,10 @@ class _World:
         return fast_checker_for(self.pepper, self.scene.standing, _STILL, 0.0)
 
     @cached_property
-    def movers(self) -> Movers | None:
-        """What moves; None where nothing does."""
-        return movers_of(self.pepper, self.scene)
-
-    @cached_property
-    def moving(self) -> FastChecker:
-        """Checks the robot with what moves."""
-        assert self.movers is not None
-        return fast_checker_for(self.movers.robot, self.movers.scene)
+    def moving(self) -> tuple[tuple[Movers, FastChecker], ...]:
+        """What moves, in groups, and what checks the robot with each."""
+        groups = movers_of(self.pepper, self.scene)
+        return tuple((movers, fast_checker_for(movers.robot, movers.scene)) for movers in groups)
 
 
 class LiveMotion:
@@ -519,20 +514,21 @@ class LiveMotion:
         return () if pair is None else pair.names
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
-        movers = self._world.movers
-        if movers is None:
-            return False
         since = np.maximum(times + (now - self._seen), 0.0)
-        speed = float((np.abs(states.velocity) @ self._reach).max()) + movers.speed
-        kept = np.full(times.size, self._margin + 0.5 * times[1] * speed + self._delay * movers.speed)
-        if growing:
-            kept += movers.uncertainty * (since + self._delay)
-        both = movers.states(states.position, since)
-        found = self._world.moving.nearer(both, kept)
-        if found.any() and not self._blocked:
-            pair = self._world.moving.exact.closest_pair(both[int(found.argmax())])
-            self._note(() if pair is None else pair.names)
-        return bool(found.any())
+        own_speed = float((np.abs(states.velocity) @ self._reach).max())
+        for movers, checker in self._world.moving:
+            within = 0.5 * times[1] * (own_speed + movers.speed) + self._delay * movers.speed
+            kept = np.full(times.size, self._margin + within)
+            if growing:
+                kept += movers.uncertainty * (since + self._delay)
+            both = movers.states(states.position, since)
+            found = checker.nearer(both, kept)
+            if found.any():
+                if not self._blocked:
+                    pair = checker.exact.closest_pair(both[int(found.argmax())])
+                    self._note(() if pair is None else pair.names)
+                return True
+        return False
 
     def _note(self, names: tuple[str, ...]) -> None:
         """Note which two come too near."""

@@ -8,6 +8,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import CollisionChecker, approach_speed, in_collision, least_clearance
+from pepper_kin.collision.movers import movers_of
 from pepper_kin.exceptions import InvalidValueError
 
 GOAL = {"LShoulderPitch": 0.2, "LElbowRoll": -1.0, "RShoulderRoll": -0.4, "HeadYaw": -0.5}
@@ -131,6 +132,30 @@ def test_scenes_later_moved_and_stored(tmp_path):
     )
     assert there.objects["mover 0"].velocity.tolist() == [0.0, 0.1, 0.0]
     assert there.standing is scene.standing
+
+
+def test_a_hundred_obstacles_are_compared_as_few_are(pepper):
+    rng, q = np.random.default_rng(3), pepper.posture("Stand")
+    scene, times = crossing(rng, np.zeros(100)), np.array([0.0, 1.0, 3.0])
+    far = scene.moved({item.name: (0.0, 0.0, 5.0 + k) for k, item in enumerate(scene.movers)})
+    last = far.movers[-1].name
+    for world in (scene, far.moved({last: (0.3, -1.0, 0.8)}, {last: (0.0, 0.5, 0.0)})):
+        coal = [CollisionChecker(pepper, world.at(t)).in_collision(q) for t in times]
+        assert in_collision(pepper, np.tile(q, (3, 1)), world, times).tolist() == np.array(coal).tolist()
+        apart = [float(pk.collision.clearance(pepper, q, world.at(t), to="obstacles")) for t in times]
+        found = least_clearance(pepper, np.tile(q, (3, 1)), world, times, to="obstacles")
+        assert found.distance == pytest.approx(min(apart), abs=1e-5)
+    assert last in found.pair.names
+
+
+def test_memory_grows_with_the_number_of_obstacles_and_not_with_its_powers(pepper):
+    rng, sizes = np.random.default_rng(4), {}
+    for count in (24, 240):
+        groups = movers_of(pepper, crossing(rng, np.zeros(count)))
+        assert [item.name for group in groups for item in group.items] == [f"mover {k}" for k in range(count)]
+        assert max(group.columns.size for group in groups) < 5 * pepper.n
+        sizes[count] = sum(group.robot.pinocchio_model.nv**3 for group in groups)
+    assert sizes[240] == 10 * sizes[24]
 
 
 def test_what_is_refused(pepper):

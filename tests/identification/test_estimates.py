@@ -34,7 +34,12 @@ def actuators(pepper):
 def recorded(robot, excitation, actuators, seed=0, payload=None):
     """Return a run as encoders and torque sensors with noise tell it."""
     twin = pk.Twin(robot, 0.002, feedforward="none", actuators=actuators, payload=payload)
-    run, random = twin.execute(excitation.trajectory), np.random.default_rng(seed)
+    return noisy(robot, twin.execute(excitation.trajectory), seed)
+
+
+def noisy(robot, run, seed):
+    """Return a run as encoders and torque sensors with noise tell it."""
+    random = np.random.default_rng(seed)
     q = run.position + 1e-4 * random.normal(size=run.position.shape)
     torque = run.torque + 0.005 * robot.effort_limits * random.normal(size=run.torque.shape)
     return replace(run, position=q, torque=torque)
@@ -139,6 +144,38 @@ def test_a_planted_payload_is_found(pepper, excitation, actuators):
     assert high - low < 0.01
     assert "mass" in found.report()
     assert set(found.residual) == set(JOINTS)
+
+
+@pytest.mark.thorough
+def test_intervals_hold_the_truth_as_often_as_they_say(pepper, excitation, actuators):
+    """Noise drawn again on one recording whose own steps are fine: spread and share inside are counted."""
+    twin = pk.Twin(pepper, 0.0002, feedforward="none", actuators=actuators, payload={"left": 0.25})
+    fine = twin.execute(excitation.trajectory)
+    torque = fine.torque[1:].reshape(-1, 10, pepper.n).mean(axis=1)
+    every = {name: getattr(fine, name)[::10] for name in ("time", "position", "velocity")}
+    every |= {
+        f"reference_{name}": getattr(fine, f"reference_{name}")[::10] for name in ("position", "velocity")
+    }
+    torque = np.concatenate([fine.torque[:1], torque])
+    run = replace(fine, torque=torque, external_wrench=None, **every)
+    found = [estimate_payload(pepper, noisy(pepper, run, seed), "left", "left_arm") for seed in range(20)]
+    places = [pepper.joint_index(name) for name in JOINTS]
+    friction = [*actuators.viscous_friction[places], *actuators.coulomb_friction[places]]
+    true, ends = np.array([0.25, 0.0, 0.0, 0.0, *friction]), np.array([one.intervals for one in found])
+    inside = (ends[..., 0] <= true) & (true <= ends[..., 1])
+    assert inside.mean() > 0.9
+    assert inside.mean(axis=0).min() >= 0.6  # of 20 at 95 % fewer have a chance of 1e-7
+    spread = np.std([one.values for one in found], axis=0, ddof=1)
+    width = np.mean(ends[..., 1] - ends[..., 0], axis=0) / (3.92 * spread)
+    assert np.median(width) < 1.5
+
+
+def test_joints_that_turn_around_all_the_time_are_refused_by_name(pepper, excitation, actuators):
+    run = pk.Twin(pepper, 0.002, feedforward="none", actuators=actuators).execute(excitation.trajectory)
+    j, position = pepper.joint_index("LElbowRoll"), run.position.copy()
+    position[:, j] += 0.05 * np.sin(2 * np.pi * 6.0 * run.time) - position[:, j] + position[0, j]
+    with pytest.raises(InvalidValueError, match="LElbowRoll turns around all the time"):
+        estimate_payload(pepper, replace(run, position=position), "left", "left_arm")
 
 
 def test_a_load_beside_the_origin_of_a_frame_is_found_where_it_is(pepper, excitation, actuators):

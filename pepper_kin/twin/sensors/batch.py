@@ -233,7 +233,7 @@ class BatchSwitches:
             name: replace(item, velocity=_MOVING if name in bodies else np.zeros(3))
             for name, item in scene.objects.items()
         }
-        self._around: list[tuple[Scene, Movers | None]] = []
+        self._around: list[tuple[Scene, tuple[Movers, ...]]] = []
         for name in names or known:
             frame = known[name].frame
             pepper.frame_id(frame)
@@ -263,9 +263,9 @@ class BatchSwitches:
                 found_at = f"{len(given[name].position)} places"
                 raise InvalidValueError(f"body {name!r}", found_at, f"one for each of {len(states)} robots")
         found = np.empty((len(states), len(self._around)), bool)
-        for k, (standing, movers) in enumerate(self._around):
+        for k, (standing, groups) in enumerate(self._around):
             found[:, k] = in_collision(self._pads, states, standing)
-            if movers is not None:
+            for movers in groups:
                 places = [_place(given[item.name]) for item in movers.items]
                 joined = movers.joined(states, np.concatenate(places, axis=1))
                 found[:, k] |= in_collision(movers.robot, joined, movers.scene)
