@@ -49,7 +49,10 @@ class LimitCheck(FrozenArrays):
 
     @property
     def success(self) -> bool:
-        """Whether all joints keep within their limits."""
+        """Whether all joints keep within their limits: torques at the states examined.
+
+        What torques may use more in between is `resolution`, which does not count here.
+        """
         return bool(np.all(self.margin >= -self.tolerance))
 
     @property
@@ -123,7 +126,10 @@ class ScalarCheck:
 
     @property
     def success(self) -> bool:
-        """Whether the requirement holds everywhere."""
+        """Whether the requirement holds: clearance everywhere, balance and speeds at the states examined.
+
+        What balance and speeds may be worse by in between is `resolution`, which does not count here.
+        """
         return self.margin >= 0.0
 
     def sentence(self) -> str:
