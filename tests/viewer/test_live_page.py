@@ -67,7 +67,7 @@ def test_a_slider_moves_the_arm_in_picture_and_numbers(open_live, until, server,
     page = open_live(server.url)
     before, wrist = picture(page), page.evaluate(WRIST)
     page.locator("#LShoulderPitch").fill("-0.5")
-    q = pepper.posture("Stand")
+    q = pepper.default_posture()
     q[pepper.joint_index("LShoulderPitch")] = -0.5
     until(page, at(q))
     np.testing.assert_allclose(server.call(lambda session: session.q), q, atol=1e-12)
@@ -89,7 +89,7 @@ def test_every_joint_has_a_slider_with_its_limits(open_live, server, pepper):
         ".map((s) => [s.id, s.name, Number(s.min), Number(s.max), Number(s.value)])"
     )
     limits = zip(
-        pepper.joint_names, pepper.lower_limits, pepper.upper_limits, pepper.posture("Stand"), strict=True
+        pepper.joint_names, pepper.lower_limits, pepper.upper_limits, pepper.default_posture(), strict=True
     )
     for slider, (name, lower, upper, value) in zip(sliders, limits, strict=True):
         assert slider[:2] == [name, name]
@@ -129,7 +129,8 @@ def test_the_points_of_balance_are_where_dynamics_puts_them(open_live, until, se
     page = open_live(server.url, scale=0.5)
     page.click("#show-center_of_mass")
     page.locator("#HipPitch").fill("-0.4")
-    q = pepper.joint_vector({"HipPitch": -0.4})
+    q = pepper.default_posture()
+    q[pepper.joint_index("HipPitch")] = -0.4
     until(page, at(q))
     mass = pk.dynamics.center_of_mass(pepper, q)
     where = "pepperKin.parts.scene.place('@center of mass')"
