@@ -60,7 +60,7 @@ class NearWorld(NamedTuple):
     """Bodies and pairs of m that are compared, of a robot with n joints.
 
     Attributes:
-        examined: Whether any are; else there is no table.
+        examined: Whether any pairs are compared; if not, `table` is empty.
         table: The shapes and pairs.
         memory: For results of all pairs.
         movers: Which joints move the two of each pair against one another, shape (m, n).

@@ -20,8 +20,8 @@ from pepper_kin.model.moving_tree import MovingTree, moving_tree
 TABLES = "tree tables"
 """Where `pepper.kept` has the tables of each thread, of a robot that Pinocchio does not compute.
 
-The functions of this package look there first, and pass them to machine code with what they are given: the
-frequent case is (n,) arrays of floats within range.  All else is for `all_states`."""
+The functions of this package look there first and call machine code with these tables and their arguments.
+That serves the frequent case, (n,) arrays of floats within range; `all_states` serves all others."""
 
 SOLVERS = ("compiled", "pinocchio")
 """What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""

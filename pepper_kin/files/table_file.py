@@ -140,7 +140,7 @@ def column_names(path: PathName) -> list[str]:
     """Return the names of a table's columns, "time" first.
 
     Raises:
-        FileFormatError: for a file that is no table.
+        FileFormatError: The file is not a table.
     """
     if not is_parquet(path):
         return read_lines(path)[0]

@@ -514,6 +514,8 @@ class LiveMotion:
         return () if pair is None else pair.names
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
+        if not self._world.moving:
+            return False
         since = np.maximum(times + (now - self._seen), 0.0)
         own_speed = float((np.abs(states.velocity) @ self._reach).max())
         for movers, checker in self._world.moving:
