@@ -35,7 +35,9 @@ def coupled_limits(joints: list[Joint], full_map: Array, offset: Array) -> dict[
 
     Returns:
         "lower" and "upper" [rad or m], "velocity" and "acceleration" [rad/s or m/s, and per second], and
-        "effort" [N m or N], that of the leading joints: torques of followers are no torques of a coordinate.
+        "effort" [N m or N], that of the leading joints: it bounds what an actuator gives, and a follower has
+        none; what moves it comes through the coupling, as in Pinocchio's mimic joints, whose effort limits
+        have one entry per coordinate, and in MuJoCo, where `actuatorfrcrange` bounds actuators alone.
 
     Raises:
         ModelError: where the limits of a joint and those of its followers exclude each other, or a follower
@@ -87,7 +89,8 @@ def warn_of_followers(pepper: PepperModel) -> None:
     """Say which limits of coordinates are those of joints that follow them, and not their own.
 
     Warns:
-        ModelWarning: naming the coordinate, its followers, and each limit before and after.
+        ModelWarning: naming the coordinate, its followers, and each limit before and after; and a coordinate
+            without an effort limit whose followers have one, which binds nothing.
     """
     joints = {joint.name: joint for joint in pepper.document.joints}
     for column, name in enumerate(pepper.joint_names):
@@ -99,10 +102,21 @@ def warn_of_followers(pepper: PepperModel) -> None:
         if changed:
             message = f"joint {name}: {followers_of(pepper, name)} bind it: {', '.join(changed)}"
             warnings.warn(f"URDF: {message}", ModelWarning, stacklevel=5)
+        idle = [one for one in _followers(pepper, name) if np.isfinite(joints[one].effort)]
+        if idle and not np.isfinite(pepper.effort_limits[column]):
+            message = (
+                f"joint {name} has no effort limit; those of {', '.join(idle)}, which follow it, bind nothing"
+            )
+            warnings.warn(f"URDF: {message}", ModelWarning, stacklevel=5)
 
 
 def followers_of(pepper: PepperModel, name: str) -> str:
     """Return the joints that follow a coordinate, as text: "the limits of A, B, which follow it,"."""
+    return f"the limits of {', '.join(_followers(pepper, name))}, which follow it,"
+
+
+def _followers(pepper: PepperModel, name: str) -> list[str]:
+    """Return the joints that follow a coordinate, directly or through others."""
     joints = {joint.name: joint for joint in pepper.document.joints}
     found = []
     for joint in pepper.document.joints:
@@ -111,4 +125,4 @@ def followers_of(pepper: PepperModel, name: str) -> str:
             leader = joints[leader.mimic[0]]
         if leader.name == name and joint is not leader:
             found.append(joint.name)
-    return f"the limits of {', '.join(found)}, which follow it,"
+    return found

@@ -4,6 +4,7 @@ import warnings
 import xml.etree.ElementTree as ET
 
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
@@ -179,6 +180,26 @@ def test_what_is_narrowed_is_said_and_what_excludes_itself_is_refused():
     )
     with pytest.raises(ModelError, match="factor 0 and stands at 0"):
         pk.load_robot(stands)
+
+
+def test_effort_limits_of_followers_bind_nothing_as_in_pinocchio():
+    """Pinocchio's mimic joints add no entry to the effort limits, nor to the torques that these bound."""
+    urdf = two_joints(
+        'lower="-1" upper="1"', 'lower="-2" upper="2"', '<mimic joint="lead" multiplier="-2"/>'
+    ).replace('effort="9" velocity="2" lower="-2"', 'effort="0.01" velocity="4" lower="-2"')
+    assert urdf.count('effort="0.01"') == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ModelWarning)
+        robot = pk.load_robot(urdf, acceleration_limits=10.0)
+    model = pinocchio.buildModelFromXML(urdf, True)
+    np.testing.assert_allclose(robot.effort_limits, model.effortLimit)
+    q, v, a = np.array([0.3]), np.array([0.5]), np.array([4.0])
+    torque = pinocchio.rnea(model, model.createData(), q, v, a)
+    np.testing.assert_allclose(pk.dynamics.inverse_dynamics(robot, q, v, a), torque, atol=1e-12)
+    motion = pk.retime(robot, [[-0.5], [0.5]])
+    assert motion.check(robot, collisions=False).success
+    with pytest.warns(ModelWarning, match="lead has no effort limit; those of follow, which follow it"):
+        pk.load_robot(urdf.replace('effort="9"', ""), acceleration_limits=10.0)
 
 
 def test_rounding_of_a_text_narrows_nothing():
