@@ -16,7 +16,7 @@ class LimitCheck(FrozenArrays):
     """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
 
     Position, velocity, acceleration and jerk are polynomials, of which the extremes are found, wherever they
-    are.  Torques are known at the states examined, and between them to `resolution`.
+    are.  Torques are known at the states examined, and between them to `resolution`, which counts.
 
     Attributes:
         quantity: "position", "velocity", "acceleration", "jerk" or "torque".
@@ -30,6 +30,7 @@ class LimitCheck(FrozenArrays):
         tolerance: Violation that is taken for rounding.
         resolution: What the quantity may use more of its limit between the states examined, proven; zero
             where extremes are found.
+        allowance: What that bound may be beyond the limit.
     """
 
     quantity: str
@@ -42,18 +43,22 @@ class LimitCheck(FrozenArrays):
     time: Array
     tolerance: Array
     resolution: Array
+    allowance: Array
 
     def __post_init__(self) -> None:
-        for name in ("margin", "value", "lower", "upper", "time", "tolerance", "resolution"):
+        for name in ("margin", "value", "lower", "upper", "time", "tolerance", "resolution", "allowance"):
             object.__setattr__(self, name, kept_read_only(getattr(self, name)))
 
     @property
     def success(self) -> bool:
-        """Whether all joints keep within their limits: torques at the states examined.
+        """Whether all joints keep within their limits at the states examined, and to `allowance` between."""
+        inside, proven = self.margin >= -self.tolerance, self.resolution <= self._room
+        return bool(np.all(inside & proven))
 
-        What torques may use more in between is `resolution`, which does not count here.
-        """
-        return bool(np.all(self.margin >= -self.tolerance))
+    @property
+    def _room(self) -> Array:
+        """What is left for `resolution`; the margin may be less than zero by rounding."""
+        return np.maximum(self.margin, 0.0) + self.allowance
 
     @property
     def use(self) -> Array:
@@ -69,13 +74,14 @@ class LimitCheck(FrozenArrays):
 
     def sentence(self) -> str:
         """Say which joint comes nearest to its limit, and when."""
-        j = self.worst
+        unproven = (self.margin >= -self.tolerance) & (self.resolution > self._room)
+        j = int(np.argmax(unproven)) if unproven.any() and not self.margin.min() < 0 else self.worst
         if not np.isfinite(self.margin[j]):
             return f"{self.quantity}: no joint has a limit"
         outside = bool(self.margin[j] < -self.tolerance[j])
         word = "OUTSIDE" if outside else "inside"
         value, *limits = beside_limits(self.value[j], self.lower[j], self.upper[j], outside=outside)
-        between = _between(float(self.resolution[j]), self.units[j], "more")
+        between = _between(float(self.resolution[j]), self.units[j], "more", float(self._room[j]))
         return (
             f"{self.quantity}: {self.joint_names[j]} reaches {value} {self.units[j]} "
             f"at {self.time[j]:.3f} s, {abs(self.margin[j]):.3g} {self.units[j]} {word} "
@@ -113,6 +119,8 @@ class ScalarCheck:
         detail: What the value means, in words.
         resolution: What the value may be worse by between the states examined, proven [unit].
         limit: The greatest speed, or least clearance, allowed [unit]; None where only the margin says it.
+        allowance: What the bound between the states may be worse than the requirement by [unit]; infinite
+            where `margin` is that of the bound, or nothing lies between.
     """
 
     quantity: str
@@ -123,23 +131,22 @@ class ScalarCheck:
     detail: str
     resolution: float = 0.0
     limit: float | None = None
+    allowance: float = float("inf")
 
     @property
     def success(self) -> bool:
-        """Whether the requirement holds: clearance everywhere, balance and speeds at the states examined.
-
-        What balance and speeds may be worse by in between is `resolution`, which does not count here.
-        """
-        return self.margin >= 0.0
+        """Whether the requirement holds at the states examined, and between them to `allowance`."""
+        return self.margin >= 0.0 and self.resolution <= self.margin + self.allowance
 
     def sentence(self) -> str:
         """Say the worst value and when it occurs."""
         word = "" if self.success else "VIOLATED: "
-        between, limit = _between(self.resolution, self.unit, "worse"), ""
+        room = self.margin + self.allowance if self.margin >= 0.0 else float("inf")
+        between, limit = _between(self.resolution, self.unit, "worse", room), ""
         if self.limit is None:
             value = f"{self.value:.3g}"
         else:
-            value, limit = beside_limits(self.value, self.limit, outside=not self.success)
+            value, limit = beside_limits(self.value, self.limit, outside=self.margin < 0.0)
             least = self.quantity.endswith("clearance")
             limit = f", {limit} {self.unit} asked" if least else f", limit {limit} {self.unit}"
         words = f"{word}{value} {self.unit} {self.detail}{limit}"
@@ -266,13 +273,14 @@ class Certificate(BriefRepr):
         }
 
 
-def _between(resolution: float, unit: str, word: str) -> str:
+def _between(resolution: float, unit: str, word: str, room: float) -> str:
     """Say what is known between the states examined; nothing where it is all."""
     if resolution == 0.0:
         return ""
     if not np.isfinite(resolution):
         return "; nothing is known between the states examined"
-    return f"; between the states examined at most {resolution:.2g} {unit} {word}"
+    more = f", which proves no limit: {room:.2g} would" if resolution > room else ""
+    return f"; between the states examined at most {resolution:.2g} {unit} {word}{more}"
 
 
 def _plain(value: float) -> float | None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pepper_kin import kinematics
 from pepper_kin.arrays import Array
@@ -14,9 +13,7 @@ from pepper_kin.collision.checked_shapes import PairsTo
 from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_left_empty
 from pepper_kin.collision.loads import carrying
 from pepper_kin.collision.solids import not_negative
-from pepper_kin.core.certificates.polynomials import evaluate
 from pepper_kin.dynamics import inverse_dynamics
-from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.model import PepperModel
@@ -25,13 +22,19 @@ from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.trajectory.balance import floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.clearance_bound import Pieces, proven_clearance
+from pepper_kin.trajectory.examined_states import (
+    ALLOWANCE,
+    RELATIVE_TOLERANCE,
+    Examined,
+    derivatives,
+    examined_states,
+)
 from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
 from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.rate_bounds import CUT, RateBounds, cut
 from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import State, examination_step, sample_times
+from pepper_kin.trajectory.sampling import State, sample_times
 from pepper_kin.trajectory.stop import JUMP_TOLERANCE
 from pepper_kin.trajectory.wheels import WheelLimits
 
@@ -40,8 +43,9 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 
-RELATIVE_TOLERANCE = 1e-9  # of a limit, for rounding
 BALANCE_TOLERANCE = 1e-7  # [m]
+BALANCE_ALLOWANCE = 1e-4
+"""What the bound on the zero-moment point may lack between the states examined [m]."""
 _TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
 
 
@@ -67,7 +71,9 @@ def check(
     wherever that is (`pepper_kin.trajectory.extremes`).  Torques are computed by
     `pepper_kin.dynamics.newton_euler`, like balance and the speeds of hands and wheels, every millisecond and
     on both sides of every knot; what each may be worse by in between is proven and stated as `resolution`
-    (`pepper_kin.trajectory.rate_bounds`).  Nothing of this shares code with the core that times trajectories.
+    (`pepper_kin.trajectory.rate_bounds`), and counts: a bound may be 0.1 % of a torque's or speed's limit
+    beyond it, and lack 0.1 mm of balance.  Where a millisecond is too long to prove that, parts of it down to
+    a sixteenth are looked at.  Nothing of this shares code with the core that times trajectories.
     Positions and velocities (and accelerations, where jerk is limited) must be continuous at knots; the
     zero-moment point must lie in the triangle of the wheels.
 
@@ -104,11 +110,15 @@ def check(
         pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
         torque_scale=torque_scale, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene,
     )  # fmt: skip
-    examined = _examined(pepper, trajectory, limits.loads)
-    if pepper.solvers == "fast":
-        torque = newton_euler_of_motion(pepper, *examined.state, limits.loads)
-    else:
-        torque = inverse_dynamics(carrying(pepper, limits.loads), *examined.state)
+    examined = examined_states(pepper, trajectory, limits.loads)
+    carrier = None if pepper.solvers == "fast" else carrying(pepper, limits.loads)
+
+    def torque(state: State) -> Array:
+        """Return the torques of states, shape (T, n) [N m or N]."""
+        if carrier is None:
+            return np.asarray(newton_euler_of_motion(pepper, *state, limits.loads))
+        return np.asarray(inverse_dynamics(carrier, *state))
+
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     polygon = None if kept is None else support_polygon(pepper)
     allowed = limits.of(pepper, pepper.acceleration_limits, drives=True)
@@ -143,75 +153,6 @@ def check(
     )
 
 
-class _Examined(NamedTuple):
-    """States of a motion that are examined, and bounds on how it goes on between them.
-
-    Attributes:
-        step: Time between the regular ones [s].
-        time: When [s], shape (T,).
-        state: Arrays of shape (T, n).
-        part: Of `rates`, to which each state belongs, shape (T,).
-        gap: Longest time between successive states of each piece [s], shape (m,).
-        bounds: Bounds on second derivatives on the pieces.
-        rates: Bounds on |dq/dt| there, shape (m, n).
-        breaks: Ends of the pieces [s], shape (m + 1,).
-    """
-
-    step: float
-    time: Array
-    state: State
-    part: NDArray[np.intp]
-    gap: Array
-    bounds: RateBounds
-    rates: Array
-    breaks: Array
-
-    def at_most(self, size: Array, second: Array) -> Array:
-        """Return a bound on a quantity over the whole motion.
-
-        Args:
-            size: Its absolute values at the states, shape (T, ...).
-            second: Bounds on its second derivative on the pieces, shape (m, ...).
-        """
-        highest = np.zeros_like(second)
-        np.maximum.at(highest, self.part, size)
-        rise = second * (self.gap**2 / 8).reshape(-1, *[1] * (second.ndim - 1))
-        return np.asarray((highest + rise).max(axis=0))
-
-    def between(self, size: Array, second: Array) -> Array:
-        """Return what a quantity may be greater by between the states than at all of them, shape (...).
-
-        Args:
-            size: Its absolute values at the states, shape (T, ...).
-            second: Bounds on its second derivative on the pieces, shape (m, ...).
-        """
-        return np.maximum(self.at_most(size, second) - size.max(axis=0), 0.0)
-
-
-def _examined(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -> _Examined:
-    """Return states at every millisecond, and on both sides of every knot."""
-    step = examination_step(trajectory.duration)
-    parts = cut(trajectory, CUT * step)
-    regular, width = sample_times(trajectory.duration, step), np.diff(parts.breaks)
-    inside = np.clip(np.searchsorted(parts.breaks, regular, side="right") - 1, 0, width.size - 1)
-    every = np.arange(width.size)
-    part = np.concatenate([inside, every, every])
-    local = np.concatenate([regular - parts.breaks[inside], 0 * width, width])
-    time = np.concatenate([regular, parts.breaks[:-1], parts.breaks[1:]])
-    state = _derivatives(trajectory, parts.segment[part], parts.offset[part] + local, 3)
-    bounds = RateBounds(pepper, parts.rates, loads)
-    return _Examined(
-        step, time, State(*state), part, np.minimum(width, step), bounds, parts.rates[1], parts.breaks
-    )
-
-
-def _derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
-    """Return value and first derivatives of the polynomials, shape (T, n) each."""
-    state = np.empty((count, segment.size, trajectory.n))
-    evaluate(trajectory.coefficients, segment, local, state)
-    return list(state)
-
-
 def _at_extremes(
     pepper: PepperModel, quantity: str, trajectory: Trajectory, order: int, lower: Array, upper: Array
 ) -> LimitCheck:
@@ -224,13 +165,16 @@ def _at_extremes(
     return _limit_check(pepper, quantity, (margin, value, time), lower, upper, np.zeros(pepper.n))
 
 
-def _torque(pepper: PepperModel, examined: _Examined, torque: Array, limit: Array) -> LimitCheck:
-    """Compare torques at the states, shape (T, n), with limits, shape (n,), all [N m or N]."""
-    joints = np.arange(pepper.n)
+def _torque(
+    pepper: PepperModel, examined: Examined, torque_of: Callable[[State], Array], limit: Array
+) -> LimitCheck:
+    """Compare torques of states, shape (T, n), with limits, shape (n,), all [N m or N]."""
+    joints, torque = np.arange(pepper.n), torque_of(examined.state)
     at = np.argmax(np.abs(torque), axis=0)
     value = torque[at, joints]
     worst = limit - np.abs(value), value, examined.time[at]
-    between = examined.between(np.abs(torque), examined.bounds.torque())
+    second = examined.bounds.torque()
+    between = examined.between(lambda state: np.abs(torque_of(state)), np.abs(torque), second, limit)
     return _limit_check(pepper, "torque", worst, -limit, limit, np.where(np.isfinite(limit), between, 0.0))
 
 
@@ -260,14 +204,15 @@ def _limit_check(
         time=time,
         tolerance=tolerance,
         resolution=resolution,
+        allowance=np.where(np.isfinite(upper), ALLOWANCE * upper, 0.0) if quantity == "torque" else 0 * value,
     )
 
 
 def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
     quantity = ("position", "velocity", "acceleration")[order]
     step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
-    before = _derivatives(trajectory, segments[:-1], step[:-1], order + 1)[-1]
-    after = _derivatives(trajectory, segments[1:], 0.0 * step[1:], order + 1)[-1]
+    before = derivatives(trajectory, segments[:-1], step[:-1], order + 1)[-1]
+    after = derivatives(trajectory, segments[1:], 0.0 * step[1:], order + 1)[-1]
     jumps = np.abs(after - before)
     worst, time, joint = 0.0, 0.0, trajectory.joint_names[0]
     if jumps.size:
@@ -279,26 +224,39 @@ def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
     return ScalarCheck(f"{quantity} continuity", JUMP_TOLERANCE - worst, worst, time, unit, detail)
 
 
-def _balance(pepper: PepperModel, polygon: Array, examined: _Examined, limits: MotionLimits) -> ScalarCheck:
+def _balance(pepper: PepperModel, polygon: Array, examined: Examined, limits: MotionLimits) -> ScalarCheck:
     """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
-    wrench = floor_wrench(pepper, *examined.state, limits.loads)
-    margin = margin_of_wrench(pepper, polygon, examined.state.position, wrench)
+
+    def margins(of: Examined) -> tuple[Array, Array]:
+        """Return the distances at states [m], and the floor's force there [N], shape (T,) each."""
+        wrench = floor_wrench(pepper, *of.state, limits.loads)
+        return np.asarray(margin_of_wrench(pepper, polygon, of.state.position, wrench)), wrench[:, 2]
+
+    def bound(of: Examined) -> Array:
+        """Return bounds on -distance on the pieces [m], shape (m, 1)."""
+        return -_least_balance(polygon, of, *margins(of))[:, None]
+
+    margin, force = margins(examined)
     at = int(np.argmin(margin))
-    worst = float(margin[at])
+    worst, least = float(margin[at]), limits.balance or 0.0
+    most = BALANCE_ALLOWANCE - least if worst - least + BALANCE_TOLERANCE >= 0 else np.inf
+    proven = examined.proven(
+        -_least_balance(polygon, examined, margin, force)[:, None], bound, np.array([most])
+    )
     detail = "from the zero-moment point to the edge of the wheels' triangle (negative: outside)"
     return ScalarCheck(
-        "balance", worst - (limits.balance or 0.0) + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m",
-        detail, _balance_between(polygon, examined, margin, wrench[:, 2]),
+        "balance", worst - least + BALANCE_TOLERANCE, worst, float(examined.time[at]), "m",
+        detail, max(float(proven[0]) + worst, 0.0), allowance=BALANCE_ALLOWANCE,
     )  # fmt: skip
 
 
-def _balance_between(polygon: Array, examined: _Examined, margin: Array, force: Array) -> float:
-    """Return what the zero-moment point may be nearer to an edge by between the states [m].
+def _least_balance(polygon: Array, examined: Examined, margin: Array, force: Array) -> Array:
+    """Return what the zero-moment point's distance from an edge is at least on the pieces [m], shape (m,).
 
-    Its distance is h / f, of an edge moment over the floor's force, both of which lie between their values at
-    two states to b g^2 / 8, with b the bound on the second derivative and g the gap.  The quotient of the
-    lines between these values is nowhere below its lesser end d, so that the distance is at least
-    d - (e_h + |d| e_f) / (f - e_f).
+    It is h / f, of an edge moment over the floor's force, both of which lie between their values at two
+    states to b g^2 / 8, with b the bound on the second derivative and g the gap.  The quotient of the lines
+    between these values is nowhere below its lesser end d, so that the distance is at least
+    d - (e_h + |d| e_f) / (f - e_f); -inf where the floor's force may vanish.
 
     Args:
         polygon: Corners of the support polygon [m], shape (3, 2).
@@ -314,60 +272,76 @@ def _balance_between(polygon: Array, examined: _Examined, margin: Array, force: 
     np.minimum.at(nearest, examined.part, margin)
     np.minimum.at(lightest, examined.part, force)
     left = lightest - force_error
-    if not (np.isfinite(nearest).all() and (left > 0).all()):
-        return float("inf")
-    least = nearest - (edge_error + np.abs(nearest) * force_error) / left
-    return max(float(margin.min() - least.min()), 0.0)
+    known = np.isfinite(nearest) & (left > 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(known, nearest - (edge_error + np.abs(nearest) * force_error) / left, -np.inf)
 
 
-def _speed(pepper: PepperModel, examined: _Examined, speeds: AtFrames) -> ScalarCheck:
+def _speed(pepper: PepperModel, examined: Examined, speeds: AtFrames) -> ScalarCheck:
     """Compare the speeds of frames, by Jacobians, with their limits; report the one that uses most."""
     found = []
     for frame, limit in speeds:
-        jacobian = kinematics.frame_jacobian(pepper, examined.state.position, frame)[:, :3]
-        speed = np.linalg.norm(np.einsum("tij,tj->ti", jacobian, examined.state.velocity), axis=1)
+
+        def speed_of(state: State, frame: str = frame) -> Array:
+            """Return the frame's speed at states [m/s], shape (T, 1)."""
+            jacobian = kinematics.frame_jacobian(pepper, state.position, frame)[:, :3]
+            return np.linalg.norm(np.einsum("tij,tj->ti", jacobian, state.velocity), axis=1, keepdims=True)
+
+        size, second = speed_of(examined.state), examined.bounds.frame_speed(frame)[:, None]
+        speed, most = size[:, 0], np.array([limit])
         at = int(np.argmax(speed))
-        between = float(examined.between(speed, examined.bounds.frame_speed(frame)))
+        between = float(examined.between(speed_of, size, second, most)[0])
         found.append(
             (float(speed[at]) / limit, float(speed[at]), limit, float(examined.time[at]), frame, between)
         )
     _, value, limit, time_at, frame, between = max(found)
     margin = limit * (1 + RELATIVE_TOLERANCE) - value
-    return ScalarCheck("hand speed", margin, value, time_at, "m/s", f"of {frame}", between, limit)
+    return ScalarCheck(
+        "hand speed", margin, value, time_at, "m/s", f"of {frame}", between, limit, ALLOWANCE * limit
+    )
 
 
-def _wheels(examined: _Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
+def _wheels(examined: Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
     """Compare speeds and accelerations of wheels, and the speed of the base, with their limits."""
-    q, v, a = examined.state
     along, side = np.hypot(wheels.rows[:, 0], wheels.rows[:, 1]), np.abs(wheels.rows[:, 2])
+    Size = Callable[[State], Array]
 
-    def worst(name: str, size: Array, second: Array, limit: float, names: tuple[str, ...], unit: str) -> Any:
+    def worst(name: str, of: Size, second: Array, limit: float, names: tuple[str, ...], unit: str) -> Any:
         """Return the check of sizes, shape (T, w), with second derivatives of at most `second`, (m, w)."""
+        size = of(examined.state)
         at, row = np.unravel_index(int(np.argmax(size)), size.shape)
-        value, between = float(size[at, row]), float(examined.between(size, second)[row])
+        most = np.full(size.shape[1], limit)
+        value, between = float(size[at, row]), examined.between(of, size, second, most)
+        highest = size.max(axis=0) + between
         margin = limit * (1 + RELATIVE_TOLERANCE) - value
         when, which = float(examined.time[at]), f"of {names[row]}"
-        return ScalarCheck(name, margin, value, when, unit, which, between, limit)
+        beyond = float(highest.max()) - value
+        return ScalarCheck(name, margin, value, when, unit, which, beyond, limit, ALLOWANCE * limit)
 
     found = {}
-    for name, size, order, limit in (
-        ("wheel speed", np.abs(wheels.speeds(q, v)), 2, wheels.speed),
-        ("wheel acceleration", np.abs(wheels.accelerations(q, v, a)), 3, wheels.acceleration),
+    for name, size_of, order, limit in (
+        ("wheel speed", lambda state: np.abs(wheels.speeds(*state[:2])), 2, wheels.speed),
+        ("wheel acceleration", lambda state: np.abs(wheels.accelerations(*state)), 3, wheels.acceleration),
     ):
         linear, turning = examined.bounds.twist(order)
         second = linear[:, None] * along + turning[:, None] * side
         unit = f"{wheels.unit}/s" + ("^2" if order == 3 else "")
-        found[name.replace(" ", "_")] = worst(name, size, second, limit, wheels.names, unit)
+        found[name.replace(" ", "_")] = worst(name, size_of, second, limit, wheels.names, unit)
     linear, turning = examined.bounds.twist(2)
-    base, second = wheels.base_speeds(q, v)[:, None], (linear + wheels.lever * turning)[:, None]
-    found["base_speed"] = worst("base speed", base, second, wheels.base_speed, ("the base",), "m/s")
+    second = (linear + wheels.lever * turning)[:, None]
+
+    def base_speed(state: State) -> Array:
+        """Return the base's speed, shape (T, 1) [m/s]."""
+        return np.asarray(wheels.base_speeds(*state[:2]))[:, None]
+
+    found["base_speed"] = worst("base speed", base_speed, second, wheels.base_speed, ("the base",), "m/s")
     return found
 
 
 def _clearance(
     pepper: PepperModel,
     trajectory: Trajectory,
-    examined: _Examined,
+    examined: Examined,
     scene: Scene,
     start_time: float,
     margin: float | None,

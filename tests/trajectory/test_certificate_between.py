@@ -1,12 +1,14 @@
-"""Clearance between the states that are examined: coal at a hundredth of a millisecond is the reference."""
+"""Certificates between the states examined: coal and Pinocchio at a hundredth of a millisecond decide."""
 
 import re
 
 import numpy as np
+import pinocchio
 import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +79,53 @@ def test_a_margin_is_proven_or_not_kept(pepper, swing):
         assert (float(value) >= float(asked)) == kept
     with pytest.raises(InvalidValueError, match="margin"):
         swing.check(pepper, scene, margin=-0.01)
+
+
+def highest(pepper, motion):
+    """Return the greatest shares of torque limits, (n,), and speed of the left hand [m/s], by Pinocchio."""
+    model, share, speed = pepper.pinocchio_model, np.zeros(pepper.n), 0.0
+    data, frame = model.createData(), model.getFrameId("LArm_effector")
+    for q, v, a in zip(*motion(np.arange(0.0, motion.duration, 2e-5)), strict=True):
+        share = np.maximum(share, np.abs(pinocchio.rnea(model, data, q, v, a)) / model.effortLimit)
+        pinocchio.forwardKinematics(model, data, q, v)
+        speed = max(speed, np.linalg.norm(pinocchio.getFrameVelocity(model, data, frame).linear))
+    return share, speed
+
+
+def test_torques_and_speeds_are_certified_up_to_their_limits_and_no_further(pepper):
+    """With 0.1 % to spare they pass, 0.2 % above the limit they do not."""
+    rng = np.random.default_rng(8)
+    low, high = pepper.lower_limits, pepper.upper_limits
+    for _ in range(2):
+        goal = low + (high - low) * rng.uniform(0.2, 0.8, pepper.n)
+        motion = pk.retime(pepper, [pepper.posture("Stand"), goal])
+        share, speed = highest(pepper, motion)
+        for factor, kept in ((1 / (1 - 1e-3), True), (1 / (1 + 2e-3), False)):
+            found = motion.check(
+                pepper,
+                collisions=False,
+                torque_scale=share.max() * factor,
+                hand_speed={"left": speed * factor},
+            )
+            assert found.torque.success == kept, found.torque.sentence()
+            assert found.hand_speed.success == kept, found.hand_speed.sentence()
+
+
+@pytest.mark.parametrize(("use", "kept"), [(1.3, False), (1.002, False), (0.7, True)])
+def test_a_torque_that_rises_and_falls_between_two_states_counts(pepper, use, kept):
+    """The head turns by a jolt of one millisecond, whose acceleration is zero at both of its ends."""
+    start, j, step = pepper.posture("Stand"), pepper.joint_index("HeadYaw"), 1e-3
+    inertia = pk.dynamics.mass_matrix(pepper, start)[j, j]
+    rise = 4 * use * pepper.effort_limits[j] / inertia  # a = rise u (1 - u), u = t / step
+    coefficients = np.zeros((3, 5, pepper.n))
+    coefficients[:, 0] = start
+    coefficients[1, 3:, j] = rise / (6 * step), -rise / (12 * step**2)
+    coefficients[2, :2, j] = start[j] + rise * step**2 / 12, rise * step / 6
+    breaks = [0.0, 0.01, 0.01 + step, 0.02]
+    jolt = Trajectory(pepper.joint_names, breaks, coefficients, pepper.joint_units)
+    assert highest(pepper, jolt)[0][j] == pytest.approx(use, rel=1e-3)
+    found = jolt.check(pepper, collisions=False).torque
+    assert np.abs(found.value[j]) < 0.1 * found.upper[j]
+    assert found.success == kept
+    assert ("proves no limit" in found.sentence()) == (not kept)
+    assert found.resolution[j] >= (use - 0.1) * found.upper[j]
