@@ -4,10 +4,11 @@ Scenarios FIRST to LAST - 1 are recorded with the twin: a hand or wrist that car
 whose actuators have friction, rotors and stiffness of 0.7 to 1.4 of the usual, on a motion of its arm or of
 all joints.  Each recording gets the noise of encoders and torque sensors `DRAWS` times, and each of these is
 one run: payload and friction are estimated, and stiffness from a recording without load.  What was found is
-appended to ROWS.csv; `python benchmarks/estimates.py ROWS.csv` prints its table.
+appended to ROWS.csv; `python benchmarks/estimates.py ROWS.csv` prints its table.  A fourth argument,
+`payload` or `stiffness`, leaves the other out; `exact` has stiffness of servos whose encoders have no steps.
 
 The width of an interval is compared with that of 95 % of the estimates from the noise drawn again on the same
-recording (a bootstrap with the true errors), 3.92 standard deviations of them.
+recording (a bootstrap with the true errors), 3.92 standard deviations of them; of stiffness, those of 1 / Kp.
 """
 
 import csv
@@ -27,8 +28,8 @@ STEP, FINER = 0.002, 10  # [s]; the twin's own steps are finer, and their error 
 MOTIONS = 3  # for each set of joints
 
 
-def scenario(pepper, number, motions):
-    """Return a recording without noise, the frame, the joints and what is true."""
+def scenario(pepper, number, motions, exact=False):
+    """Return recordings without noise, the frame, the joints and what is true."""
     rng = np.random.default_rng(number)
     side, whole, wrist = ("left", "right")[number % 2], number % 5 == 4, number % 4 > 1
     moved = None if whole else f"{side}_arm"
@@ -42,6 +43,8 @@ def scenario(pepper, number, motions):
         name: getattr(usual, name) * rng.uniform(0.7, 1.4, pepper.n)
         for name in ("viscous_friction", "coulomb_friction", "rotor_inertia", "stiffness")
     }
+    if exact:
+        changed["encoder_resolution"] = np.zeros(pepper.n)
     actuators, mass = replace(usual, **changed), float(rng.uniform(0.05, 0.4))
     motion = motions[key]
     heavy, light = (
@@ -76,19 +79,22 @@ def noisy(pepper, run, rng):
     return replace(run, position=q, torque=torque)
 
 
-def record(first, last, path):
+def record(first, last, path, only=""):
     """Append a row for each parameter of each run: scenario, draw, name, true value, value and interval."""
     pepper, motions = pk.load_pepper(), {}
     with open(path, "a", newline="") as file:
         writer = csv.writer(file)
         for number in range(first, last):
-            heavy, light, frame, joints, true = scenario(pepper, number, motions)
+            heavy, light, frame, joints, true = scenario(pepper, number, motions, only == "exact")
             for draw in range(DRAWS):
                 rng = np.random.default_rng((number, draw))
-                for found in (
-                    identification.estimate_payload(pepper, noisy(pepper, heavy, rng), frame, joints),
-                    identification.estimate_stiffness(pepper, noisy(pepper, light, rng), joints),
-                ):
+                heavy_read, light_read = noisy(pepper, heavy, rng), noisy(pepper, light, rng)
+                estimates = []
+                if only in ("", "payload"):
+                    estimates.append(identification.estimate_payload(pepper, heavy_read, frame, joints))
+                if only != "payload":
+                    estimates.append(identification.estimate_stiffness(pepper, light_read, joints))
+                for found in estimates:
                     for name, value, ends in zip(found.names, found.values, found.intervals, strict=True):
                         writer.writerow([number, draw, name, true[name], value, *ends])
             file.flush()
@@ -99,7 +105,10 @@ def table(path):
     known = defaultdict(lambda: defaultdict(list))
     with open(path, newline="") as file:
         for number, _, name, *numbers in csv.reader(file):
-            known[name.rpartition(".")[2]][number, name].append([float(one) for one in numbers])
+            row, kind = [float(one) for one in numbers], name.rpartition(".")[2]
+            if kind == "stiffness":  # estimated as compliance, in which intervals are symmetric
+                row = [1 / row[0], 1 / row[1], 1 / row[3], 1 / row[2]]
+            known[kind][number, name].append(row)
     print("| parameter | runs | inside | least of a scenario | width over the spread | worst | shift |")
     print("|---|---|---|---|---|---|---|")
     for kind, scenarios in known.items():
@@ -118,4 +127,4 @@ def table(path):
 
 
 if __name__ == "__main__":
-    record(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]) if len(sys.argv) > 2 else table(sys.argv[1])
+    record(int(sys.argv[1]), int(sys.argv[2]), *sys.argv[3:]) if len(sys.argv) > 2 else table(sys.argv[1])

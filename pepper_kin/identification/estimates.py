@@ -73,7 +73,9 @@ def estimate_stiffness(
         q_ref - q = tau / Kp + k_1 dq_ref/dt + k_2 dq/dt + k_3 d2q/dt2 + k_4 sign(dq/dt),
 
     where k_1 to k_4 stand for damping, friction, the rotor's inertia and a latency (to its first order).
-    Noise of the encoders is on the left side alone and does not shift 1 / Kp.
+    Noise of the encoders is on the left side alone and does not shift 1 / Kp.  What their steps leave in the
+    servo's error is the same in each recording of a motion: intervals come from long blocks, over which it
+    changes.
 
     Args:
         pepper: The robot, with what its description says of masses.
@@ -102,7 +104,7 @@ def estimate_stiffness(
     for j, name in enumerate(names):
         i = data.moving[j]
         columns = np.column_stack([torque[:, i], speed[:, j], acceleration[:, i], friction[:, j, j::k]])
-        found = solve(data, columns[:, None], error[:, [j]], sliding[:, [j]])
+        found = solve(data, columns[:, None], error[:, [j]], sliding[:, [j]], long_blocks=True)
         (low, high), compliance = found.intervals[0], found.values[0]
         values[j], residual[name] = 1.0 / compliance, float(found.residual[0] / abs(compliance))
         intervals[j] = (1.0 / high if high > 0 else np.inf), (1.0 / low if low > 0 else np.inf)

@@ -23,6 +23,7 @@ CUTOFF = 8.0
 _ORDER = 4  # of the filter, which goes forth and back
 _EDGE = 1.0  # x 1 / cutoff: time that is left out at either end, where the filter settles
 _PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice the time over which they go together
+_LONG = 4.0  # x the length of a block, of blocks over which an encoder's steps go together too
 _AROUND = 0.8  # x 1 / cutoff: time before and after a reversal in which friction is not what columns say
 _SLOW = 0.05  # of the greatest speed of a joint, below which its direction is uncertain
 _HUBER, _ROUNDS = 2.0, 6
@@ -156,17 +157,32 @@ class Solution(NamedTuple):
         return np.asarray(np.column_stack([self.values - half, self.values + half]))
 
 
-def solve(data: RecordedMotion, columns: Array, target: Array, counts: NDArray[np.bool_]) -> Solution:
+def solve(
+    data: RecordedMotion,
+    columns: Array,
+    target: Array,
+    counts: NDArray[np.bool_],
+    *,
+    long_blocks: bool = False,
+) -> Solution:
     """Return x of columns x = target by weighted least squares, robust against outliers (Huber).
 
     Rows of a joint are over the spread of its residuals.  Residuals follow one another in time, so their
-    covariance is that of sums over blocks (Liang and Zeger, Biometrika 73, 1986).
+    covariance is that of sums over blocks (Liang and Zeger, Biometrika 73, 1986), with H = sum_b H_b and s_b
+    the sum of block b,
+
+        C = H^-1 sum_b s_b s_b^T H^-1 B / (B - p).
+
+    Long blocks are few, and each pulls the solution towards itself; s_b becomes (1 - H_b H^-1)^-1 s_b, which
+    leaves the block out, and the last factor (B - 1) / B (the jackknife; Bell and McCaffrey, Survey
+    Methodology 28, 2002).
 
     Args:
         data: The recording.
         columns: Shape (T, k, p).
         target: [N m or N], shape (T, k).
         counts: Which rows count, shape (T, k).
+        long_blocks: Whether blocks are as long as leaves enough of them, up to `_LONG` times the usual.
 
     Raises:
         InvalidValueError: for a recording with too few blocks for so many parameters.
@@ -175,6 +191,8 @@ def solve(data: RecordedMotion, columns: Array, target: Array, counts: NDArray[n
     columns, target, counts = columns[edge:-edge], target[edge:-edge], counts[edge:-edge]
     p = columns.shape[2]
     length = max(int(_PER_BLOCK / (data.cutoff * data.step)), 1)
+    if long_blocks:
+        length = max(min(int(_LONG * length), len(target) // (p + 8)), length)
     blocks = len(target) // length
     if blocks < p + 8:
         needed = ((p + 8) * _PER_BLOCK + 2 * _EDGE) / data.cutoff
@@ -195,10 +213,17 @@ def solve(data: RecordedMotion, columns: Array, target: Array, counts: NDArray[n
     weighted = columns * weight[..., None]
     inverse = np.linalg.pinv(np.einsum("tkp,tkq->pq", weighted / scale, columns / scale), hermitian=True)
     scores = np.einsum("tkp,tk->tp", weighted / scale, left).reshape(blocks, length, p).sum(axis=1)
-    covariance = inverse @ (scores.T @ scores) @ inverse * (blocks / (blocks - p))
+    used, share = blocks, blocks / (blocks - p)
+    if long_blocks:
+        own = np.einsum("tkp,tkq->tpq", weighted / scale, columns / scale).reshape(blocks, length, p, p)
+        without = np.eye(p) - own.sum(axis=1) @ inverse
+        scores = np.einsum("bpq,bq->bp", np.linalg.pinv(without), scores)
+        used = max(int(counts.reshape(blocks, -1).any(axis=1).sum()), p + 1)
+        share = (used - 1) / used
+    covariance = inverse @ (scores.T @ scores) @ inverse * share
     return Solution(
         values,
         covariance / np.outer(scale, scale),
-        float(stats.t.ppf(0.975, blocks - p)),
+        float(stats.t.ppf(0.975, used - p)),
         np.sqrt(np.sum(left**2, axis=0) / np.count_nonzero(counts, axis=0)),
     )

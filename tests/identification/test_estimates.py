@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError, UnknownNameError
@@ -14,6 +15,7 @@ from pepper_kin.identification import (
     estimate_stiffness,
     excitation_motion,
 )
+from pepper_kin.identification.recorded_motion import RecordedMotion, solve
 from pepper_kin.twin import actuator_parameters
 
 JOINTS = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw")
@@ -105,7 +107,7 @@ def test_planted_stiffness_is_found(pepper, excitation, actuators):
     ]
     planted = {f"{j}.stiffness": actuators.stiffness[pepper.joint_index(j)] for j in JOINTS}
     off = np.concatenate([misses(one, planted) for one in found])
-    assert np.mean(off < 1) >= 0.75  # what the resolution of encoders does is the same for all four
+    assert np.mean(off < 1) >= 0.9  # what the resolution of encoders does is the same for all four
     assert off.max() < 2
     width = np.ptp(found[0].intervals, axis=1) / found[0].values
     assert width.max() < 0.3
@@ -168,6 +170,26 @@ def test_intervals_hold_the_truth_as_often_as_they_say(pepper, excitation, actua
     spread = np.std([one.values for one in found], axis=0, ddof=1)
     width = np.mean(ends[..., 1] - ends[..., 0], axis=0) / (3.92 * spread)
     assert np.median(width) < 1.5
+
+
+def test_long_blocks_hold_the_truth_where_errors_last_and_blocks_are_few():
+    """Planted parameters, and errors that change over a quarter of a second: 95 % intervals of 140 draws."""
+    rng, step, count = np.random.default_rng(4), 0.002, 5000
+    data = RecordedMotion(None, (), [], step, 8.0, *[np.empty(0)] * 4)
+    slow = signal.butter(2, 2.5, fs=1 / step, output="sos")
+    fast = signal.butter(4, 8.0, fs=1 / step, output="sos")
+    true, inside = np.array([1.0, -0.5, 0.2, 2.0]), {False: 0, True: 0}
+    for _ in range(140):
+        columns = signal.sosfiltfilt(slow, rng.normal(size=(count, 4)), axis=0)
+        errors = [signal.sosfiltfilt(one, rng.normal(size=count)) for one in (slow, fast)]
+        target = columns @ true + errors[0] + 0.3 * errors[1]
+        for long in inside:
+            found = solve(
+                data, columns[:, None], target[:, None], np.ones((count, 1), dtype=bool), long_blocks=long
+            )
+            inside[long] += np.sum(np.abs(found.values - true) <= np.ptp(found.intervals, axis=1) / 2)
+    assert 0.9 <= inside[True] / 560 <= 0.98
+    assert inside[False] / 560 < 0.88  # the usual blocks are too short for such errors
 
 
 def test_joints_that_turn_around_all_the_time_are_refused_by_name(pepper, excitation, actuators):
