@@ -45,7 +45,6 @@ PURPOSES: Mapping[str, str] = {
     "toppra": 'timing by `solver="toppra"`',
     "cmeel-urdfdom": "what placo is built against",
     "cmeel-tinyxml2": "the parser of XML that placo is built against",
-    "example-robot-data": "other robots to try",
     "pandas": "tables",
     "matplotlib": "plots",
     "av": "films as MP4",

@@ -1,13 +1,15 @@
 """Every Python block of the documentation runs, page by page, in the order in which it stands.
 
 Blocks marked `py` need other libraries: they are shown, and not run.  Every motion that a page makes passes
-its certificate, and the twin follows it.
+its certificate, and the twin follows it.  A page that names no extra runs without the packages of extras.
 """
 
+import importlib
 import re
 from pathlib import Path
 
 import pytest
+from core_packages import extra_modules, hide_extras
 from examined_motions import run_examined
 
 ROOT = Path(__file__).parents[2]
@@ -37,9 +39,20 @@ RUNNING = [
 @pytest.mark.parametrize("page", RUNNING)
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    hide_extras(page.read_text(encoding="utf-8"), monkeypatch)
     namespace: dict[str, object] = {"__name__": "page"}
     faults = [run_examined("\n" * line + text, str(page), namespace) for line, text in blocks(page)]
     assert sum(map(len, faults)) == 0, faults
+
+
+def test_packages_of_extras_are_hidden_from_pages_that_name_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert extra_modules() >= {"gymnasium", "matplotlib", "mujoco", "ompl", "placo", "toppra"}
+    assert not extra_modules() & {"casadi", "numba", "pinocchio", "coal", "pytest"}
+    hide_extras('needs `pip install -e ".[full]"`', monkeypatch)
+    importlib.import_module("toppra")
+    hide_extras("needs nothing", monkeypatch)
+    with pytest.raises(ImportError):
+        importlib.import_module("toppra")
 
 
 @pytest.mark.parametrize("page", sorted((DOCS / "coming_from").glob("*.md")), ids=lambda page: page.stem)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from broken_library import FUNCTIONS, LibraryCalled, places_of, raising
 from typer.main import get_command
@@ -65,17 +66,30 @@ def test_a_check_fails_where_a_library_that_it_names_raises(
         run("check", command, *arguments, cwd=tmp_path)
 
 
-def test_all_libraries_that_checks_name_are_tried():
+def test_all_libraries_that_checks_name_are_tried(run, tmp_path):
+    """By their help, by what the page shows of them, and by what those print that it does not show."""
     page = (ROOT / "docs" / "validation.md").read_text("utf-8")
     sections = dict(
         re.findall(r"^## `pepper-kin check (\w+)`$(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
     )
     commands = get_command(app).commands
     assert sections.keys() < commands.keys()
+    joints = ("RShoulderPitch", "HeadYaw")
+    header = "time," + ",".join(f"{joint}_{end}" for joint in joints for end in ("command", "measured"))
+    time = np.arange(0.0, 4.0, 0.02)
+    rows = np.column_stack([time, np.tile(0.1 * np.sin(time)[:, None], 4)])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=header, comments="")
+    calls = {"model": [], "limits": [], "log": ["log.csv"]}
+    assert sections.keys() | calls.keys() == commands.keys()
+    printed = {name: run("check", name, *files, cwd=tmp_path).stdout for name, files in calls.items()}
+    assert all(printed.values())
     names = {
         (name, library)
         for name, command in commands.items()
-        for library in named(f"{command.help} {sections.get(name, '')}")
+        for library in named(
+            f"{command.help} {' '.join(p.help or '' for p in command.params if hasattr(p, 'help'))} "
+            f"{sections.get(name) or printed[name]}"
+        )
     }
     assert {("dynamics", "Pinocchio"), ("physics", "MuJoCo")} <= names
     assert names <= {check[:2] for check in CHECKS}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from core_packages import hide_extras
 from examined_motions import examine
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -101,6 +102,7 @@ def test_a_recipe_runs_by_itself_and_prints_what_it_says(
     recipe: Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    hide_extras(recipe.text, monkeypatch)
     (block,) = BLOCK.findall(recipe.text)
     assert len(block.splitlines()) <= MOST_LINES
     for words, printed in run(block):
