@@ -22,7 +22,8 @@ def load(urdf, srdf):
     package = importlib.metadata.distribution("example-robot-data")
     share = Path(package.locate_file("cmeel.prefix/share"))
     robots = share / "example-robot-data" / "robots"
-    return pk.load_robot(robots / urdf, robots / srdf, [share])
+    semantics = None if srdf is None else robots / srdf
+    return pk.load_robot(robots / urdf, semantics, [share], acceleration_limits=5.0)
 
 
 class Case:
@@ -174,3 +175,20 @@ def test_ik_tasks_as_goal(case):
     reached = pk.kinematics.frame_pose(case.robot, plan.goal, frame)[:3, 3]
     assert np.linalg.norm(reached - target) < 1e-3
     assert_free(case, along(case.robot, plan.path)[::4])
+
+
+@pytest.mark.thorough
+def test_what_stands_near_is_left_to_coal():
+    """Hulls of links that do not move overlap, the meshes do not: straight ways that are free are plans."""
+    robot = load("tiago_description/robots/tiago_no_hand.urdf", None)
+    rest = robot.joint_vector(
+        {"arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_3_joint": -1.0, "torso_lift_joint": 0.15}
+    )
+    exact, rng, solved = pk.collision.checker_for(robot, None), np.random.default_rng(3), 0
+    for turn, other in rng.uniform((1.6, 1.6), (1.9, 1.9), (20, 2)):
+        start, goal = (robot_with(robot, rest, {"arm_4_joint": angle}) for angle in (turn, other))
+        free = not exact.in_collision(start + np.linspace(0, 1, 100)[:, None] * (goal - start)).any()
+        plan = pk.plan(robot, start, goal, timeout=1.0)
+        assert plan.success or not free, plan.message
+        solved += plan.success
+    assert solved >= 10

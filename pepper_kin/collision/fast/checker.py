@@ -274,7 +274,7 @@ class FastChecker:
                 a robot whose shapes the compiled check does not know.
         """
         self._refuse_unknown()
-        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
+        return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads, self.exact)
 
     def of_motion(
         self, frozen: Array, free: NDArray[np.int64], effort_limits: Array, loads: StaticLoads
@@ -287,7 +287,7 @@ class FastChecker:
             effort_limits: What holding still may take of each joint [N m or N], shape (n,).
             loads: What is carried, and edges that the robot must not tip over.
         """
-        return trusted_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads)
+        return trusted_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads, self.exact)
 
     def _refuse_unknown(self) -> None:
         if not self.supported:

@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
+from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.placing import NUMBERS, SHARE, placing_kernel
 from pepper_kin.collision.fast.prepared import Limited, Prepared
 from pepper_kin.collision.fast.resting import resting_contact
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import begin_motion, check_many, check_rows, valid_steps
+from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
 from pepper_kin.core.collision.records import GROUP, LINK
 from pepper_kin.exceptions import InvalidValueError
@@ -87,6 +89,7 @@ class CompiledValidity:
     loads: StaticLoads | None
     _limited: Limited = field(repr=False)
     _prepared: Prepared = field(repr=False)
+    _exact: CollisionChecker = field(repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
 
     @property
@@ -109,12 +112,18 @@ class CompiledValidity:
 
     @cached_property
     def blocked(self) -> bool:
-        """Whether something that the free joints do not move is nearer than the margins."""
+        """Whether something that the free joints do not move is nearer than the margins.
+
+        Where machine code cannot tell, coal decides on all of `frozen`.
+        """
         if resting_contact(self._prepared, self.margins[0]):
             return True
         still = self._prepared.named(self.blocks()[0], self.margins)
         check_rows(still, self.frozen, 1)
-        return bool(at.section_bits(still, at.STATUS)[0])
+        verdict = int(at.section_bits(still, at.STATUS)[0])
+        if verdict == TIE:
+            return bool(self._exact.with_margins(*self.margins).in_collision(self.frozen))
+        return verdict != FREE
 
     def verdicts(self, q: Array) -> NDArray[np.uint8]:
         """Return for configurations in which only free joints differ: 0 free, 1 contact, 2 too near to tell.
@@ -218,7 +227,8 @@ def compile_validity(
     frozen: ArrayLike,
     free: ArrayLike,
     effort_limits: ArrayLike | None,
-    loads: StaticLoads | None = None,
+    loads: StaticLoads | None,
+    exact: CollisionChecker,
 ) -> CompiledValidity:
     """Return the validity of edges of some joints; see `FastChecker.compiled`.
 
@@ -229,6 +239,7 @@ def compile_validity(
         free: Places of the joints that move, shape (k,).
         effort_limits: What holding still may take of each joint [N m or N], shape (n,); None for no limits.
         loads: What is carried, and edges that the robot must not tip over; None for the robot's own weight.
+        exact: Coal's checker of the same robot and scene.
     """
     n = pepper.n
     q0 = np.array(as_joint_vectors(pepper, frozen, "frozen").reshape(n))
@@ -239,7 +250,7 @@ def compile_validity(
         if limits.shape != (n,) or np.isnan(limits).any():
             raise InvalidValueError("effort_limits", repr(limits), f"{n} numbers, one per joint")
         asked = StaticLoads(kernel(pepper, "gravity_torque")) if loads is None else loads
-    return trusted_validity(pepper, prepared, q0, places, limits, asked)
+    return trusted_validity(pepper, prepared, q0, places, limits, asked, exact)
 
 
 def trusted_validity(
@@ -249,6 +260,7 @@ def trusted_validity(
     free: NDArray[np.int64],
     effort: Array,
     loads: StaticLoads | None,
+    exact: CollisionChecker,
 ) -> CompiledValidity:
     """Return what `compile_validity` does, of arguments that are known to be right and stay as they are.
 
@@ -259,9 +271,10 @@ def trusted_validity(
         free: Places of the joints that move, shape (k,).
         effort: What holding still may take of each joint [N m or N], shape (n,).
         loads: What is held, and balanced; None where that is not asked for.
+        exact: Coal's checker of the same robot and scene.
     """
     address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
-    return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared)
+    return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared, exact)
 
 
 def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:

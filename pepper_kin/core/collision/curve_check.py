@@ -128,7 +128,10 @@ def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) ->
 
 @compiled
 def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
-    """Return whether something that does not move is nearer than margins [m], which are noted."""
+    """Return whether something that does not move is nearer than margins [m], which are noted.
+
+    Where machine code cannot tell, coal decides on all of `standing`.
+    """
     check.margins[0], check.margins[1] = margin, self_margin
     if check.verdicts == 0:
         return False
@@ -138,6 +141,8 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
     if margin >= check.least and call_four(check.ask, 0, 0, answers, check.margins.ctypes.data) != 0:
         return True
     call_four(check.verdicts, check.still.ctypes.data, check.standing.ctypes.data, 1, answers)
+    if check.answers[0] == TIE:
+        call_four(check.ask, check.standing.ctypes.data, 1, answers, check.margins.ctypes.data)
     return check.answers[0] != FREE
 
 
