@@ -104,7 +104,8 @@ def main() -> None:
         caches = {which: made(package, Path(place) / f"{which} code") for which, package in whole.items()}
         for words, file, old, new, what, program in EDITS:
             for which in commits:
-                with tempfile.TemporaryDirectory() as folder:
+                # Processes that make the rest of the machine code may outlive the program by a moment.
+                with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
                     package = Path(shutil.copytree(whole[which], Path(folder) / "copy"))
                     cache = Path(shutil.copytree(caches[which], Path(folder) / "code"))
                     count = units_made(cache)
