@@ -185,11 +185,12 @@ def diagnose(
 ) -> Diagnosis:
     """Compare a robot's log, or a run with torques, with the twin, and name faults; see the module for how.
 
-    A log shows stuck joints, slipping gears and biased sensors; it is not judged where an arm is kept off the body, or a
-    joint's command is at its limit.  A bias is one of the readings alone: where the servo itself reads the
-    biased encoder, the joint is wrong and the reading is not.  A weak motor shows where a joint moves under
-    a load.  In a run, `position` of the base's joints is where it was seen from outside, and the sensor
-    "wheel_odometry" shows how far its wheels turned.  A joint that is not sent anywhere shows nothing.
+    A log shows stuck joints, slipping gears and biased sensors; it is not judged where an arm is kept off
+    the body, or a joint's command is at its limit.  A bias is one of the readings alone: where the servo
+    itself reads the biased encoder, the joint is wrong and the reading is not.  A weak motor shows where
+    a joint moves under a load.  In a run, `position` of the base's joints is where it was seen from
+    outside, and the sensor "wheel_odometry" shows how far its wheels turned.  A joint that is not sent
+    anywhere shows nothing.
 
     Args:
         pepper: The robot.
