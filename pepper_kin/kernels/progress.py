@@ -15,11 +15,15 @@ _logger = logging.getLogger(__name__)
 PATIENCE = 2.0
 """Longest wait without a message [s]."""
 
+INTERVAL = 20.0
+"""Time between messages where there is no terminal [s]."""
+
 _WIDTH = 30
 
 _lock = threading.Lock()
 _spent = 0.0
 _reported = False
+_logged = 0.0
 
 
 class Progress(NamedTuple):
@@ -66,10 +70,16 @@ def making(name: str) -> Iterator[None]:
 
 
 def announce(name: str) -> None:
-    """Log once that machine code is being made, and show what on a terminal."""
-    global _reported
+    """Log once that machine code is made; show what on a terminal, and elsewhere log it every `INTERVAL`."""
+    global _reported, _logged
+    now, terminal = time.monotonic(), sys.stderr.isatty()
     with _lock:
         first, _reported = not _reported, True
+        again = not first and not terminal and now - _logged >= INTERVAL
+        if first or again:
+            _logged = now
+    if again:
+        _logger.warning("%s", name)
     if first:
         _logger.warning(
             "compiling machine code for this processor, once; the next run reads it from disk "

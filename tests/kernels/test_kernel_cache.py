@@ -1,11 +1,13 @@
 """Kernels kept on disk: found again, never trusted when damaged, safe with several writers."""
 
 import errno
+import io
 import logging
 import os
 import stat
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -318,3 +320,15 @@ def test_a_reason_is_logged_where_something_is_made_and_not_again(folder, caplog
         assert compile_function(make_function()).from_cache
     assert caplog.text.count("a reason of this test") == 1
     progress._reasons.clear()
+
+
+def test_without_a_terminal_progress_is_logged_at_intervals(monkeypatch, caplog):
+    clock = iter([0.0, 5.0, 19.9, 20.0, 30.0, 41.0])
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=io.StringIO()))
+    monkeypatch.setattr(progress, "_reported", False)
+    with caplog.at_level("WARNING", "pepper_kin.kernels.progress"):
+        for number in range(6):
+            progress.announce(f"part {number}")
+    assert [record.message for record in caplog.records[1:]] == ["part 3", "part 5"]
+    assert caplog.records[0].message.startswith("compiling machine code")
