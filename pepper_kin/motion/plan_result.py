@@ -35,7 +35,7 @@ class PlanStatus(ResultStatus):
     """How planning ended; `advice` says what to try."""
 
     SOLVED = "solved", "Time the path with retime()."
-    START_IN_COLLISION = "start_in_collision", "Move the robot or the obstacle apart before planning."
+    START_IN_COLLISION = "start_in_collision", "Start from a posture that touches nothing, or move the obstacle away."
     START_TORQUE_LIMIT = (
         "start_torque_limit",
         "Start from a posture that the joints can hold against gravity.",
