@@ -35,7 +35,10 @@ class PlanStatus(ResultStatus):
     """How planning ended; `advice` says what to try."""
 
     SOLVED = "solved", "Time the path with retime()."
-    START_IN_COLLISION = "start_in_collision", "Start from a posture that touches nothing, or move the obstacle away."
+    START_IN_COLLISION = (
+        "start_in_collision",
+        "Start from a posture that touches nothing, or move the obstacle away.",
+    )
     START_TORQUE_LIMIT = (
         "start_torque_limit",
         "Start from a posture that the joints can hold against gravity.",

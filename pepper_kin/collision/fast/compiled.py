@@ -89,7 +89,7 @@ class CompiledValidity:
     loads: StaticLoads | None
     _limited: Limited = field(repr=False)
     _prepared: Prepared = field(repr=False)
-    _exact: CollisionChecker = field(repr=False)
+    _exact: CollisionChecker | None = field(repr=False)
     _local: threading.local = field(default_factory=threading.local, repr=False)
 
     @property
@@ -121,7 +121,7 @@ class CompiledValidity:
         still = self._prepared.named(self.blocks()[0], self.margins)
         check_rows(still, self.frozen, 1)
         verdict = int(at.section_bits(still, at.STATUS)[0])
-        if verdict == TIE:
+        if verdict == TIE and self._exact is not None:
             return bool(self._exact.with_margins(*self.margins).in_collision(self.frozen))
         return verdict != FREE
 
@@ -274,7 +274,9 @@ def trusted_validity(
         exact: Coal's checker of the same robot and scene.
     """
     address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
-    return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared, exact)
+    # Nothing stands where all joints move, and who keeps such a validity for a robot must not keep the robot.
+    asked = exact if free.size < pepper.n else None
+    return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared, asked)
 
 
 def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:
