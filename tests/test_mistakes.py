@@ -98,7 +98,7 @@ MISTAKES = {
     "missing file": (lambda: pk.files.load("nothing.csv"), "nothing.csv"),
     "start in collision": (
         lambda: pk.plan(PEPPER, STAND, NOD, pk.Scene().add_sphere("ball", radius=0.1, position=(0, 0, 0.8))),
-        "ball.*Move the robot or the obstacle",
+        "ball.*move the obstacle away",
     ),
     "target inside the table": (failed_plan, "table"),
     "gap between motions": (lambda: motion().then(motion()), "HeadPitch"),
