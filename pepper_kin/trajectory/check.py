@@ -14,6 +14,7 @@ from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_lef
 from pepper_kin.collision.loads import carrying
 from pepper_kin.collision.solids import not_negative
 from pepper_kin.dynamics import inverse_dynamics
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.newton_euler import newton_euler_of_motion
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.model import PepperModel
@@ -111,14 +112,6 @@ def check(
         torque_scale=torque_scale, balance=kept, hand_speed=hand_speed, payload=payload, scene=scene,
     )  # fmt: skip
     examined = examined_states(pepper, trajectory, limits.loads)
-    carrier = None if pepper.solvers == "fast" else carrying(pepper, limits.loads)
-
-    def torque(state: State) -> Array:
-        """Return the torques of states, shape (T, n) [N m or N]."""
-        if carrier is None:
-            return np.asarray(newton_euler_of_motion(pepper, *state, limits.loads))
-        return np.asarray(inverse_dynamics(carrier, *state))
-
     rate = None if jerk is None else jerk_limits(pepper, jerk)
     polygon = None if kept is None else support_polygon(pepper)
     allowed = limits.of(pepper, pepper.acceleration_limits, drives=True)
@@ -136,7 +129,7 @@ def check(
         position=against("position", 0, pepper.lower_limits, pepper.upper_limits),
         velocity=against("velocity", 1, -v, v),
         acceleration=against("acceleration", 2, -a, a),
-        torque=_torque(pepper, examined, torque, effort),
+        torque=_torque(pepper, examined, limits.loads, effort),
         position_continuity=_continuity(trajectory, 0),
         velocity_continuity=_continuity(trajectory, 1),
         balance=None if polygon is None else _balance(pepper, polygon, examined, limits),
@@ -165,10 +158,16 @@ def _at_extremes(
     return _limit_check(pepper, quantity, (margin, value, time), lower, upper, np.zeros(pepper.n))
 
 
-def _torque(
-    pepper: PepperModel, examined: Examined, torque_of: Callable[[State], Array], limit: Array
-) -> LimitCheck:
-    """Compare torques of states, shape (T, n), with limits, shape (n,), all [N m or N]."""
+def _torque(pepper: PepperModel, examined: Examined, loads: Loads, limit: Array) -> LimitCheck:
+    """Compare torques with limits, shape (n,) [N m or N]."""
+    carrier = None if pepper.solvers == "fast" else carrying(pepper, loads)
+
+    def torque_of(state: State) -> Array:
+        """Return the torques of states, shape (T, n) [N m or N]."""
+        if carrier is None:
+            return np.asarray(newton_euler_of_motion(pepper, *state, loads))
+        return np.asarray(inverse_dynamics(carrier, *state))
+
     joints, torque = np.arange(pepper.n), torque_of(examined.state)
     at = np.argmax(np.abs(torque), axis=0)
     value = torque[at, joints]
@@ -304,9 +303,15 @@ def _speed(pepper: PepperModel, examined: Examined, speeds: AtFrames) -> ScalarC
 def _wheels(examined: Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
     """Compare speeds and accelerations of wheels, and the speed of the base, with their limits."""
     along, side = np.hypot(wheels.rows[:, 0], wheels.rows[:, 1]), np.abs(wheels.rows[:, 2])
-    Size = Callable[[State], Array]
 
-    def worst(name: str, of: Size, second: Array, limit: float, names: tuple[str, ...], unit: str) -> Any:
+    def worst(
+        name: str,
+        of: Callable[[State], Array],
+        second: Array,
+        limit: float,
+        names: tuple[str, ...],
+        unit: str,
+    ) -> Any:
         """Return the check of sizes, shape (T, w), with second derivatives of at most `second`, (m, w)."""
         size = of(examined.state)
         at, row = np.unravel_index(int(np.argmax(size)), size.shape)

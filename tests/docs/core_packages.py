@@ -2,6 +2,7 @@
 
 import re
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata, packages_distributions, requires
 
 import pytest
@@ -34,13 +35,14 @@ def core() -> set[str]:
     return found
 
 
-def extra_modules() -> set[str]:
+@cache
+def extra_modules() -> frozenset[str]:
     """Return the modules of the packages that only extras for users bring."""
     extras = set(metadata("pepper_kin").get_all("Provides-Extra")) - DEVELOPMENT
     names = set().union(*(required("pepper-kin", extra) for extra in extras)) - core()
     owners = packages_distributions()
     modules = {one for one, packages in owners.items() if names & {canonicalize_name(p) for p in packages}}
-    return {name for name in modules | names if name.isidentifier()}  # placo's is in a folder of cmeel
+    return frozenset(name for name in modules | names if name.isidentifier())  # placo lies in cmeel's folder
 
 
 def hide_extras(text: str, monkeypatch: pytest.MonkeyPatch) -> None:

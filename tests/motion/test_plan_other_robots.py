@@ -185,6 +185,12 @@ def test_what_stands_near_is_left_to_coal():
         {"arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_3_joint": -1.0, "torso_lift_joint": 0.15}
     )
     exact, rng, solved = pk.collision.checker_for(robot, None), np.random.default_rng(3), 0
+    arm = np.array([robot.joint_index(f"arm_{k}_joint") for k in (4, 5, 6)])
+    start, states = robot_with(robot, rest, {"arm_4_joint": 1.8}), np.tile(rest, (200, 1))
+    states[:, arm] = rng.uniform(robot.lower_limits[arm], robot.upper_limits[arm], (200, 3))
+    free = Checks(robot, None).along(start, arm, (0.0, 0.0))(states)
+    np.testing.assert_array_equal(free, ~exact.in_collision(states))
+    assert free.any()
     for turn, other in rng.uniform((1.6, 1.6), (1.9, 1.9), (20, 2)):
         start, goal = (robot_with(robot, rest, {"arm_4_joint": angle}) for angle in (turn, other))
         free = not exact.in_collision(start + np.linspace(0, 1, 100)[:, None] * (goal - start)).any()
