@@ -9,7 +9,7 @@
     AxisAlignment, LineThroughPoint
     RelativePose, RelativePosition, RelativeOrientation       of one frame to another
     JointPosture, JointValue, BasePlacement, BasePosition, BaseYaw
-    CenterOfMass, CenterOfMassOverWheels
+    CenterOfMass, CenterOfMassOverWheels, HoldingTorque
     Expression                                any CasADi expression of q
     Task, TaskGroup                           base classes for tasks of your own
 
@@ -33,6 +33,7 @@ from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
 from pepper_kin.ik.tasks.frame_pose import FramePose
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.hands import HandPose, HandPosition, Point, PointAt
+from pepper_kin.ik.tasks.holding_torque import HoldingTorque
 from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.joint_value import JointValue
 from pepper_kin.ik.tasks.line_through_point import LineThroughPoint
@@ -57,6 +58,7 @@ __all__ = [
     "FramePosition",
     "HandPose",
     "HandPosition",
+    "HoldingTorque",
     "IKResult",
     "IKStatus",
     "JointPosture",

@@ -28,16 +28,16 @@ from pepper_kin.ik.result import NOT_EXAMINED, IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solve import (
     DONE,
     Request,
+    at_rest,
     checked_scene,
     load_search,
     reasons,
     search_on,
     solve,
-    standing,
     turns_left_out,
 )
 from pepper_kin.ik.solvers import chosen_solver
-from pepper_kin.ik.standing import stands
+from pepper_kin.ik.standing import rests
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.structure import known_structures
@@ -264,8 +264,7 @@ def solve_batch(
     begin = time.perf_counter()
     if compiled:
         arrays = _solve_fast(world, parts, starts, movable, budget, threads, progress)
-        if kept is not None:
-            _stand(world, balanced(parts), starts, movable, budget, arrays, kept)
+        _rest(world, balanced(parts), starts, movable, budget, arrays, kept)
     else:
         options |= {
             "solver": solver,
@@ -381,26 +380,26 @@ def _search_on(request: Request, row: int, answers: Arrays) -> None:
     errors[row] = [task.error(request.pepper, found.q) for task in request.tasks]
 
 
-def _stand(
+def _rest(
     world: Collisions,
     tasks: tuple[Task, ...],
     starts: Array,
     movable: np.ndarray | None,
     budget: SearchBudget,
     answers: Arrays,
-    balance: float,
+    balance: float | None,
 ) -> None:
-    """Solve rows again on whose solution the robot does not keep a balance [m], as `solve` does.
+    """Solve rows again whose solution the robot does not keep at rest, as `solve` does.
 
     Arguments as of `_solve_fast`; what is found is written into the answers.
     """
     q, codes, errors, iterations, restarts = answers
     solved = np.flatnonzero(codes == CODES.index(IKStatus.SOLVED))
-    for row in solved[~stands(world.pepper, q[solved], balance, world.loads)]:
+    for row in solved[~rests(world.pepper, q[solved], balance, world.loads)]:
         ones = tuple(task.at(int(row)) for task in tasks)
         request = Request(world.pepper, ones, starts[row], movable, world, budget)
         before = SearchResult(q[row].copy(), IKStatus.SOLVED, int(iterations[row]), int(restarts[row]))
-        found = standing(request, "fast", before, balance)
+        found = at_rest(request, "fast", before, balance)
         q[row], iterations[row], restarts[row] = found.q, found.iterations, found.restarts
         errors[row] = [task.error(world.pepper, found.q) for task in ones]
 

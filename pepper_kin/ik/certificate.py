@@ -98,7 +98,9 @@ def certify(
         blocking_limits=_names(problem, blocking),
         clearance=collisions.clearance(q),
         in_collision=in_collision,
-        torque_use=TorqueUse(pepper.joint_names[hardest], float(ratios[hardest])),
+        torque_use=TorqueUse(
+            pepper.joint_names[hardest], float(ratios[hardest]), pepper.requirements.holding_share
+        ),
         proof="" if met else why_beyond_reach(problem),
         balance=None if balance is None else float(distance_inside(pepper, q, collisions.loads)),
         note=note,

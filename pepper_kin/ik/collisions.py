@@ -42,16 +42,16 @@ _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
 
 
 def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
-    """Return what holds the robot and what it carries still [N m or N] at q [rad or m], shape (n,) each."""
+    """Return what holds a robot and what it carries still [N m or N] at q [rad or m], shape (..., n) each."""
     torque = gravity_torque(pepper, q)
     if not loads:
         return torque
-    rest = np.zeros(pepper.n)
+    rest = np.zeros_like(q)
     return torque + load_torque(pepper, loads, q, rest, rest)
 
 
 def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
-    """Return |g_i(q)| / effort limit of every joint at q, shape (n,) each; zero where there is no limit.
+    """Return |g_i(q)| / effort limit of every joint at q, shape (..., n) each; zero where there is no limit.
 
     What is carried counts.
     """

@@ -91,10 +91,12 @@ class TorqueUse:
     Attributes:
         joint: Its name.
         ratio: |gravity torque| / effort limit; above 1 the robot cannot hold the posture.
+        allowed: Greatest ratio that motions leave for holding still; see `MotionRequirements`.
     """
 
     joint: str
     ratio: float
+    allowed: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -358,7 +360,12 @@ class IKResult(FrozenArrays):
     def _torque(self) -> str:
         use = self.torque_use
         line = f"gravity uses at most {100 * use.ratio:.0f} % of a motor's torque ({use.joint})"
-        return line if use.ratio <= 1 else line + ": the robot cannot hold this posture"
+        if use.ratio <= use.allowed:
+            return line
+        what = f"motions keep to {100 * use.allowed:.3g} %"
+        if use.ratio > 1:
+            what = "the robot cannot hold this posture"
+        return f"{line}: {what}, and no other posture was found"
 
     def _standing(self, inside: float) -> str:
         where = f"{words_for(abs(inside), 'm')} {'inside' if inside >= 0 else 'outside'} the wheels' triangle"

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.dynamics.support_polygon import checked_balance
-from pepper_kin.ik.collisions import Collisions, torque_ratios
+from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast import alternatives
 from pepper_kin.ik.priorities import equally_weighted
 from pepper_kin.ik.problem import flatten_tasks, movable_joints
 from pepper_kin.ik.solve import checked_scene, checked_start, turns_left_out
-from pepper_kin.ik.standing import stands
+from pepper_kin.ik.standing import rests
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
@@ -105,9 +105,7 @@ def _clear_ones(solutions: list[Array], collisions: Collisions, balance: float |
     if not solutions:
         return
     q = np.array(solutions)
-    held = np.array([torque_ratios(collisions.pepper, row, collisions.loads).max() <= 1.0 for row in q])
-    if balance is not None:
-        held &= stands(collisions.pepper, q, balance, collisions.loads)
+    held = rests(collisions.pepper, q, balance, collisions.loads)
     for part in (q[held], q[~held]):
         for begin in range(0, len(part), CHUNK):
             chunk = part[begin : begin + CHUNK]

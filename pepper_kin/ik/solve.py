@@ -47,9 +47,10 @@ from pepper_kin.ik.problem import (
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKResult, IKStatus, SearchResult
 from pepper_kin.ik.solvers import chosen_solver, make_solver
-from pepper_kin.ik.standing import over_wheels, stands
+from pepper_kin.ik.standing import holds, rests, stands, tasks_at_rest
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.expression import Expression
+from pepper_kin.ik.tasks.holding_torque import HoldingTorque
 from pepper_kin.ik.tasks.joint_posture import JointPosture
 from pepper_kin.ik.tasks.task import PointTask, Task, TaskGroup
 from pepper_kin.kernels.working_time import not_counted, working_time
@@ -66,6 +67,10 @@ from pepper_kin.model.requirements import Balance
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
+
+STARTS_AT_REST = 8
+"""Further starts for a posture that is kept at rest: of 122 of 1,000 drawn solutions, 71 are kept with 8, 72
+with 32, in twice the time."""
 
 _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 
@@ -148,8 +153,8 @@ def solve(
         conflict, hint = reasons(found.status, request, solver)
     if found.status is IKStatus.SOLVED:
         found = found if world is None else with_idle_at_rest(request, solver, found)
-        if kept is not None and not stands(pepper, found.q, kept, around.loads):
-            found = standing(request, solver, found, kept)
+        if not rests(pepper, found.q, kept, around.loads):
+            found = at_rest(request, solver, found, kept)
     return IKResult(
         status=found.status,
         q=read_only(found.q + turns),
@@ -204,26 +209,37 @@ def _after(found: SearchResult, other: SearchResult) -> SearchResult:
     )
 
 
-def standing(request: Request, solver: str, found: SearchResult, balance: float) -> SearchResult:
-    """Return a solution on which the robot stands in place of one on which it does not, if one is found.
+def at_rest(request: Request, solver: str, found: SearchResult, balance: float | None) -> SearchResult:
+    """Return a solution that the robot keeps at rest in place of one that it does not, if one is found.
+
+    Where none is both held by the motors and in balance, one that is in balance will do.
 
     Args:
         request: What was asked for.
         solver: The solver.
         found: What was found.
-        balance: Distance to keep from the edges of the wheels' triangle [m].
+        balance: Distance to keep from the edges of the wheels' triangle [m]; None for none.
     """
-    more = flatten_tasks(request.pepper, over_wheels(balance, request.collisions.loads))
-    tasks = equally_weighted((*request.tasks, *more))
-    if solver == "fast":
-        with not_counted():
-            load_search(request.pepper, tasks, request.collisions)
-    budget = request.budget._replace(closest=False)
-    for one in (_with_idle_held(request, solver), request):
-        other = _search(one._replace(tasks=tasks, budget=budget), solver)
-        found = _after(found, other)
-        if other.status is IKStatus.SOLVED:
-            break
+    pepper, loads = request.pepper, request.collisions.loads
+    wanted = tasks_at_rest(pepper, balance, loads)
+    upright = [task for task in wanted if not isinstance(task, HoldingTorque)]
+    choices = []
+    if holds(pepper, request.q0, loads):  # else the motors may be too weak for any posture
+        choices.append(wanted)
+    if balance is not None and not stands(pepper, found.q, balance, loads):
+        choices.append(upright)
+    for more in choices:
+        tasks = equally_weighted((*request.tasks, *flatten_tasks(pepper, more)))
+        if solver == "fast":
+            with not_counted():
+                load_search(pepper, tasks, request.collisions)
+        budget = request.budget
+        budget = budget._replace(closest=False, restarts=min(STARTS_AT_REST, budget.restarts))
+        for one in (_with_idle_held(request, solver), request):
+            other = _search(one._replace(tasks=tasks, budget=budget), solver)
+            found = _after(found, other)
+            if other.status is IKStatus.SOLVED:
+                return found
     return found
 
 

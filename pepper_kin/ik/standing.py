@@ -1,4 +1,4 @@
-"""Solutions on which the robot stands: the center of mass inside the wheels' triangle."""
+"""Solutions at rest: the center of mass inside the wheels' triangle, and motors that hold the posture."""
 
 from __future__ import annotations
 
@@ -8,29 +8,81 @@ from pepper_kin.arrays import Array
 from pepper_kin.dynamics import center_of_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import distances_inside, inward_normals, support_polygon
+from pepper_kin.ik.collisions import holding_torque, torque_ratios
 from pepper_kin.ik.tasks.carrying import with_loads
 from pepper_kin.ik.tasks.center_of_mass import center_of
 from pepper_kin.ik.tasks.center_of_mass_over_wheels import CenterOfMassOverWheels
+from pepper_kin.ik.tasks.holding_torque import HoldingTorque
 from pepper_kin.ik.tasks.task import Task
-from pepper_kin.model import PepperModel
-from pepper_kin.model.requirements import ROOM_TO_MOVE
+from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.model.requirements import ROOM_TO_MOVE, limited_efforts
 from pepper_kin.model.wheels import BASE_JOINTS
 
-_ROUNDING = 1e-4  # [m]: a task is met to its tolerance
+_ROUNDING = 1e-4  # [m]: the task is met to so much
+_SHARE_ROUNDING = 1e-3  # of effort limits, as well
+_DRAWN, _HEAVY = 64, 0.7  # postures, and the share of what holding may take from which on a joint may lack it
 
 
-def over_wheels(balance: float, loads: Loads) -> list[Task]:
-    """Return the task that keeps the center of mass, with what is carried, inside the wheels' triangle.
+def tasks_at_rest(pepper: PepperModel, balance: float | None, loads: Loads) -> list[Task]:
+    """Return tasks that lead to postures which the robot keeps at rest, with what is carried.
 
     Args:
-        balance: Distance from the edges that motions keep [m]; at rest `ROOM_TO_MOVE` is added.
+        pepper: The robot.
+        balance: Distance from the edges of the wheels' triangle that motions keep [m]; at rest `ROOM_TO_MOVE`
+            is added.  None leaves balance out.
         loads: What is carried.
     """
-    return with_loads([CenterOfMassOverWheels(balance + ROOM_TO_MOVE + _ROUNDING)], loads)
+    tasks: list[Task] = []
+    if balance is not None:
+        margin = balance + ROOM_TO_MOVE + _ROUNDING
+        tasks.append(CenterOfMassOverWheels(margin, tolerance=_ROUNDING))
+    if joints := _heavy_joints(pepper, loads):
+        tasks.append(
+            HoldingTorque(
+                pepper.requirements.holding_share - _SHARE_ROUNDING, tolerance=_SHARE_ROUNDING, joints=joints
+            )
+        )
+    return with_loads(tasks, loads)
+
+
+@kept_for_robot(most=16)
+def _heavy_joints(pepper: PepperModel, loads: Loads) -> tuple[str, ...]:
+    """Return the joints that may lack torque at rest, by postures drawn within the limits."""
+    low, high = np.maximum(pepper.lower_limits, -np.pi), np.minimum(pepper.upper_limits, np.pi)
+    drawn = np.random.default_rng(0).uniform(low, high, (_DRAWN, pepper.n))
+    most = torque_ratios(pepper, drawn, loads).max(axis=0)
+    heavy = most > _HEAVY * pepper.requirements.holding_share
+    return tuple(name for name, lacks in zip(pepper.joint_names, heavy, strict=True) if lacks)
+
+
+def rests(pepper: PepperModel, q: Array, balance: float | None, loads: Loads) -> np.ndarray:
+    """Return whether motions may end at joint positions q, shape (..., n) -> (...).
+
+    Args:
+        pepper: The robot, whose wheels are known where it keeps a balance.
+        q: Joint positions [rad or m].
+        balance: As of `tasks_at_rest`.
+        loads: What is carried.
+    """
+    held = holds(pepper, q, loads)
+    return held if balance is None else held & stands(pepper, q, balance, loads)
+
+
+def holds(pepper: PepperModel, q: Array, loads: Loads) -> np.ndarray:
+    """Return whether the motors hold joint positions q, shape (..., n) -> (...), with what motions leave."""
+    return np.asarray((np.abs(holding_torque(pepper, q, loads)) <= _most_torque(pepper)).all(axis=-1))
+
+
+@kept_for_robot(most=1)
+def _most_torque(pepper: PepperModel) -> Array:
+    """Return what holding still may take of each joint [N m or N], infinite where it has no limit."""
+    most, limited = np.full(pepper.n, np.inf), limited_efforts(pepper)
+    most[limited] = pepper.requirements.holding_share * pepper.effort_limits[limited]
+    return most
 
 
 def stands(pepper: PepperModel, q: Array, balance: float, loads: Loads) -> np.ndarray:
-    """Return whether motions that keep a balance [m] may end at joint positions, shape (..., n) -> (...)."""
+    """Return whether motions that keep a balance [m] may end at q [rad or m], shape (..., n) -> (...)."""
     return distance_inside(pepper, q, loads) >= balance + ROOM_TO_MOVE
 
 
@@ -40,7 +92,7 @@ def distance_inside(pepper: PepperModel, q: Array, loads: Loads) -> Array:
     Args:
         pepper: The robot, whose wheels are known.
         q: Joint positions [rad or m], shape (..., n).
-        loads: What is carried.
+        loads: What the robot carries.
 
     Returns:
         Distances from the nearest edge, shape (...).

@@ -87,6 +87,11 @@ def kept_torque_scale(pepper: PepperModel, torque_scale: TorqueScale) -> float:
     return checked_share("torque_scale", torque_scale)
 
 
+def limited_efforts(pepper: PepperModel) -> np.ndarray:
+    """Return the indices of the joints that have an effort limit, shape (k,)."""
+    return np.flatnonzero(np.isfinite(pepper.effort_limits) & (pepper.effort_limits > 0))
+
+
 def checked_share(quantity: str, value: float) -> float:
     """Return the share of a limit that may be used, such as `velocity_scale`, as a float.
 

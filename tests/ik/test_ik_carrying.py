@@ -56,6 +56,19 @@ def test_a_task_on_the_center_of_mass_is_met_with_the_object(solver):
     assert np.linalg.norm(pk.dynamics.center_of_mass(PEPPER, found.q)[:2]) > 1e-3
 
 
+def test_a_task_on_torques_counts_the_object():
+    model, task = loaded_model(), ik.HoldingTorque(0.1).altered(loads=LOADS)
+    for q in postures(5, 1):
+        use = pinocchio.computeGeneralizedGravity(model, model.createData(), q) / PEPPER.effort_limits
+        np.testing.assert_allclose(task.use(PEPPER, q), use, atol=1e-12)
+        slopes = [(task.use(PEPPER, q + h) - task.use(PEPPER, q - h)) / 2e-6 for h in 1e-6 * np.eye(PEPPER.n)]
+        np.testing.assert_allclose(task.dependence(PEPPER, q), np.transpose(slopes), atol=1e-8)
+    found = ik.solve(PEPPER, [ik.HandPosition("left", (0.3, 0.2, 0.85)), ik.HoldingTorque(0.6)], scene=HELD)
+    held = pinocchio.computeGeneralizedGravity(model, model.createData(), found.q)
+    assert found.success
+    assert (np.abs(held) <= 0.601 * PEPPER.effort_limits).all()
+
+
 @pytest.mark.parametrize("solver", ["fast", "proxsuite"])
 def test_what_motors_hold_is_preferred_and_certified_with_the_object(solver):
     found = ik.solve(PEPPER, [ik.HandPosition("left", (0.25, 0.25, 0.85))], scene=HELD, solver=solver)

@@ -43,6 +43,7 @@ TASKS = {
     ),
     "center of mass": [pk.ik.CenterOfMass((0.02, -0.01), weight=3.0)],
     "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08).on(PEPPER)],
+    "torque": [pk.ik.HoldingTorque(0.2, weight=2.0)],
     "expression": [
         pk.ik.Expression(PEPPER, lambda q: casadi.vertcat(q[3] * q[4], casadi.sin(q[5])), 0.1, [0.1, 0.2])
     ],

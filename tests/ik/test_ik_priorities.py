@@ -41,6 +41,7 @@ EVERY_KIND = {
     ),
     "center of mass": lambda hard: pk.ik.CenterOfMass((0.0, 0.0), hard=hard),
     "over wheels": lambda hard: pk.ik.CenterOfMassOverWheels(hard=hard),
+    "torque": lambda hard: pk.ik.HoldingTorque(0.8, hard=hard),
     "base": lambda hard: pk.ik.BasePlacement((0.0, 0.0), 0.0, hard=hard),
 }
 

@@ -24,6 +24,7 @@ TASK_LISTS = {
         pk.ik.RelativePose("LArm_effector", "RArm_effector", transform((0.0, 0.3, 0.0))).parts
     ),
     "over the wheels": [pk.ik.CenterOfMassOverWheels(0.08)],
+    "torque": [pk.ik.HoldingTorque(0.2)],
     "posture": [pk.ik.JointPosture((0.5, 0.2), joints=("HeadYaw", "KneePitch"), weight=1.5)],
 }
 

@@ -37,6 +37,8 @@ TASKS = {
     "relative orientation": pk.ik.RelativeOrientation("LArm_effector", "Head", rotation_rpy(0.2, 0.4, -1.0)),
     "center of mass": pk.ik.CenterOfMass((0.02, -0.01)),
     "over the wheels": pk.ik.CenterOfMassOverWheels(0.08),
+    "torque": pk.ik.HoldingTorque(0.2),
+    "torque of two joints": pk.ik.HoldingTorque(0.1, joints=("KneePitch", "HipRoll")),
 }
 EXPRESSIONS = {
     "height": lambda pepper: pk.ik.Expression(pepper, lambda q: height(pepper)(q)[2, 3] - 0.8),

@@ -12,6 +12,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.center_of_mass import center_of_mass, center_of_mass_jacobian
+from pepper_kin.symbolic.inverse_dynamics import gravity_torque
 
 if TYPE_CHECKING:
     from pepper_kin.ik.tasks.task import Task
@@ -87,6 +88,11 @@ class Motion:
     def center(self) -> tuple[Any, Any]:
         """The center of mass (3) and its Jacobian (3, n)."""
         return center_of_mass(self.pepper)(self.q), center_of_mass_jacobian(self.pepper)(self.q)
+
+    @cached_property
+    def gravity_torque(self) -> Any:
+        """What holds the robot still, shape (n,)."""
+        return gravity_torque(self.pepper)(self.q)
 
     def joints(self, names: Sequence[str]) -> tuple[Any, Any]:
         """Return the positions of joints and their derivative by q; of all joints for no names."""
