@@ -98,8 +98,8 @@ def certify(
     in_collision = None if not collisions.considered else not collisions.free(q)
     note = LEFT_EMPTY if is_left_empty(collisions.scene) else ""
     # Points that are looked at are met at any distance; of those to be reached the hint says it.
-    seen = [task.target for task in problem.tasks if isinstance(task, LookAt | LineThroughPoint)]
-    note = note or suspect_millimeters(max((float(np.abs(point).max()) for point in seen), default=0.0))
+    points = [task.target for task in problem.tasks if isinstance(task, LookAt | LineThroughPoint)]
+    note = note or suspect_millimeters(max((float(np.abs(point).max()) for point in points), default=0.0))
     if in_collision:
         note = note or advice_on_own_links(pepper)
     return IKCertificate(
