@@ -112,6 +112,9 @@ MISTAKES = {
     ),
     "servo in degrees": (lambda: pk.servo.Servo(PEPPER, np.degrees(STAND)), DEGREES),
     "twin in degrees": (lambda: pk.Twin(PEPPER).reset(np.degrees(STAND)), DEGREES),
+    "limits in degrees": (lambda: PEPPER.with_limits(lower={"HipPitch": -45}), DEGREES),
+    "all limits in degrees": (lambda: PEPPER.with_limits(upper=np.degrees(PEPPER.upper_limits)), DEGREES),
+    "velocity limits in degrees": (lambda: PEPPER.with_limits(velocity={"HipPitch": 45}), DEGREES),
     "rpy in degrees": (lambda: pk.pose(rpy=(0, 0, 90)), DEGREES),
     "rpy of an obstacle in degrees": (
         lambda: pk.Scene().add("box", pk.model.Box((1, 1, 1)), rpy=(0, 0, 90)), DEGREES,
@@ -149,6 +152,10 @@ MISTAKES = {
     ),
     "another word that is passed on": (
         lambda: motion().check(PEPPER, velocity_scaling=0.5), "did you mean 'velocity_scale'",
+    ),
+    "gaze in millimeters": (lambda: pk.ik.solve(PEPPER, pk.ik.LookAt((1500, 0, 1000))), MILLIMETERS),
+    "pointing in millimeters": (
+        lambda: pk.ik.solve(PEPPER, pk.ik.PointAt("left", (1500, 500, 1000))), MILLIMETERS,
     ),
     "quaternion without order": (lambda: pk.pose(quaternion=(0, 0, 0, 1)), "quaternion_xyzw.*_wxyz"),
     "module called": (lambda: pk.ik(PEPPER, HAND), r"ik is a module.*solve"),
@@ -196,6 +203,10 @@ def test_angles_and_scenes_that_are_right_are_left_alone():
     assert pk.pose(rpy=(0, 0, -2 * np.pi)).shape == (4, 4)
     assert "empty" not in pk.plan(PEPPER, STAND, NOD).report()
     assert "empty" not in pk.ik.solve(PEPPER, HAND).report()
+    assert "millimeters" not in pk.ik.solve(PEPPER, pk.ik.LookAt((30.0, 0, 1))).report()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        PEPPER.with_limits(velocity=2 * PEPPER.velocity_limits, lower={"LWristYaw": -2.5})
     assert (
         "SRDF" not in pk.ik.solve(pk.load_robot(chain("")), pk.ik.FramePosition("l3", (0.1, 0, 0.2))).report()
     )

@@ -39,7 +39,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.dynamics.newton_euler import GRAVITY
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.identification.fit import used_readings
-from pepper_kin.identification.replay import replay
+from pepper_kin.identification.replay import CYCLE, replay
 from pepper_kin.identification.robot_log import RobotLog
 from pepper_kin.identification.stretches import NEAR_LIMIT, Tolerance
 from pepper_kin.model import PepperModel
@@ -80,6 +80,12 @@ LAG = 2.0
 
 GAP = 1.0
 """Changes between readings that are farther apart are not compared [s]."""
+
+SPEED_OVER = 0.2
+"""Speeds are compared with what `share` allows over this time [s]."""
+COMMANDED, READ, FASTER = 0.2, 0.02, 1.2
+"""`share` explains a joint no more where this part of the commanded speeds is above what it allows, or this
+part of the speeds that were read by this factor: of a real Pepper's logs they are at most 0.08 and 0.005."""
 
 _COMPLIANCES = np.array([0.4, 0.8, 1.6, 3.2, 6.4])
 _MASSES = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, -0.05, -0.1, -0.2, -0.4])
@@ -129,12 +135,15 @@ class Diagnosis:
         scores: (kind, part) -> largest cumulative sum over its threshold, of all that was judged.
         judged: Joint or wheel -> how long it was judged [s].
         not_judged: Kind -> why this run cannot show it.
+        beyond_share: Joint -> how much faster than the log's `share` allows it was commanded or moved: the
+            twin does not go so fast, and faults hide.
     """
 
     faults: tuple[RunFault, ...]
     scores: Mapping[tuple[str, str], float]
     judged: Mapping[str, float]
     not_judged: Mapping[str, str]
+    beyond_share: Mapping[str, str]
 
     def score(self, kind: str) -> float:
         """Return the largest score of a kind over all parts, 0 where it was not judged.
@@ -148,7 +157,12 @@ class Diagnosis:
 
     def report(self) -> str:
         """Return the faults, a line each, and what was not judged."""
-        lines = [str(fault) for fault in self.faults] or ["no fault"]
+        lines = [*map(str, self.faults), *(f"{joint}: {why}" for joint, why in self.beyond_share.items())]
+        if self.beyond_share:
+            lines.append(
+                "faults hide where joints outrun the twin: give the speed of setAngles, read_log(share=)"
+            )
+        lines = lines or ["no fault"]
         return "\n".join([*lines, *(f"not judged: {kind}: {why}" for kind, why in self.not_judged.items())])
 
 
@@ -210,9 +224,10 @@ def diagnose(
             raise UnknownNameError("fault", kind, FAULTS)
         limits[kind] = check_positive(f"threshold of {kind}", value, "log-likelihood ratio")
     if isinstance(run, RobotLog) and (model is None or isinstance(model, JointResponse)):
-        evidence = list(evidence_of_log(pepper, run, joint_response(pepper) if model is None else model))
+        response = joint_response(pepper) if model is None else model
+        evidence, beyond = list(evidence_of_log(pepper, run, response)), _beyond_share(pepper, run, response)
     elif isinstance(run, Run) and (model is None or isinstance(model, Twin)):
-        evidence = [*_of_run(pepper, run, model), *_of_wheels(pepper, run)]
+        evidence, beyond = [*_of_run(pepper, run, model), *_of_wheels(pepper, run)], {}
     else:
         given = f"{type(run).__name__} with {type(model).__name__}"
         raise InvalidValueError("run", given, "a RobotLog with a JointResponse, or a Run with a Twin")
@@ -238,6 +253,7 @@ def diagnose(
         scores,
         judged,
         {kind: why for kind, why in _reasons(run).items() if kind not in kinds},
+        beyond,
     )
 
 
@@ -303,6 +319,32 @@ def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse)
             angles = log.measured[rows, j], found.twin[rows, j]
             yield from _of_motion(joint, log.time[rows], *angles)
             yield _of_bias(joint, log.time[rows], angles[0] - angles[1], SPREADS[BIAS])
+
+
+def _beyond_share(pepper: PepperModel, log: RobotLog, response: JointResponse) -> dict[str, str]:
+    """Return how much faster than `share` allows joints of a log were commanded or moved."""
+    found, arrived = {}, log.arrived()
+    for j, joint in enumerate(log.joint_names):
+        k, rows = pepper.joint_index(joint), arrived[:, j]
+        command = np.clip(log.command[:, j], pepper.lower_limits[k], pepper.upper_limits[k])
+        commanded = _speeds(log.command_time, command)
+        read = _speeds(log.time[rows], log.measured[rows, j])
+        limit = response.following(pepper, joint, log.share, CYCLE).fastest
+        if (commanded > limit).mean() > COMMANDED or (read > FASTER * limit).mean() > READ:
+            found[joint] = (
+                f"commanded at up to {commanded.max():.2f} rad/s and read at up to {read.max():.2f} rad/s, "
+                f"share={log.share:g} allows {limit:.2f} rad/s"
+            )
+    return found
+
+
+def _speeds(time: Array, angle: Array) -> Array:
+    """Return mean speeds over `SPEED_OVER` from each time on [rad/s]; 0 of what is shorter."""
+    end = np.searchsorted(time, time + SPEED_OVER)
+    begin = np.flatnonzero(end < time.size)
+    end = end[begin]
+    speeds = np.abs(angle[end] - angle[begin]) / (time[end] - time[begin])
+    return speeds if speeds.size else np.zeros(1)
 
 
 def _of_motion(joint: str, time: Array, angle: Array, expected: Array) -> Iterator[_Evidence]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
+from pepper_kin.collision.loads import loads_of
+from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.certificate import CertificateInputs
@@ -101,6 +103,7 @@ class BatchResult(FrozenArrays):
     _margin: float = field(repr=False)
     _budget: SearchBudget = field(repr=False)
     _balance: float | None = field(repr=False)
+    _loads: Loads = field(repr=False)
 
     def __len__(self) -> int:
         """Return N."""
@@ -150,7 +153,7 @@ class BatchResult(FrozenArrays):
         """
         tasks = tuple(task.at(row) for task in self._tasks)
         q, status, start = read_only(self.q[row]), self.status(row), self._starts[row]
-        world = Collisions(self._pepper, self._scene, self._margin)
+        world = Collisions(self._pepper, self._scene, self._margin, self._loads)
         request = Request(self._pepper, balanced(tasks), start, self._movable, world, self._budget)
         conflict, hint = reasons(status, request, self.solver)
         return IKResult(
@@ -162,7 +165,7 @@ class BatchResult(FrozenArrays):
             solver=self.solver,
             seed=self.seed,
             evidence=CertificateInputs(
-                self._pepper, tasks, start, self._movable, self._scene, q, self._balance
+                self._pepper, tasks, start, self._movable, self._scene, q, self._balance, self._loads
             ).certificate,
             hint=hint,
             conflict=conflict,
@@ -193,6 +196,7 @@ def solve_batch(
     collisions: bool = True,
     margin: float = 0.0,
     balance: Balance = "robot",
+    payload: Mapping[str, float] | None = None,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -223,6 +227,7 @@ def solve_batch(
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
         margin: Distance to the scene that is kept [m].
         balance: As of `solve`.
+        payload: As of `solve` [kg].
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups; None for all.
         max_iterations: Steps from each start.
@@ -242,7 +247,8 @@ def solve_batch(
         MissingDependencyError: for "proxsuite" where its library cannot be loaded.
     """
     solver = chosen_solver(pepper, solver)
-    world = Collisions(pepper, *checked_scene(scene, collisions, margin))
+    around, apart = checked_scene(scene, collisions, margin)
+    world = Collisions(pepper, around, apart, loads_of(pepper, around, payload))
     parts = tuple(with_loads(flatten_tasks(pepper, tasks, batch=True), world.loads))
     q0 = pepper.neutral() if start is None else as_joint_vectors(pepper, start, "start")
     check_within_limits(pepper, q0, "start")
@@ -273,6 +279,7 @@ def solve_batch(
             "collisions": collisions,
             "margin": margin,
             "balance": balance,
+            "payload": payload,
         }
         arrays = _solve_each(pepper, parts, starts, options, progress)
     arrays = (arrays[0] + turns, *arrays[1:])
@@ -292,6 +299,7 @@ def solve_batch(
         world.margin,
         budget,
         kept,
+        world.loads,
     )
 
 
@@ -308,9 +316,7 @@ def _solve_fast(
     tasks, pepper, hopeless = balanced(tasks), world.pepper, np.zeros(len(starts), dtype=bool)
     if not budget.closest and not is_ordered(tasks):  # what is met of tasks in order still counts
         hopeless = _out_of_reach(shortfalls(pepper, tasks, starts, movable), tasks)
-    rows = BatchSearch(
-        pepper, tasks, starts, movable, budget, scene=world.scene, margin=world.margin, hopeless=hopeless
-    )
+    rows = BatchSearch(pepper, tasks, starts, movable, budget, around=world, hopeless=hopeless)
     _share_out(rows.solve, len(starts), threads, progress)
     q, numbers, errors, iterations, restarts = rows.answers()
     codes = np.array([CODES.index(status) for status in rows.statuses], dtype=np.int8)[numbers]
@@ -361,8 +367,7 @@ def _try_nearby(
             movable,
             tried,
             budget.max_iterations,
-            scene=world.scene,
-            margin=world.margin,
+            around=world,
         )
         restarts[row] += len(tried)
         if found:

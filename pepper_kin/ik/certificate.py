@@ -9,11 +9,15 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checked_world import LEFT_EMPTY, is_left_empty
 from pepper_kin.collision.own_contacts import advice_on_own_links
+from pepper_kin.dynamics.load import Loads
+from pepper_kin.exceptions import suspect_millimeters
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.problem import OUT_OF_THE_WAY, Problem, joints_used, make_problem, moved_aside
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.standing import distance_inside, stands
+from pepper_kin.ik.tasks.line_through_point import LineThroughPoint
+from pepper_kin.ik.tasks.look_at import LookAt
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.model import PepperModel
 
@@ -38,6 +42,7 @@ class CertificateInputs(NamedTuple):
         scene: The scene, None where collisions were not considered.
         q: Joint positions to certify, shape (n,) [rad or m].
         balance: Distance asked for from the edges of the wheels' triangle [m]; None for none.
+        loads: What is carried; None for what is attached in the scene with a mass.
     """
 
     pepper: PepperModel
@@ -47,12 +52,14 @@ class CertificateInputs(NamedTuple):
     scene: Scene | None
     q: Array
     balance: float | None = None
+    loads: Loads | None = None
 
     def certificate(self) -> IKCertificate:
         """Return the certificate."""
         movable = np.ones(self.pepper.n, dtype=bool) if self.movable is None else self.movable
         problem = make_problem(self.pepper, self.tasks, self.q0, movable, keep_idle=self.scene is None)
-        return certify(problem, Collisions(self.pepper, self.scene), self.q, self.balance)
+        around = Collisions(self.pepper, self.scene, loads=self.loads)
+        return certify(problem, around, self.q, self.balance)
 
 
 def certify(
@@ -90,6 +97,9 @@ def certify(
         aside = moved_aside(pepper, ~joints_used(pepper, problem.tasks), way)
     in_collision = None if not collisions.considered else not collisions.free(q)
     note = LEFT_EMPTY if is_left_empty(collisions.scene) else ""
+    # Points that are looked at are met at any distance; of those to be reached the hint says it.
+    points = [task.target for task in problem.tasks if isinstance(task, LookAt | LineThroughPoint)]
+    note = note or suspect_millimeters(max((float(np.abs(point).max()) for point in points), default=0.0))
     if in_collision:
         note = note or advice_on_own_links(pepper)
     return IKCertificate(

@@ -67,17 +67,24 @@ class Collisions:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself, None checks nothing.
         margin: Distance to the scene that is kept [m].
+        loads: What is carried; None for what is attached in the scene with a mass.
 
     Attributes:
-        loads: What is attached to the robot with a mass.
+        loads: What is carried.
     """
 
-    def __init__(self, pepper: PepperModel, scene: Scene | None, margin: float = 0.0) -> None:
+    def __init__(
+        self, pepper: PepperModel, scene: Scene | None, margin: float = 0.0, loads: Loads | None = None
+    ) -> None:
         self.pepper = pepper
         self.scene, self.margin = scene, margin
-        self.loads = () if scene is None or not scene.attached else loads_of(pepper, scene)
+        self.loads = loads_of(pepper, scene) if loads is None else loads
         self._raised: BaseException | None = None
         self._kept: tuple[Any, ...] = ()
+
+    def again(self) -> Collisions:
+        """Return the same for use on another thread."""
+        return Collisions(self.pepper, self.scene, self.margin, self.loads)
 
     @property
     def considered(self) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast import alternatives
@@ -43,6 +44,7 @@ def solutions(
     collisions: bool = True,
     margin: float = 0.0,
     balance: Balance = "robot",
+    payload: Mapping[str, float] | None = None,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     starts: int = 64,
@@ -63,6 +65,7 @@ def solutions(
         collisions: Whether collisions are examined; False leaves them out.
         margin: Distance to the scene that is kept [m].
         balance: As of `solve`: those that keep it come first.
+        payload: As of `solve` [kg].
         seed: Draws the starts.
         joints: Joints that may move, by names of joints and groups; the others keep their place.
             None for all.
@@ -84,15 +87,14 @@ def solutions(
     q0 = q0 - turns
     movable = None if joints is None else movable_joints(pepper, joints)
     world, apart = checked_scene(scene, collisions, margin)
-    parts = with_loads(parts, Collisions(pepper, world).loads)
+    around = Collisions(pepper, world, apart, loads_of(pepper, world, payload))
+    parts = with_loads(parts, around.loads)
     wanted, tried = check_whole("count", count, 1), check_whole("starts", starts, 1, MOST_STARTS)
     steps = check_whole("max_iterations", max_iterations, 1)
     drawn = check_seed(seed)
-    found = alternatives(
-        pepper, equally_weighted(parts), q0, movable, drawn, tried, steps, scene=world, margin=apart
-    )
+    found = alternatives(pepper, equally_weighted(parts), q0, movable, drawn, tried, steps, around=around)
     kept: list[Array] = []
-    for q in _clear_ones(found, Collisions(pepper, world, apart), checked_balance(pepper, balance)):
+    for q in _clear_ones(found, around, checked_balance(pepper, balance)):
         if all(np.abs(q - other).max() >= APART for other in kept):
             kept.append(q)
         if len(kept) == wanted:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.checked_world import checked_world
+from pepper_kin.collision.loads import loads_of
 from pepper_kin.core.collision.layout import WIDEST
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
 from pepper_kin.dynamics.support_polygon import checked_balance
@@ -85,6 +86,7 @@ def solve(
     collisions: bool = True,
     margin: float = 0.0,
     balance: Balance = "robot",
+    payload: Mapping[str, float] | None = None,
     seed: int = 0,
     joints: str | Sequence[str] | None = None,
     max_iterations: int = 150,
@@ -114,6 +116,8 @@ def solve(
         balance: Distance that the center of mass is to keep from the edges of the wheels' triangle [m], and
             `ROOM_TO_MOVE` more, as of `plan`; "robot" for that of `pepper.requirements`; None leaves it out.
             Where no such posture is found, another is returned, and the report says so.
+        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects, as in
+            `plan`.
         seed: Draws the restarts.
         joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
             others keep their place. None for all.
@@ -133,7 +137,7 @@ def solve(
     """
     solver = chosen_solver(pepper, solver)
     world, apart = checked_scene(scene, collisions, margin)
-    around = Collisions(pepper, world, apart)
+    around = Collisions(pepper, world, apart, loads_of(pepper, world, payload))
     parts = tuple(with_loads(flatten_tasks(pepper, tasks), around.loads))
     q0, kept = checked_start(pepper, start), checked_balance(pepper, balance)
     turns = turns_left_out(pepper, parts, q0)
@@ -164,7 +168,7 @@ def solve(
         solver=solver,
         seed=budget.seed,
         evidence=CertificateInputs(
-            pepper, parts, q0 + turns, movable, world, found.q + turns, kept
+            pepper, parts, q0 + turns, movable, world, found.q + turns, kept, around.loads
         ).certificate,
         hint=hint,
         conflict=conflict,

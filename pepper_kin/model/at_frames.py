@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model.digest import kept_for_robot
 from pepper_kin.model.pepper_model import PepperModel
@@ -40,7 +40,9 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
     found: dict[str, float] = {}
     for name, value in values.items():
         frame = HANDS.get(name, name)
-        pepper.frame_id(frame)
+        if frame not in pepper.frame_names:
+            hands = (hand for hand, palm in HANDS.items() if palm in pepper.frame_names)
+            raise UnknownNameError(f"hand or frame of {quantity}", name, (*hands, *pepper.frame_names))
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not (np.isfinite(value) and value > 0):
             raise InvalidValueError(f"{quantity} at {name}", value, f"a finite number above 0 [{unit}]")

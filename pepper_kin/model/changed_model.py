@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, ModelError, ModelWarning, UnknownNameError
+from pepper_kin.exceptions import (
+    InvalidValueError,
+    ModelError,
+    ModelWarning,
+    UnknownNameError,
+    suspect_degrees,
+)
 from pepper_kin.model.follower_limits import followers_of
 from pepper_kin.model.joint_vectors import as_finite, check_positive, shown
 from pepper_kin.model.semantics import changed_states
@@ -22,6 +28,9 @@ from pepper_kin.model.xml_text import own_child
 
 if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
+
+RAISED = 3.0
+"""Velocity limits of more than a turn a second that are raised by more than this are warned of as degrees."""
 
 JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
 
@@ -179,8 +188,8 @@ def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
 
     Raises:
         InvalidValueError: for a lower limit above the upper one, an infinite limit of a joint that is
-            bounded on the other side or that slides, or another limit that is not above zero, unless the
-            robot had it before.
+            bounded on the other side or that slides, one beyond a turn and the limit before, or another
+            limit that is not above zero, unless the robot had it before.
     """
     for j, name in enumerate(pepper.joint_names):
         lower, upper = float(new["lower"][j]), float(new["upper"][j])
@@ -189,6 +198,21 @@ def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
             raise InvalidValueError(
                 f"limits of {name}", f"{lower:.6g} to {upper:.6g} {pepper.joint_units[j]}",
                 "a lower limit not above the upper one; for no limits -inf and inf, of joints that turn only",
+            )  # fmt: skip
+        for quantity, value in (("lower", lower), ("upper", upper)):
+            question, old = (
+                suspect_degrees(value, pepper.joint_units[j]),
+                (pepper.lower_limits[j], pepper.upper_limits[j]),
+            )
+            if question and not old[0] <= value <= old[1]:
+                raise InvalidValueError(
+                    f"{quantity} limit of {name}", f"{value:.6g} rad", f"radians{question}"
+                )
+        speed, before = float(new["velocity"][j]), float(pepper.velocity_limits[j])
+        if (question := suspect_degrees(speed, pepper.joint_units[j])) and speed > RAISED * before:
+            warnings.warn(
+                f"velocity limit of {name}: {speed:.6g} rad/s in place of {before:.6g} rad/s{question}",
+                ModelWarning, stacklevel=5,
             )  # fmt: skip
         for quantity in ("velocity", "acceleration", "effort"):
             value = float(new[quantity][j])

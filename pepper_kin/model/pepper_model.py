@@ -414,8 +414,9 @@ class PepperModel:
 
         Raises:
             UnknownNameError: for a joint or group that the robot lacks.
-            InvalidValueError: naming joint and limit, for a lower limit above the upper one, another limit
-                that is not above zero, one that a joint that follows does not allow, a wrong shape, or NaN.
+            InvalidValueError: naming joint and limit, for a lower limit above the upper one, one that is
+                widened beyond a turn, as by degrees, another limit that is not above zero, one that a joint
+                that follows does not allow, a wrong shape, or NaN.
             ModelError: after `with_pinocchio_model`, whose model the new one would lose.
         """
         changes = {"lower": lower, "upper": upper, "velocity": velocity}

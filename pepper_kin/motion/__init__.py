@@ -15,6 +15,7 @@
     optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
     minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
     LiveMotion, LiveState, LiveStatus         to goals that change, among obstacles that move
+    executed                                  what a live motion sent, as one trajectory
     gesture, gesture_names, gesture_meaning
     retarget, Retargeted, RetargetStatus      a person's motion
     KeyPoints, read_key_points                such a motion, as points over time
@@ -29,6 +30,7 @@ from pepper_kin.motion.constrained_plan import plan_constrained
 from pepper_kin.motion.constraints import manifold_of
 from pepper_kin.motion.costed_plan import plan_costed
 from pepper_kin.motion.curves import CIRC, LIN, SPLINE, Arc, HandCurve, Line, Route
+from pepper_kin.motion.executed_motion import executed
 from pepper_kin.motion.follow_result import Followed, FollowStatus
 from pepper_kin.motion.following import follow
 from pepper_kin.motion.gesture import gesture, gesture_meaning, gesture_names
@@ -88,6 +90,7 @@ __all__ = [
     "Validation",
     "ValidationStatus",
     "cartesian_path",
+    "executed",
     "follow",
     "gesture",
     "gesture_meaning",

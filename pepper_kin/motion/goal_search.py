@@ -587,7 +587,7 @@ class TaskGoalSearch:
         """Look for a goal that is come to along a way clear of collisions."""
         pepper, checks = self._checks.pepper, self._checks
         budget = SearchBudget(self._seed, CAREFUL_STARTS, STEPS, self._deadline)
-        collisions = Collisions(pepper, checks.exact.scene)
+        collisions = Collisions(pepper, checks.exact.scene, loads=checks.statics.carrying)
         found = search_compiled(pepper, self._tasks, self._start, self._movable, budget, collisions)
         search.counts[SPENT] += found.restarts
         if found.status is not IKStatus.SOLVED:
@@ -601,8 +601,9 @@ class TaskGoalSearch:
         goals = search.ends[1 : 1 + count].copy()
         q = read_only(goals[0].copy())
         inputs = CertificateInputs(
-            checks.pepper, self._parts, self._start, self._movable, checks.exact.scene, q
-        )
+            checks.pepper, self._parts, self._start, self._movable, checks.exact.scene, q,
+            loads=checks.statics.carrying,
+        )  # fmt: skip
         ik = IKResult(
             IKStatus.SOLVED, q, counts[STEPS_TAKEN], counts[RESTARTED] + counts[SPENT],
             working_time() - self._begin, "fast", seed=self._seed, evidence=inputs.certificate,

@@ -187,6 +187,7 @@ def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
         ik = solve(
             checks.pepper, tasks, start=request.start, solver=solver, scene=scene,
             seed=request.seed, joints=request.options.joints, balance=checks.statics.balance,
+            payload=request.options.payload,
             timeout=request.left() / (1 if scene is scenes[-1] else 3),
         )  # fmt: skip
         if ik.success and fault_of(checks.exact, ik.q, "goal", checks.statics) is None:

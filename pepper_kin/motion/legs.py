@@ -308,7 +308,7 @@ class _LegSearch:
             try:
                 solved = solutions(
                     self.pepper, tasks, q, count=_SOLUTIONS, scene=world, margin=margin, seed=seed,
-                    joints=self._joints_of(leg),
+                    joints=self._joints_of(leg), payload=self.options.payload,
                 )  # fmt: skip
             except InvalidValueError:  # tasks that the fast solver has no code for
                 return goal

@@ -7,7 +7,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.identification import FAULTS, diagnose
+from pepper_kin.identification import FAULTS, RobotLog, diagnose
 from pepper_kin.twin import Twin, actuator_parameters, joint_response
 from pepper_kin.twin.base import Odometry, OmniBase, arc_between
 from pepper_kin.twin.sensors import SensorSuite
@@ -155,6 +155,24 @@ def test_a_gear_that_slips_in_one_direction_is_named_with_the_share_of_that(pepp
     assert fault.size == pytest.approx(0.4, rel=0.05)
 
 
+@pytest.mark.parametrize("share", [0.15, 0.5])
+def test_commands_faster_than_the_share_are_told_with_joint_speed_and_limit(pepper, share):
+    t, joints = np.arange(0.0, 60.0, 0.02), ("LShoulderPitch", "LElbowRoll")
+    command = np.stack([0.8 + 0.3 * np.sin(t), -0.8 + 0.5 * np.sin(5.0 * t)], axis=1)
+    log = RobotLog("fast", joints, t, command, t, losing(command, 1500, 1, 0.4), share)
+    found = diagnose(pepper, log)
+    limit = share * joint_response(pepper).speed_share[pepper.joint_index("LElbowRoll")]
+    limit *= pepper.velocity_limits[pepper.joint_index("LElbowRoll")]
+    if limit < 2.5:  # the peak of 0.5 sin(5 t); 0.3 sin(t) goes at 0.3 rad/s
+        assert set(found.beyond_share) == {"LElbowRoll"}
+        fastest = 0.5 * 2.0 * np.sin(5.0 * 0.1) / 0.2  # the greatest mean over 0.2 s
+        assert f"LElbowRoll: commanded at up to {fastest:.2f} rad/s" in found.report()
+        assert f"share=0.15 allows {limit:.2f} rad/s" in found.report()
+        assert found.report().splitlines()[1].endswith("give the speed of setAngles, read_log(share=)")
+    else:
+        assert not found.beyond_share
+
+
 def test_a_gear_of_a_real_session_is_named_and_not_as_a_bias(pepper, real_logs):
     log = real_logs[-1]
     measured = losing(log.measured, int(np.argmax(log.time > 60.0)), log.index("RElbowYaw"), 0.4)
@@ -164,7 +182,9 @@ def test_a_gear_of_a_real_session_is_named_and_not_as_a_bias(pepper, real_logs):
 
 
 def test_a_real_session_raises_no_alarm_and_a_bias_in_another_is_all_that_is_named(pepper, real_logs):
-    assert diagnose(pepper, real_logs[0]).faults == ()
+    found = diagnose(pepper, real_logs[0])
+    assert found.faults == ()
+    assert found.beyond_share == {}
     log = real_logs[-1]
     measured = np.array(log.measured)
     measured[log.time > 60.0, log.index("RElbowYaw")] += 0.1

@@ -78,6 +78,36 @@ def test_what_motors_hold_is_preferred_and_certified_with_the_object(solver):
     assert found.torque_use.ratio == pytest.approx((torque / PEPPER.effort_limits).max(), rel=1e-9)
 
 
+def test_a_payload_counts_in_each_call_as_a_point_mass_in_the_hand():
+    points, payload = np.array([(0.38, 0.22, 0.82), (0.25, 0.25, 0.85)]), {"left": 0.6}
+    model, still = PEPPER.inner_model.copy(), PEPPER.inner_model.inertias[0]
+    hand = model.frames[PEPPER.frame_id("LArm_effector")]
+    point = pinocchio.Inertia(0.6, np.zeros(3), np.zeros((3, 3)))
+    model.appendBodyToJoint(hand.parentJoint, point, hand.placement)
+    corners = np.array(pk.dynamics.WHEEL_CONTACTS)
+    edges = np.roll(corners, -1, axis=0) - corners
+
+    def ratio_and_balance(q):
+        data = model.createData()
+        torque = np.abs(pinocchio.computeGeneralizedGravity(model, data, q)) / PEPPER.effort_limits
+        moving = pinocchio.computeTotalMass(model)
+        place = moving * pinocchio.centerOfMass(model, data, q) + still.mass * still.lever
+        away = place[:2] / (moving + still.mass) - corners
+        inside = (edges[:, 0] * away[:, 1] - edges[:, 1] * away[:, 0]) / np.linalg.norm(edges, axis=1)
+        return torque.max(), inside.min()
+
+    batch = ik.solve_batch(PEPPER, ik.HandPosition("left", points), payload=payload)
+    for k, target in enumerate(points):
+        task = ik.HandPosition("left", target)
+        for found in (ik.solve(PEPPER, task, payload=payload), batch.result(k)):
+            assert (found.torque_use.ratio, found.balance) == pytest.approx(ratio_and_balance(found.q))
+        several = [ratio_and_balance(q) for q in ik.solutions(PEPPER, task, payload=payload, count=20)]
+        held = [ratio <= 1 and inside >= 0.01 for ratio, inside in several]
+        assert held == sorted(held, reverse=True)
+    goal = pk.plan(PEPPER, PEPPER.posture("Ready"), task, payload=payload, seed=0).ik
+    assert goal.torque_use.ratio == pytest.approx(ratio_and_balance(goal.q)[0])
+
+
 def test_the_rows_of_balance_are_the_wrench_of_the_loaded_robot():
     corners = np.array(pk.dynamics.WHEEL_CONTACTS)
     edges = np.roll(corners, -1, axis=0) - corners

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,9 +29,6 @@ from pepper_kin.ik.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels.working_time import not_counted, on_perf_counter
 from pepper_kin.model import PepperModel
-
-if TYPE_CHECKING:
-    from pepper_kin.collision import Scene
 
 STATUSES = (
     IKStatus.SOLVED,
@@ -153,8 +149,7 @@ class BatchSearch:
         starts: q0 of each row, within the limits, shape (N, n).
         movable: Joints that may move, shape (n,); None for all.
         budget: How much to search for each row.
-        scene: What to keep clear of; None for nothing.
-        margin: Distance to the scene that is kept [m].
+        around: What may not touch, and what is carried; None for nothing.
         hopeless: Rows that no posture solves, which one descent is enough for, shape (N,); None for none.
 
     Attributes:
@@ -169,8 +164,7 @@ class BatchSearch:
         movable: np.ndarray | None,
         budget: SearchBudget,
         *,
-        scene: Scene | None = None,
-        margin: float = 0.0,
+        around: Collisions | None = None,
         hopeless: np.ndarray | None = None,
     ) -> None:
         ready = compiled_tasks(pepper, tasks)
@@ -195,7 +189,7 @@ class BatchSearch:
             self._inputs = self._inputs[self._order]
         self._ready, self._sizes, self._buffers = ready, (n, t), buffers
         self._fixed = (ready.tables, ready.bounds_of(movable), options)
-        self._world = (pepper, scene, margin)
+        self._around = Collisions(pepper, None, loads=()) if around is None else around
 
     def solve(self, begin: int, end: int) -> None:
         """Solve some rows; the interpreter is free for other threads meanwhile.
@@ -203,7 +197,7 @@ class BatchSearch:
         Raises:
             KeyboardInterrupt: after Ctrl-C, or whatever else the handler of a signal has raised.
         """
-        collisions = Collisions(*self._world)  # blocks of memory of this thread
+        collisions = self._around.again()  # blocks of memory of this thread
         tests = collisions.tests(self._buffers.signals)
         tables, bounds, options = self._fixed
         tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
@@ -245,12 +239,11 @@ def alternatives(
     count: int,
     max_iterations: int,
     *,
-    scene: Scene | None = None,
-    margin: float = 0.0,
+    around: Collisions | None = None,
 ) -> list[Array]:
     """Return solutions that `count` starts lead to, those nearest to q0 first.
 
-    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.  With a scene,
+    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.  With `around`,
     solutions that touch something are moved clear, or left out.
 
     Args:
@@ -261,8 +254,7 @@ def alternatives(
         seed: Draws the starts.
         count: Number of starts.
         max_iterations: Steps from each start.
-        scene: What to keep clear of; None for nothing.
-        margin: Distance to the scene that is kept [m].
+        around: What may not touch, and what is carried; None for nothing.
 
     Returns:
         Joint positions [rad or m], shape (n,) each.
@@ -278,7 +270,7 @@ def alternatives(
     starts[:, index] += reach * (low + points * (high - low) - here)
     if movable is not None:
         starts[:, ~movable] = q0[~movable]
-    return solutions_from(pepper, tasks, q0, movable, starts, max_iterations, scene=scene, margin=margin)
+    return solutions_from(pepper, tasks, q0, movable, starts, max_iterations, around=around)
 
 
 def solutions_from(
@@ -289,13 +281,12 @@ def solutions_from(
     starts: Array,
     max_iterations: int,
     *,
-    scene: Scene | None = None,
-    margin: float = 0.0,
+    around: Collisions | None = None,
 ) -> list[Array]:
     """Return solutions that given starts lead to, those nearest to q0 first.
 
-    Joints that no task depends on stay where a start has them; how far they move counts unweighted.  With a
-    scene, solutions that touch something are moved clear, or left out.
+    Joints that no task depends on stay where a start has them; how far they move counts unweighted.  With
+    `around`, solutions that touch something are moved clear, or left out.
 
     Args:
         pepper: The robot.
@@ -304,8 +295,7 @@ def solutions_from(
         movable: Joints that may move, shape (n,); None for all.
         starts: Where the searches start [rad or m], shape (m, n).
         max_iterations: Steps from each start.
-        scene: What to keep clear of; None for nothing.
-        margin: Distance to the scene that is kept [m].
+        around: What may not touch, and what is carried; None for nothing.
 
     Returns:
         Joint positions [rad or m], shape (n,) each.
@@ -313,13 +303,12 @@ def solutions_from(
     budget = SearchBudget(0, 0, max_iterations, math.inf, thorough=False)
     ready = compiled_tasks(pepper, tasks)
     if ready.python is None:
-        rows = BatchSearch(pepper, tasks, starts, movable, budget, scene=scene, margin=margin)
+        rows = BatchSearch(pepper, tasks, starts, movable, budget, around=around)
         rows.solve(0, len(starts))
         q, status, *_ = rows.answers()
         solved = q[status == STATUSES.index(IKStatus.SOLVED)]
     else:
-        world = Collisions(pepper, scene, margin)
-        found = [search_compiled(pepper, tasks, start, movable, budget, world) for start in starts]
+        found = [search_compiled(pepper, tasks, start, movable, budget, around) for start in starts]
         solved = np.array([one.q for one in found if one.status is IKStatus.SOLVED]).reshape(-1, q0.size)
     k, scale = ready.index.size, np.ones(q0.size)
     scale[ready.index] = ready.tables.scale[:k]
