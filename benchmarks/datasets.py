@@ -6,15 +6,13 @@
     kills     50 workers killed in 1,000 shards, by the pool and by Dask: the bytes are those of a quiet run
     scaling   two workers over one, by the pool and by Dask: wall time, alone on the machine only; and the
               processor time that two take over one, which other programs change little
-    lerobot   the real lerobot reads a data set: --lerobot names the Python of an environment that has it
 
-All parts but the last without names.  Everything is written to a temporary folder.
+All parts without names, in a temporary folder.  `tests/zoo/read_by_lerobot.py` counts what lerobot reads.
 """
 
 import argparse
 import os
 import signal
-import subprocess
 import tempfile
 import time
 from contextlib import contextmanager
@@ -30,29 +28,6 @@ TABLE = {
     "objects": [{"name": "table", "kind": "box", "size": [0.4, 0.8, 0.03], "position": [0.47, 0.05, 0.715]}]
 }
 NEAR = {"lower": [0.28, 0.05, 0.75], "upper": [0.42, 0.35, 1.0]}
-READ = """
-import sys, types, importlib.machinery
-class Nothing: pass
-def anything(name):
-    if name.startswith("__"): raise AttributeError(name)
-    return Nothing
-if {stub}:  # torchvision has no build here
-    for tail in ("", ".transforms", ".transforms.v2", ".transforms.functional", ".transforms.v2.functional"):
-        name = "torchvision" + tail
-        module = sys.modules[name] = types.ModuleType(name)
-        module.__spec__, module.__path__ = importlib.machinery.ModuleSpec(name, None), []
-        module.__version__, module.__getattr__ = "0.0", anything
-        if "." in name: setattr(sys.modules[name.rpartition(".")[0]], name.rpartition(".")[2], module)
-import torch
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-data = LeRobotDataset("local/x", root=sys.argv[1], video_backend="pyav")
-fps = data.fps
-steps = {{"observation.state": [-1 / fps, 0.0], "action": [0.0, 1 / fps]}}
-data = LeRobotDataset("local/x", root=sys.argv[1], delta_timestamps=steps, video_backend="pyav")
-batch = next(iter(torch.utils.data.DataLoader(data, batch_size=8, shuffle=True)))
-shape = tuple(batch["action"].shape)
-print(data.num_episodes, "episodes", data.num_frames, "frames", shape, sorted(data.meta.stats)[:3])
-"""
 
 
 @contextmanager
@@ -205,20 +180,6 @@ def scaling(folder, shards):
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 
-def lerobot(folder, python):
-    job = DatasetJob("demonstrations", 20, targets={"task": "Reach"}, format="lerobot")
-    datasets.make(job, folder / "data", workers=0)
-    stub = (
-        subprocess.run([python, "-c", "import torchvision"], capture_output=True, check=False).returncode != 0
-    )
-    (folder / "read.py").write_text(READ.format(stub=stub))
-    environment = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(folder / "hub")}
-    command = [python, str(folder / "read.py"), str(folder / "data/lerobot")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert done.returncode == 0, done.stderr
-    print("lerobot:", done.stdout.strip().splitlines()[-1])
-
-
 PARTS = {"rows": (rows, 2000), "motions": (motions, 100), "writer": (writer, 200), "kills": (kills, 1000)}
 PARTS["scaling"] = (scaling, 200)
 
@@ -228,12 +189,8 @@ if __name__ == "__main__":
     )
     parser.add_argument("parts", nargs="*", help="parts to run")
     parser.add_argument("--count", type=int, help="rows, motions, episodes or shards")
-    parser.add_argument("--lerobot", help="Python of an environment with lerobot")
     options = parser.parse_args()
     for part in options.parts or PARTS:
         with tempfile.TemporaryDirectory() as name:
             run, count = PARTS[part]
             run(Path(name), options.count or count)
-    if options.lerobot:
-        with tempfile.TemporaryDirectory() as name:
-            lerobot(Path(name), options.lerobot)

@@ -5,10 +5,12 @@ whose actuators have friction, rotors and stiffness of 0.7 to 1.4 of the usual, 
 all joints.  Each recording gets the noise of encoders and torque sensors `DRAWS` times, and each of these is
 one run: payload and friction are estimated, and stiffness from a recording without load.  What was found is
 appended to ROWS.csv; `python benchmarks/estimates.py ROWS.csv` prints its table.  A fourth argument,
-`payload` or `stiffness`, leaves the other out; `exact` has stiffness of servos whose encoders have no steps.
+`payload` or `stiffness`, leaves the other out; `exact` has stiffness of servos whose encoders have no steps,
+`zeros` stiffness from recordings of their own, in each of which the encoders' zeros lie elsewhere.
 
 The width of an interval is compared with that of 95 % of the estimates from the noise drawn again on the same
 recording (a bootstrap with the true errors), 3.92 standard deviations of them; of stiffness, those of 1 / Kp.
+"Error" is the root mean square of estimate - truth over the standard deviation that its interval stands for.
 """
 
 import csv
@@ -29,7 +31,7 @@ MOTIONS = 3  # for each set of joints
 
 
 def scenario(pepper, number, motions, exact=False):
-    """Return recordings without noise, the frame, the joints and what is true."""
+    """Return what makes a recording without noise, the load, the joints and what is true."""
     rng = np.random.default_rng(number)
     side, whole, wrist = ("left", "right")[number % 2], number % 5 == 4, number % 4 > 1
     moved = None if whole else f"{side}_arm"
@@ -46,11 +48,14 @@ def scenario(pepper, number, motions, exact=False):
     if exact:
         changed["encoder_resolution"] = np.zeros(pepper.n)
     actuators, mass = replace(usual, **changed), float(rng.uniform(0.05, 0.4))
-    motion = motions[key]
-    heavy, light = (
-        pk.Twin(pepper, STEP / FINER, feedforward="none", actuators=actuators, payload=load).execute(motion)
-        for load in ({frame: mass}, None)
-    )
+
+    def recording(load, zeros=0.0):
+        """Return a run with a load; the encoders' zeros lie elsewhere, by shares of their steps."""
+        moved = motions[key].coefficients.copy()
+        moved[:, 0] += zeros * actuators.encoder_resolution
+        twin = pk.Twin(pepper, STEP / FINER, feedforward="none", actuators=actuators, payload=load)
+        return coarse(twin.execute(replace(motions[key], coefficients=moved)))
+
     true = {"mass": mass, "x": 0.0, "y": 0.0, "z": 0.0}
     for name in names:
         j = pepper.joint_index(name)
@@ -59,7 +64,7 @@ def scenario(pepper, number, motions, exact=False):
             f"{name}.coulomb": actuators.coulomb_friction[j],
             f"{name}.stiffness": actuators.stiffness[j],
         }
-    return coarse(heavy), coarse(light), frame, joints, true
+    return recording, {frame: mass}, joints, true
 
 
 def coarse(run):
@@ -85,15 +90,20 @@ def record(first, last, path, only=""):
     with open(path, "a", newline="") as file:
         writer = csv.writer(file)
         for number in range(first, last):
-            heavy, light, frame, joints, true = scenario(pepper, number, motions, only == "exact")
+            recording, load, joints, true = scenario(pepper, number, motions, only == "exact")
+            heavy = recording(load) if only in ("", "payload") else None
+            light = recording(None) if only not in ("payload", "zeros") else None
             for draw in range(DRAWS):
-                rng = np.random.default_rng((number, draw))
-                heavy_read, light_read = noisy(pepper, heavy, rng), noisy(pepper, light, rng)
-                estimates = []
-                if only in ("", "payload"):
-                    estimates.append(identification.estimate_payload(pepper, heavy_read, frame, joints))
-                if only != "payload":
-                    estimates.append(identification.estimate_stiffness(pepper, light_read, joints))
+                rng, estimates = np.random.default_rng((number, draw)), []
+                if only == "zeros":
+                    light = recording(None, rng.uniform(-0.5, 0.5, pepper.n))
+                if heavy:
+                    read, (frame,) = noisy(pepper, heavy, rng), load
+                    estimates.append(identification.estimate_payload(pepper, read, frame, joints))
+                if light:
+                    estimates.append(
+                        identification.estimate_stiffness(pepper, noisy(pepper, light, rng), joints)
+                    )
                 for found in estimates:
                     for name, value, ends in zip(found.names, found.values, found.intervals, strict=True):
                         writer.writerow([number, draw, name, true[name], value, *ends])
@@ -109,20 +119,24 @@ def table(path):
             if kind == "stiffness":  # estimated as compliance, in which intervals are symmetric
                 row = [1 / row[0], 1 / row[1], 1 / row[3], 1 / row[2]]
             known[kind][number, name].append(row)
-    print("| parameter | runs | inside | least of a scenario | width over the spread | worst | shift |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| parameter | runs | inside | least of a scenario | width over the spread | worst | shift | error |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for kind, scenarios in known.items():
-        inside, width, shift, count = [], [], [], 0
+        inside, width, shift, error, count = [], [], [], [], 0
         for rows in scenarios.values():
             true, value, low, high = np.array(rows).T
             spread = value.std(ddof=1)
             inside.append(np.mean((low <= true) & (true <= high)))
             width.append(np.median(high - low) / (3.92 * spread))
             shift.append((value - true).mean() / spread)
+            error.append(np.mean((3.92 * (value - true) / (high - low)) ** 2))
             count += len(rows)
         print(
             f"| {kind} | {count:,} | {100 * np.mean(inside):.1f} % | {100 * min(inside):.0f} % | "
-            f"{np.median(width):.2f} | {max(width):.2f} | {np.sqrt(np.mean(np.square(shift))):.2f} |"
+            f"{np.median(width):.2f} | {max(width):.2f} | {np.sqrt(np.mean(np.square(shift))):.2f} | "
+            f"{np.sqrt(np.mean(error)):.2f} |"
         )
 
 

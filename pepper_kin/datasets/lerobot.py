@@ -21,8 +21,8 @@ from pepper_kin.model.joint_vectors import check_positive
 QUANTILES = (0.01, 0.10, 0.50, 0.90, 0.99)
 _NAMES = ("min", "max", "mean", "std", "count", *(f"q{round(100 * q):02d}" for q in QUANTILES))
 _INDICES = ("frame_index", "episode_index", "index", "task_index")
-RESERVED = ("timestamp", *_INDICES, "task")
-"""Columns that LeRobot adds to the features; its items have the task in words, too."""
+RESERVED = ("timestamp", *_INDICES, "task", "language_persistent", "language_events")
+"""Columns that LeRobot adds to the features or reads as language; its items have the task in words, too."""
 _CHUNK = 1000  # files of a folder
 _TOGETHER = 1000  # episodes whose statistics are in memory
 _STILLS = 32  # pictures of an episode that its statistics are made of
@@ -319,8 +319,11 @@ def _check_features(features: Mapping[str, Feature]) -> None:
     for name, feature in features.items():
         if name in RESERVED:
             raise InvalidValueError("feature", repr(name), f"another name than {', '.join(RESERVED)}")
-        if not name or "/" in name or "\\" in name or name in (".", ".."):
+        if not name or {*"/\\\0"} & {*name} or name in (".", ".."):
             raise InvalidValueError("feature", repr(name), "a name that is not empty and without '/'")
+        if name.endswith("_is_pad"):
+            words = "a name with another end: what LeRobot adds to a window of a feature has this one"
+            raise InvalidValueError("feature", repr(name), words)
         if feature.size < 0 or len(set(feature.names)) < len(feature.names):
             raise InvalidValueError(f"feature {name}", feature, "a size of at least 0, names that differ")
         if feature.names and len(feature.names) != feature.size:
@@ -338,9 +341,11 @@ def _of_numbers(table: NDArray[np.float32]) -> NDArray[np.float64]:
     count = table.shape[1]
     table = table.copy()
     mean = table.mean(axis=1, dtype=np.float64)
-    std = np.sqrt(
-        np.maximum(((table - mean[:, None].astype(np.float32)) ** 2).mean(axis=1, dtype=np.float64), 0.0)
-    )
+    # Over a power of two, so that no square leaves single precision.
+    power = np.frexp(np.maximum(table.max(axis=1), -table.min(axis=1)))[1].clip(-120, 120)
+    scale = np.ldexp(np.float32(1.0), -power)[:, None]
+    shifted = table * scale - (mean[:, None] * scale).astype(np.float32)
+    std = np.sqrt((shifted**2).mean(axis=1, dtype=np.float64)) / scale[:, 0]
     table.sort(axis=1)
     place = (count - 1) * np.array(QUANTILES)
     low = place.astype(int)

@@ -70,11 +70,13 @@ def estimate_stiffness(
 
     The torque that a joint needs by the description is, of a servo without feed-forward,
 
-        q_ref - q = tau / Kp + k_1 dq_ref/dt + k_2 dq/dt + k_3 d2q/dt2 + k_4 sign(dq/dt),
+        q_ref - q = tau / Kp + k_1 dq_ref/dt + k_2 v + k_3 dv/dt + k_4 sign(v) + k_5 sign(v) / v^2, v = dq/dt,
 
     where k_1 to k_4 stand for damping, friction, the rotor's inertia and a latency (to its first order).
-    Noise of the encoders is on the left side alone and does not shift 1 / Kp.  What their steps leave in the
-    servo's error is the same in each recording of a motion: intervals come from long blocks, over which it
+    Noise of the encoders is on the left side alone and does not shift 1 / Kp.  Their steps do: a servo that
+    reads a position in steps of s is slow after each and fast before the next, so that the mean of what it
+    reads is ahead by s^2 Kp / (12 Kd |v|), by less where its inertia smooths that; k_5 stands for both.  What
+    is left of steps is the same in each recording of a motion: intervals come from long blocks, over which it
     changes.
 
     Args:
@@ -100,10 +102,14 @@ def estimate_stiffness(
     state = data.position, data.velocity, data.acceleration
     torque = data.filter(dynamics.inverse_dynamics(pepper, *state))
     acceleration, friction, k = data.filter(data.acceleration), data.friction, len(names)
+    own = data.velocity[:, data.moving]
+    ahead = data.filter(np.sign(own) * np.minimum(1.0, (data.slowest / (np.abs(own) + 1e-300)) ** 2))
     values, intervals, residual = np.empty(k), np.empty((k, 2)), {}
     for j, name in enumerate(names):
         i = data.moving[j]
-        columns = np.column_stack([torque[:, i], speed[:, j], acceleration[:, i], friction[:, j, j::k]])
+        columns = np.column_stack(
+            [torque[:, i], speed[:, j], acceleration[:, i], friction[:, j, j::k], ahead[:, j]]
+        )
         found = solve(data, columns[:, None], error[:, [j]], sliding[:, [j]], long_blocks=True)
         (low, high), compliance = found.intervals[0], found.values[0]
         values[j], residual[name] = 1.0 / compliance, float(found.residual[0] / abs(compliance))

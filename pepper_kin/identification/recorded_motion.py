@@ -77,6 +77,11 @@ class RecordedMotion(NamedTuple):
         )
 
     @property
+    def slowest(self) -> Array:
+        """Speed of each joint from which on it surely moves one way, shape (k,)."""
+        return np.asarray(_SLOW * np.abs(self.velocity[:, self.moving]).max(axis=0))
+
+    @property
     def sliding(self) -> NDArray[np.bool_]:
         """When each joint surely moves one way, away from reversals, shape (T, k).
 
@@ -87,7 +92,7 @@ class RecordedMotion(NamedTuple):
             InvalidValueError: for a joint that never does so for as long as that.
         """
         speed = self.velocity[:, self.moving]
-        slow = np.abs(speed) < _SLOW * np.abs(speed).max(axis=0)
+        slow = np.abs(speed) < self.slowest
         slow[1:] |= speed[1:] * speed[:-1] < 0.0
         around = int(_AROUND / (self.cutoff * self.step))
         found = ~ndimage.maximum_filter1d(slow, 2 * around + 1, axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ MOST = 1e9
 
 Sines of larger angles have lost half of their digits, and products of far larger numbers overflow.
 """
+_MOST_TURNS = 100  # of a joint, until one that follows it stands as before
 
 
 def as_finite(
@@ -283,16 +285,31 @@ def check_within_limits(
 def full_turns(pepper: PepperModel, change: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the full turns nearest to a change of position, of joints that turn without limits [rad].
 
-    Added to one of two positions whose difference is the change, they leave the way of half a turn at most.
-    Zero for joints with limits, and for joints that slide.
+    Added to one of two positions whose difference is the change, they leave the way of half a turn at most:
+    half of as many turns as bring the joints that follow it back, too.  Zero for joints with limits, for
+    joints that slide, and for those that a joint follows which never comes back.
 
     Args:
         pepper: The robot.
         change: Differences of joint positions, shape (..., n).
     """
+    turns = _turns_until_all_are_back(pepper)
+    period = 2 * np.pi * np.maximum(turns, 1.0)
+    return np.where(turns > 0, period * np.round(change / period), 0.0)
+
+
+def _turns_until_all_are_back(pepper: PepperModel) -> NDArray[np.float64]:
+    """Return after how many turns a joint and all that follow it stand as before, 0 for never, shape (n,)."""
     endless = np.isinf(pepper.lower_limits) & np.isinf(pepper.upper_limits)
-    endless &= np.array(pepper.joint_units) == "rad"
-    return np.where(endless, 2 * np.pi * np.round(change / (2 * np.pi)), 0.0)
+    found = (endless & (np.array(pepper.joint_units) == "rad")).astype(float)
+    if pepper.is_coupled:
+        kinds = {joint.name: joint.type for joint in pepper.document.joints}
+        for name, row in zip(list(pepper.inner_model.names)[1:], pepper.full_map, strict=True):
+            for j in np.flatnonzero((row != 0.0) & (found > 0)):
+                ratio = Fraction(row[j]).limit_denominator(_MOST_TURNS)
+                exact = kinds[name] != "prismatic" and abs(ratio - row[j]) < 1e-12
+                found[j] = math.lcm(int(found[j]), ratio.denominator) if exact else 0.0
+    return found
 
 
 def check_choice(quantity: str, value: str, choices: tuple[str, ...]) -> str:

@@ -1,7 +1,8 @@
 """LeRobot's rules for features, and what rows say of their world.
 
 lerobot 0.6.1 makes `datasets.Value` of features of shape (1,) and lists of others, adds `timestamp`,
-`frame_index`, `episode_index`, `index` and `task_index`, and refuses names with "/".
+`frame_index`, `episode_index`, `index` and `task_index`, `NAME_is_pad` beside the windows of a feature, reads
+two names as language, and refuses names with "/".
 """
 
 import json
@@ -45,7 +46,10 @@ def test_columns_have_the_types_that_their_shapes_ask_for(size, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["timestamp", "frame_index", "episode_index", "index", "task_index", "task", "observation/state", ""],
+    [
+        "timestamp", "frame_index", "episode_index", "index", "task_index", "task", "observation/state", "",
+        "language_persistent", "language_events", "action_is_pad", "a\0",
+    ],
 )  # fmt: skip
 def test_names_that_lerobot_has_or_refuses(name, tmp_path):
     with pytest.raises(InvalidValueError, match="feature: got"):
@@ -65,6 +69,15 @@ def test_names_that_lerobot_has_or_refuses(name, tmp_path):
 def test_features_that_contradict_themselves_are_refused(feature, reason, tmp_path):
     with pytest.raises(InvalidValueError, match=reason):
         LeRobotWriter(tmp_path / "set", fps=10, features={"action": Feature(2), "other": feature})
+
+
+@pytest.mark.parametrize("scale", [1e30, 3e38, 1e-30])
+def test_statistics_of_numbers_whose_squares_leave_single_precision(scale, tmp_path):
+    values = (scale * np.random.default_rng(0).uniform(-1.0, 1.0, (50, 2))).astype(np.float32)
+    with LeRobotWriter(tmp_path / "set", fps=10, features={"action": Feature(2)}) as writer:
+        writer.add("t", action=values)
+    found = json.loads((tmp_path / "set" / "meta" / "stats.json").read_text())["action"]["std"]
+    np.testing.assert_allclose(found, values.astype(float).std(axis=0), rtol=1e-5)
 
 
 def test_a_feature_may_be_named_self(tmp_path):
