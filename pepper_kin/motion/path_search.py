@@ -47,7 +47,7 @@ from pepper_kin.planners.shortcut import (
     straighten_each,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
-from pepper_kin.planners.smooth import schoenberg_spline
+from pepper_kin.planners.smooth import schoenberg_spline, sine_waypoints
 from pepper_kin.planners.tree import FOUND, Trees, grown, take_trees, with_room
 from pepper_kin.planners.tree_growth import GOAL, ROUND, WAY_POINTS, PathEnds, first_round
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
@@ -60,6 +60,10 @@ SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
 each has to save as a part of the length."""
 FEWEST, MOST = 6, 48
 """Segments of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
+
+SINES = ((1, 1.1), (2, 1.1), (3, 1.1), (1, 1.25), (2, 1.25))
+"""Sines, and the factor of their amplitudes, of the first curves tried; see `sine_waypoints`.  They have no
+corners, and make motions quicker than a rounded path does."""
 
 SHARE_OF_TIME = 0.02
 """Part of the time budget that the former may take where they are not made together with the search."""
@@ -183,32 +187,45 @@ def _compare_goals(state: PlanningState, key: np.uint64) -> None:
 
 
 @compiled
-def _write_waypoints(state: PlanningState, segments: int, size: int) -> None:
-    """Write the way-points of the rounded path; see `rounded_waypoints`."""
-    line, lengths, points, check = state.line, state.line.lengths[0], state.spline.points, state.check
-    breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
-    coefficients = np.empty((segments, 4, state.free.size))
+def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) -> None:
+    """Write the way-points of the rounded path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
+
+    Args:
+        state: What is planned.
+        size: Number of points of the path.
+        waves: Number of sines; 0 for the rounded path.
+        scale: Factor of their amplitudes.
+    """
+    points, segments, standing = state.spline.points, state.spline.segments[0], state.check.standing
+    path, lengths = state.line.points[:size], state.line.lengths[0][:size]
+    curve = np.empty((segments + 1, state.free.size))
+    if waves > 0:
+        sine_waypoints(path, lengths, waves, scale, curve)
+    else:
+        breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
+        coefficients = np.empty((segments, 4, state.free.size))
+        for i in range(segments + 1):
+            breaks[i] = lengths[size - 1] * i / segments
+        schoenberg_spline(path, lengths, breaks, abscissae, coefficients)
+        for i in range(segments):
+            _copy_row(coefficients[i, 0], curve[i])
+        _copy_row(path[size - 1], curve[segments])
     for i in range(segments + 1):
-        breaks[i] = lengths[size - 1] * i / segments
-    schoenberg_spline(line.points[:size], lengths[:size], breaks, abscissae, coefficients)
-    for i in range(segments + 1):
-        for j in range(check.standing.size):
-            points[i, j] = check.standing[j]
+        _copy_row(standing, points[i])
         for j in range(state.free.size):
-            value = line.points[size - 1, j] if i == segments else coefficients[i, 0, j]
             low = state.space.lower[j]
-            points[i, state.free[j]] = min(max(value, low), low + state.space.extent[j])
+            points[i, state.free[j]] = min(max(curve[i, j], low), low + state.space.extent[j])
 
 
 @compiled
-def _try_spline(state: PlanningState, margins: Floats1) -> int:
-    """Write the spline through way-points of the rounded path; return DONE if it is clear at margins [m].
+def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float) -> int:
+    """Write the spline through way-points, see `_write_waypoints`; return DONE if it is clear at margins [m].
 
     Otherwise LEAVES_LIMITS or NOT_CLEAR.
     """
     spline, segments, size = state.spline, state.spline.segments[0], state.line.counters[SIZE]
     measure(state.line.points, size, state.space.weights, state.line.lengths[0])
-    _write_waypoints(state, segments, size)
+    _write_waypoints(state, size, waves, scale)
     points, breaks = spline.points[: segments + 1], spline.breaks[: segments + 1]
     coefficients = spline.coefficients[:segments]
     low, high = state.limits[0], state.limits[1]
@@ -221,10 +238,14 @@ def _try_spline(state: PlanningState, margins: Floats1) -> int:
 
 @compiled
 def _round(state: PlanningState) -> int:
-    """Look for few way-points along a path that is rounded everywhere alike whose spline is clear."""
+    """Look for few way-points whose spline is clear: of sines, then along a path rounded everywhere alike."""
     count = state.spline.segments
+    if count[0] == FEWEST and state.line.counters[SIZE] > 2:
+        for waves, scale in SINES:
+            if _try_spline(state, state.relaxed, waves, scale) == DONE:
+                return DONE
     while count[0] <= MOST:
-        ended = _try_spline(state, state.relaxed)
+        ended = _try_spline(state, state.relaxed, 0, 1.0)
         if ended != NOT_CLEAR:
             return int(ended)
         count[0] *= 2
@@ -247,7 +268,7 @@ def _is_straight(state: PlanningState) -> bool:
     _copy_row(start, line.points[0])
     _copy_row(end, line.points[1])
     line.counters[SIZE], state.found.goal[0] = 2, goal
-    if _try_spline(state, state.margins) != DONE:
+    if _try_spline(state, state.margins, 0, 1.0) != DONE:
         return False
     state.trees.counters[STATES], state.trees.counters[CALLS] = line.counters[STATES], line.counters[CALLS]
     return True
