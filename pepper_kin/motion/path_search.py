@@ -65,6 +65,9 @@ SINES = ((1, 1.1), (2, 1.1), (3, 1.1), (1, 1.25), (2, 1.25))
 """Sines, and the factor of their amplitudes, of the first curves tried; see `sine_waypoints`.  They have no
 corners, and make motions quicker than a rounded path does."""
 
+SAMPLES_TO_FIRST = 512
+"""Samples of a search for a path to the goal that is preferred, before one to all goals."""
+
 SHARE_OF_TIME = 0.02
 """Part of the time budget that the former may take where they are not made together with the search."""
 
@@ -118,6 +121,7 @@ class PlanningState(NamedTuple):
         check: Checks of whole configurations.
         ends: Start, shape (k,), and goals, shape (m, k).
         compare: Whether the path may end at another goal where that is nearer.
+        prefer: Whether the first goal is preferred to nearer ones, if there is a path to it.
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
@@ -134,6 +138,7 @@ class PlanningState(NamedTuple):
     check: MotionCheck
     ends: PathEnds
     compare: bool
+    prefer: bool
     free: Ints1
     limits: Floats2
     reach: Floats1
@@ -291,9 +296,18 @@ def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np
 
     See `rrt_connect`.
     """
-    space, trees, line, found = state.space, state.trees, state.line, state.found
+    space, trees, line, found, ends = state.space, state.trees, state.line, state.found, state.ends
     set_margins(state.check.moving, state.margins[0], state.margins[1], state.check.radius)
-    ended = first_round(space, trees, seconds, state.ends, line.points, line.lengths[0], key, ROUND)
+    if state.prefer:
+        first = PathEnds(ends.start, ends.goals[:1], ends.order[:1])
+        ended = first_round(space, trees, seconds, first, line.points, line.lengths[0], key, SAMPLES_TO_FIRST)
+        if ended == FOUND and trees.counters[WAY_POINTS] > 0:
+            found.goal[0], line.counters[SIZE] = 0, trees.counters[WAY_POINTS]
+            _keep_found(state)
+            return True
+        for k in range(trees.counters.size):
+            trees.counters[k] = trees.counters[k] if k in (STATES, CALLS) else 0
+    ended = first_round(space, trees, seconds, ends, line.points, line.lengths[0], key, ROUND)
     if ended != FOUND or trees.counters[WAY_POINTS] == 0:
         return False
     found.goal[0], line.counters[SIZE] = trees.counters[GOAL], trees.counters[WAY_POINTS]
@@ -448,14 +462,15 @@ class PathSearch:
             extent=box[1] - box[0],
             weights=problem.metric.weights,
         )
-        order = np.zeros(len(goals), np.int64)
-        if len(goals) > 1:
+        order = np.arange(len(goals))
+        prefer = compare and len(goals) > 1 and problem.checks.statics.balance is not None
+        if len(goals) > 1 and not prefer:
             apart = (goals - problem.moving_start) * problem.metric.weights
             order = (apart * apart).sum(axis=1).argsort(kind="stable")
         margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
         return PlanningState(
-            space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,
-            problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
+            space, check, PathEnds(problem.moving_start, goals, order), compare, prefer,
+            problem.free, problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
         )  # fmt: skip
 
     def _run(self, state: PlanningState, stage: int) -> Slices[tuple[int, PlanningState]]:
