@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ _MOST_SEGMENTS = 1_000_000
 _ROUNDS = 20  # halvings of the spacing before giving up: a millionth of it
 _COARSE = 10.0  # first spacing of breaks, in units of the problem's resolution
 _FEWEST = 4  # pieces
+_SAMPLES = 32  # of a polyline that sines are fitted to
 _MERGE = 1e-9  # of the box's diagonal
 _ADVICE = "plan and short-cut again at a finer resolution, or let the checker keep a margin"
 _FACTORS = ((1.0, 1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (2.0, 6.0), (6.0,))  # p! / (p - derivative)!
@@ -286,6 +288,44 @@ def schoenberg_spline(
             abscissae[i] = lengths[-1]
         _on_polyline(points, lengths, abscissae[i], control[i])
     power_basis(knots, control, coefficients)
+
+
+@compiled("void(float64[:, ::1], float64[::1], int64, float64, float64[:, ::1])")
+def sine_waypoints(points: Floats2, lengths: Floats1, waves: int, scale: float, curve: Floats2) -> None:
+    """Write points of a curve that departs from the straight way like a polyline does, by few sines.
+
+    With q_0 and q_1 the ends of a polyline f, u its arc length as a part of the whole, and M samples:
+
+        q(u) = q_0 + u (q_1 - q_0) + a sum_{k=1}^{K} c_k sin(k pi u),
+        c_k = 2 / M sum_{i=1}^{M-1} (f(i / M) - q_0 - i / M (q_1 - q_0)) sin(k pi i / M),
+
+    which for a = 1 is the least-squares fit (the discrete sine transform).  It has no corners to slow down
+    at; what it cuts off where f turns sharply, a greater a gives back.
+
+    Args:
+        points: The polyline, two points or more, shape (m, n).
+        lengths: Arc length at each, shape (m,), rising.
+        waves: K, below M = 32.
+        scale: a.
+        curve: Written: the points at equal steps of u, shape (k + 1, n).
+    """
+    n, segments, pi = points.shape[1], curve.shape[0] - 1, math.pi
+    state, found, first, last = np.empty(n), np.zeros((waves, n)), points[0], points[points.shape[0] - 1]
+    for i in range(1, _SAMPLES):
+        u = i / _SAMPLES
+        _on_polyline(points, lengths, u * lengths[-1], state)
+        for k in range(waves):
+            factor = 2.0 / _SAMPLES * math.sin((k + 1) * pi * u)
+            for j in range(n):
+                found[k, j] += factor * (state[j] - first[j] - u * (last[j] - first[j]))
+    for i in range(segments + 1):
+        u = i / segments
+        for j in range(n):
+            curve[i, j] = first[j] + u * (last[j] - first[j]) if i < segments else last[j]
+        for k in range(waves if 0 < i < segments else 0):
+            factor = scale * math.sin((k + 1) * pi * u)
+            for j in range(n):
+                curve[i, j] += factor * found[k, j]
 
 
 @compiled("void(float64[::1], float64[:, ::1], float64[:, :, ::1])")

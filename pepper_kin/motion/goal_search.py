@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.core.collision.curve_check import MotionCheck, _check_states, _held, blocked, kept_margins
+from pepper_kin.core.collision.curve_check import (
+    MotionCheck,
+    _check_states,
+    _held,
+    _least_moment,
+    _write_loads,
+    blocked,
+    kept_margins,
+)
 from pepper_kin.core.collision.gjk import FREE
 from pepper_kin.core.inverse_kinematics.local_solver import CollisionTests
 from pepper_kin.core.inverse_kinematics.multi_start import solve_rows
@@ -102,7 +110,7 @@ class GoalSearch(NamedTuple):
         values: Space for how far these are from q0, as many.
         order: Space for the order of these, as many.
         sieve: Space for configurations that are looked at, shape (BLOCK, n).
-        ends: The start, then the goals that are found, the nearest first, shape (1 + GOALS, n).
+        ends: The start, then the goals that are found, the best first, shape (1 + GOALS, n).
         spare: Solutions that touch nothing, but are nearer than the margin, shape (GOALS, n).
         kept: Receives the margins that the ends keep, see `kept_margins`.
         counts: See the places above.
@@ -298,11 +306,32 @@ def _examine(search: GoalSearch, size: int) -> None:
 
 
 @compiled
+def _sort_by_balance(search: GoalSearch, count: int) -> None:
+    """Put those of the goals first whose center of mass is farthest inside the wheels.
+
+    Motions to them may slow down harder: the zero-moment point is farther from the edges.
+    """
+    check, goals, values = search.check, search.ends[1:], search.values
+    for k in range(count):
+        for j in range(goals.shape[1]):
+            check.states[k, j] = goals[k, j]
+    _write_loads(check, count)
+    for k in range(count):
+        values[k] = -_least_moment(check, k)
+    _sort(search, 0, count)
+    for k in range(count):
+        for j in range(goals.shape[1]):
+            goals[k, j] = check.states[search.order[k], j]
+
+
+@compiled
 def _ended(search: GoalSearch) -> int:
     """Write the margins that start and goals keep, if there are goals; return how the search ended."""
     count = search.counts[GOAL_COUNT]
     if count == 0:
         return NONE
+    if search.check.edges.shape[0] > 0:
+        _sort_by_balance(search, count)
     kept_margins(search.check, search.ends[: 1 + count], search.margin, search.least_margin, search.kept)
     return FOUND
 
@@ -413,7 +442,8 @@ class TaskGoals(NamedTuple):
     """Configurations that meet tasks.
 
     Attributes:
-        goals: The best first, shape (m, n), m of 1 to 4.
+        goals: The best first, shape (m, n), m of 1 to 4: with balance, the farthest inside the wheels; else
+            the nearest.
         ik: The result of inverse kinematics for the first.
         kept: What `Checks.margins` returns for them and the start [m].
     """

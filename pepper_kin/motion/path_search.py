@@ -47,7 +47,7 @@ from pepper_kin.planners.shortcut import (
     straighten_each,
 )
 from pepper_kin.planners.shortcut import FULL as LINE_FULL
-from pepper_kin.planners.smooth import schoenberg_spline
+from pepper_kin.planners.smooth import schoenberg_spline, sine_waypoints
 from pepper_kin.planners.tree import FOUND, Trees, grown, take_trees, with_room
 from pepper_kin.planners.tree_growth import GOAL, ROUND, WAY_POINTS, PathEnds, first_round
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
@@ -60,6 +60,13 @@ SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
 each has to save as a part of the length."""
 FEWEST, MOST = 6, 48
 """Segments of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
+
+SINES = ((1, 1.1), (2, 1.1), (3, 1.1), (1, 1.25), (2, 1.25))
+"""Sines, and the factor of their amplitudes, of the first curves tried; see `sine_waypoints`.  They have no
+corners, and make motions quicker than a rounded path does."""
+
+SAMPLES_TO_FIRST = 512
+"""Samples of a search for a path to the goal that is preferred, before one to all goals."""
 
 SHARE_OF_TIME = 0.02
 """Part of the time budget that the former may take where they are not made together with the search."""
@@ -114,6 +121,7 @@ class PlanningState(NamedTuple):
         check: Checks of whole configurations.
         ends: Start, shape (k,), and goals, shape (m, k).
         compare: Whether the path may end at another goal where that is nearer.
+        prefer: Whether the first goal is preferred to nearer ones, if there is a path to it.
         free: Places of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
         reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
@@ -130,6 +138,7 @@ class PlanningState(NamedTuple):
     check: MotionCheck
     ends: PathEnds
     compare: bool
+    prefer: bool
     free: Ints1
     limits: Floats2
     reach: Floats1
@@ -183,32 +192,45 @@ def _compare_goals(state: PlanningState, key: np.uint64) -> None:
 
 
 @compiled
-def _write_waypoints(state: PlanningState, segments: int, size: int) -> None:
-    """Write the way-points of the rounded path; see `rounded_waypoints`."""
-    line, lengths, points, check = state.line, state.line.lengths[0], state.spline.points, state.check
-    breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
-    coefficients = np.empty((segments, 4, state.free.size))
+def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) -> None:
+    """Write the way-points of the rounded path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
+
+    Args:
+        state: What is planned.
+        size: Number of points of the path.
+        waves: Number of sines; 0 for the rounded path.
+        scale: Factor of their amplitudes.
+    """
+    points, segments, standing = state.spline.points, state.spline.segments[0], state.check.standing
+    path, lengths = state.line.points[:size], state.line.lengths[0][:size]
+    curve = np.empty((segments + 1, state.free.size))
+    if waves > 0:
+        sine_waypoints(path, lengths, waves, scale, curve)
+    else:
+        breaks, abscissae = np.empty(segments + 1), np.empty(segments + 3)
+        coefficients = np.empty((segments, 4, state.free.size))
+        for i in range(segments + 1):
+            breaks[i] = lengths[size - 1] * i / segments
+        schoenberg_spline(path, lengths, breaks, abscissae, coefficients)
+        for i in range(segments):
+            _copy_row(coefficients[i, 0], curve[i])
+        _copy_row(path[size - 1], curve[segments])
     for i in range(segments + 1):
-        breaks[i] = lengths[size - 1] * i / segments
-    schoenberg_spline(line.points[:size], lengths[:size], breaks, abscissae, coefficients)
-    for i in range(segments + 1):
-        for j in range(check.standing.size):
-            points[i, j] = check.standing[j]
+        _copy_row(standing, points[i])
         for j in range(state.free.size):
-            value = line.points[size - 1, j] if i == segments else coefficients[i, 0, j]
             low = state.space.lower[j]
-            points[i, state.free[j]] = min(max(value, low), low + state.space.extent[j])
+            points[i, state.free[j]] = min(max(curve[i, j], low), low + state.space.extent[j])
 
 
 @compiled
-def _try_spline(state: PlanningState, margins: Floats1) -> int:
-    """Write the spline through way-points of the rounded path; return DONE if it is clear at margins [m].
+def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float) -> int:
+    """Write the spline through way-points, see `_write_waypoints`; return DONE if it is clear at margins [m].
 
     Otherwise LEAVES_LIMITS or NOT_CLEAR.
     """
     spline, segments, size = state.spline, state.spline.segments[0], state.line.counters[SIZE]
     measure(state.line.points, size, state.space.weights, state.line.lengths[0])
-    _write_waypoints(state, segments, size)
+    _write_waypoints(state, size, waves, scale)
     points, breaks = spline.points[: segments + 1], spline.breaks[: segments + 1]
     coefficients = spline.coefficients[:segments]
     low, high = state.limits[0], state.limits[1]
@@ -221,10 +243,14 @@ def _try_spline(state: PlanningState, margins: Floats1) -> int:
 
 @compiled
 def _round(state: PlanningState) -> int:
-    """Look for few way-points along a path that is rounded everywhere alike whose spline is clear."""
+    """Look for few way-points whose spline is clear: of sines, then along a path rounded everywhere alike."""
     count = state.spline.segments
+    if count[0] == FEWEST and state.line.counters[SIZE] > 2:
+        for waves, scale in SINES:
+            if _try_spline(state, state.relaxed, waves, scale) == DONE:
+                return DONE
     while count[0] <= MOST:
-        ended = _try_spline(state, state.relaxed)
+        ended = _try_spline(state, state.relaxed, 0, 1.0)
         if ended != NOT_CLEAR:
             return int(ended)
         count[0] *= 2
@@ -247,7 +273,7 @@ def _is_straight(state: PlanningState) -> bool:
     _copy_row(start, line.points[0])
     _copy_row(end, line.points[1])
     line.counters[SIZE], state.found.goal[0] = 2, goal
-    if _try_spline(state, state.margins) != DONE:
+    if _try_spline(state, state.margins, 0, 1.0) != DONE:
         return False
     state.trees.counters[STATES], state.trees.counters[CALLS] = line.counters[STATES], line.counters[CALLS]
     return True
@@ -270,9 +296,18 @@ def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np
 
     See `rrt_connect`.
     """
-    space, trees, line, found = state.space, state.trees, state.line, state.found
+    space, trees, line, found, ends = state.space, state.trees, state.line, state.found, state.ends
     set_margins(state.check.moving, state.margins[0], state.margins[1], state.check.radius)
-    ended = first_round(space, trees, seconds, state.ends, line.points, line.lengths[0], key, ROUND)
+    if state.prefer:
+        first = PathEnds(ends.start, ends.goals[:1], ends.order[:1])
+        ended = first_round(space, trees, seconds, first, line.points, line.lengths[0], key, SAMPLES_TO_FIRST)
+        if ended == FOUND and trees.counters[WAY_POINTS] > 0:
+            found.goal[0], line.counters[SIZE] = 0, trees.counters[WAY_POINTS]
+            _keep_found(state)
+            return True
+        for k in range(trees.counters.size):
+            trees.counters[k] = trees.counters[k] if k in (STATES, CALLS) else 0
+    ended = first_round(space, trees, seconds, ends, line.points, line.lengths[0], key, ROUND)
     if ended != FOUND or trees.counters[WAY_POINTS] == 0:
         return False
     found.goal[0], line.counters[SIZE] = trees.counters[GOAL], trees.counters[WAY_POINTS]
@@ -427,14 +462,15 @@ class PathSearch:
             extent=box[1] - box[0],
             weights=problem.metric.weights,
         )
-        order = np.zeros(len(goals), np.int64)
-        if len(goals) > 1:
+        order = np.arange(len(goals))
+        prefer = compare and len(goals) > 1 and problem.checks.statics.balance is not None
+        if len(goals) > 1 and not prefer:
             apart = (goals - problem.moving_start) * problem.metric.weights
             order = (apart * apart).sum(axis=1).argsort(kind="stable")
         margins, relaxed = np.array(problem.margins), np.array(problem.relaxed_margins)
         return PlanningState(
-            space, check, PathEnds(problem.moving_start, goals, order), compare, problem.free,
-            problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
+            space, check, PathEnds(problem.moving_start, goals, order), compare, prefer,
+            problem.free, problem.limits, problem.reach, margins, relaxed, problem.strictly, *workspace,
         )  # fmt: skip
 
     def _run(self, state: PlanningState, stage: int) -> Slices[tuple[int, PlanningState]]:

@@ -80,7 +80,8 @@ def plan(
         goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks, or several lists of them
             of which any will do, such as the grasps of one object.  Of joints that turn without limits full
             turns do not count: the path ends within half a turn of the start.  Tasks are solved from several
-            starts; of the free solutions the one with the shortest path is taken.
+            starts; of the free solutions nearby the one farthest inside the wheels is taken if a path to it
+            is found at once, since motions there may brake harder; else the one with the shortest path.
         scene: The world around the robot, with what it holds; attached objects count with their mass.
         planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.

@@ -43,6 +43,21 @@ def test_goals_are_those_of_the_starts_one_by_one(seed):
     np.testing.assert_allclose(found.goals, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("payload", [None, {"left": 0.2}])
+def test_goals_with_balance_are_those_farthest_inside_the_wheels_first(payload):
+    rng, moved = np.random.default_rng(4), 0
+    for _ in range(8):
+        tasks = [pk.ik.HandPosition("left", rng.uniform((0.28, 0.05, 0.80), (0.42, 0.30, 1.00)))]
+        checks = checks_of(TABLE, balance=0.01, payload=payload)
+        goals = clear_goals(checks, STAND, tasks, None, MARGIN, 0, 5.0).goals
+        inside = [
+            checks.statics.distance_inside(q) for q in goals
+        ]  # the zero-moment point of a robot at rest
+        assert (np.diff(inside) <= 1e-9).all()
+        moved += np.ptp(inside) > 0.005
+    assert moved >= 4
+
+
 def test_goals_with_a_load_can_be_held_with_it():
     point = (0.32, 0.25, 0.85)
     tasks = [pk.ik.HandPosition("left", point)]

@@ -19,6 +19,7 @@ from pepper_kin.motion.plan_request import PlanOptions, plan_request
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import path_found
 from pepper_kin.motion.problem import COARSE, path_problem
+from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.planners import tree
 from pepper_kin.planners.deadline import PausedClock, whole
 from pepper_kin.trajectory.path import as_cubic_path
@@ -32,6 +33,19 @@ HIGH = PEPPER.joint_vector({"LShoulderPitch": 0.2, "LShoulderRoll": 0.2, "LElbow
 
 def path_problem_of_table():
     return path_problem(Checks(PEPPER, TABLE), LOW, HIGH[None], ARM, 0.01, COARSE)
+
+
+def test_the_first_goal_is_preferred_with_balance_and_another_met_where_it_cannot_be():
+    far, inside_the_table = HIGH.copy(), LOW.copy()
+    far[ARM[0]], inside_the_table[ARM[0]] = -1.2, 0.7
+    assert CollisionChecker(PEPPER, TABLE).in_collision(inside_the_table)
+    for balance, first, met in ((0.01, far, {0}), (None, far, {0, 1}), (0.01, inside_the_table, {1})):
+        checks = Checks(PEPPER, TABLE, static_limits(PEPPER, balance, None))
+        problem = path_problem(checks, LOW, np.array([first, HIGH]), ARM, 0.01, COARSE)
+        ways = [PathSearch(problem, seed, 5.0).searched(True) for seed in range(12)]
+        assert {found.goal_index for found, _ in ways} == met
+        for found, way in ways:
+            np.testing.assert_array_equal(way.points[-1], (first, HIGH)[found.goal_index])
 
 
 @pytest.mark.parametrize("nodes", [4096, 16])

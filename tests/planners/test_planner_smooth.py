@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.fft import dst
 from scipy.interpolate import BSpline
 
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.planners import Path, Problem, SmoothPath, certify, rrt_connect, shortcut, smooth
-from pepper_kin.planners.smooth import power_basis
+from pepper_kin.planners.smooth import power_basis, sine_waypoints
 
 
 def everywhere(states: np.ndarray) -> np.ndarray:
@@ -205,3 +206,20 @@ def test_pieces_are_those_of_the_b_spline(segments: int, seed: int) -> None:
     for power, factorial in enumerate((1.0, 1.0, 2.0, 6.0)):
         expected = spline.derivative(power)(breaks[:-1]) if power else spline(breaks[:-1])
         assert coefficients[:, power] == pytest.approx(expected / factorial, rel=1e-9, abs=1e-9 / 0.05**power)
+
+
+@pytest.mark.parametrize(("waves", "scale"), [(1, 1.0), (3, 1.25), (31, 1.0)])
+def test_sine_waypoints_are_the_first_terms_of_scipys_sine_transform(waves: int, scale: float) -> None:
+    points = np.random.default_rng(3).normal(size=(5, 3))
+    path, share = Path(points), np.linspace(0.0, 1.0, 33)
+    straight = points[0] + share[:, None] * (points[-1] - points[0])
+    off = np.array([path(s) for s in share * path.length]) - straight
+    kept = dst(off[1:-1], type=1, axis=0, norm="forward") * (np.arange(1, 32) <= waves)[:, None]
+    expected = straight.copy()
+    expected[1:-1] += scale * dst(kept, type=1, axis=0, norm="backward")
+    if waves == 31:  # all of them: the polyline itself
+        np.testing.assert_allclose(expected, straight + off, atol=1e-12)
+    found = np.empty_like(expected)
+    sine_waypoints(points, path.arc_lengths, waves, scale, found)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.array_equal(found[[0, -1]], points[[0, -1]])

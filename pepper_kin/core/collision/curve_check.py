@@ -194,31 +194,42 @@ def _check_far(
 
 
 @compiled
-def _held(check: MotionCheck, count: int) -> bool:
-    """Return whether the first configurations in `states` can be held still, without tipping over."""
-    states, inputs, torques, effort, n = (
-        check.states,
-        check.inputs,
-        check.torques,
-        check.effort,
-        check.effort.size,
-    )
+def _write_loads(check: MotionCheck, count: int) -> None:
+    """Write into `torques` what holding the first configurations in `states` still takes."""
+    inputs, n = check.inputs, check.effort.size
     for k in range(count):
         for j in range(n):
-            inputs[k, j] = states[k, j]
+            inputs[k, j] = check.states[k, j]
         for j in range(check.masses.size):
             inputs[k, n + j] = check.masses[j]
-    evaluate_batch(check.load, inputs[:count], inputs, inputs, torques[:count], check.work, check.words)
+    evaluate_batch(check.load, inputs[:count], inputs, inputs, check.torques[:count], check.work, check.words)
+
+
+@compiled
+def _least_moment(check: MotionCheck, k: int) -> float:
+    """Return the least moment of the floor about an edge [N m], at a configuration whose loads are written.
+
+    That is the robot's weight times how far the center of mass is inside; inf where there are no edges.
+    """
+    least, n = math.inf, check.effort.size
+    for e in range(check.edges.shape[0]):
+        moment = 0.0
+        for j in range(check.edges.shape[1]):
+            moment += check.edges[e, j] * check.torques[k, n + j]
+        least = min(least, moment) if moment == moment else -math.inf
+    return least
+
+
+@compiled
+def _held(check: MotionCheck, count: int) -> bool:
+    """Return whether the first configurations in `states` can be held still, without tipping over."""
+    _write_loads(check, count)
     for k in range(count):
-        for j in range(n):
-            if not abs(torques[k, j]) <= effort[j]:
+        for j in range(check.effort.size):
+            if not abs(check.torques[k, j]) <= check.effort[j]:
                 return False
-        for e in range(check.edges.shape[0]):
-            moment = 0.0
-            for j in range(check.edges.shape[1]):
-                moment += check.edges[e, j] * torques[k, n + j]
-            if not moment >= 0.0:
-                return False
+        if not _least_moment(check, k) >= 0.0:
+            return False
     return True
 
 
