@@ -115,7 +115,7 @@ def test_random_lines_leave_the_other_arm_and_head_alone():
             state = servo.step()
             assert np.abs(state.v[idle]).max() <= 0.3 + 1e-9
         assert np.abs(state.q - q)[idle].max() < 0.1
-    assert aside <= 1  # of 12: a line to the edge of what balance allows
+    assert aside <= 2  # of 12: one line to the edge of what balance allows, solved and followed
 
 
 def test_ik_names_an_arm_that_has_to_give_way():

@@ -52,7 +52,7 @@ def test_accelerations_are_continuous_and_vanish_at_the_ends(over_the_table):
     np.testing.assert_allclose([starts[0], ends[-1]], 0.0, atol=1e-7)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [2, 5])
 def test_more_intervals_are_tried_where_few_come_too_near_between_samples(over_the_table, seed):
     pepper, plan, _ = over_the_table
     other = pk.plan(pepper, plan.path[0], plan.path[-1], TABLE, seed=seed)
