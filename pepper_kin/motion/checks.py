@@ -48,6 +48,16 @@ class Checks(CurveChecks):
         self._whole: CompiledValidity | None = None
         self._of_configurations: dict[int, MotionCheck] = {}
 
+    @functools.cached_property
+    def asking_coal(self) -> Checks:
+        """The same, with coal's answer to all that machine code cannot tell, edges of searches among it.
+
+        Machine code takes a mesh that is not convex for its hull: within it, it cannot tell.
+        """
+        other = Checks(self.pepper, self.scene, self.statics)
+        other.compiled = other.quick = False
+        return other
+
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
         if margin == 0.0 and self_margin == 0.0:

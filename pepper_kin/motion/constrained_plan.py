@@ -131,7 +131,7 @@ def constrained_path(
     more: dict[str, Any] = {"ik": ik, "states_checked": states}
     if result.path is None:
         whole = replace(result, states_checked=states, time=working_time() - ended.begin)
-        return ended(*why_no_path(problem, whole, request.seed, manifold), **more)
+        return ended(*why_no_path(problem, whole, request.seed, manifold), search=whole, **more)
     along = _Along(request, problem, manifold)
     path = along.shortest(result.path)
     if request.costs is not None:

@@ -126,7 +126,7 @@ def costed_path(
     more: dict[str, Any] = {"ik": ends.ik, "states_checked": states}
     if search.first is None:
         whole = replace(search.result, states_checked=states, time=working_time() - ended.begin)
-        return ended(*why_no_path(problem, whole, request.seed), **more)
+        return ended(*why_no_path(problem, whole, request.seed), search=whole, **more)
     path, figures, before = search.cheapest()
     if path is None or figures is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, search.first), **more)

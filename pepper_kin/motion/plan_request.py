@@ -64,6 +64,7 @@ class PlanOptions:
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
         start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
+        asks_coal: Whether coal decides wherever machine code cannot tell; no option of `plan`.
     """
 
     planner: str = "rrt_connect"
@@ -80,10 +81,12 @@ class PlanOptions:
     payload: Mapping[str, float] | None = None
     smooth: bool = False
     start_velocity: ArrayLike | None = None
+    asks_coal: bool = False
 
     def keywords(self) -> dict[str, Any]:
         """Return the options as keywords of `plan`."""
-        return {one.name: getattr(self, one.name) for one in fields(PlanOptions)}
+        names = [one.name for one in fields(PlanOptions) if one.name != "asks_coal"]
+        return {name: getattr(self, name) for name in names}
 
     @property
     def margins(self) -> tuple[float, float]:
@@ -162,6 +165,8 @@ def plan_request(
     q_start = checked_start(pepper, start, options.margin, options.timeout)
     checked_least(*options.margins)
     checks = checks_for(pepper, scene, statics)
+    if options.asks_coal:
+        checks = checks.asking_coal
     if are_tasks(goal) and statics.carrying:
         goal = with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), statics.carrying)
     if constraints:

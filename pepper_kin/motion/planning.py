@@ -17,7 +17,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
-from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
+from pepper_kin.motion.alternative_goals import Search, are_alternatives, plan_to_any
 from pepper_kin.motion.constrained_plan import constrained_path
 from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
@@ -136,6 +136,7 @@ def plan(
     search = _free_path if not guided else costed_path if constraints is None else constrained_path
     if start_velocity is not None:
         search = partial(plan_in_motion, search=_free_path)
+    search = partial(_told_by_coal, search)
     if isinstance(goal, (Task, TaskGroup)):
         goal = [goal]
     if are_alternatives(goal):
@@ -143,6 +144,22 @@ def plan(
     else:
         found = search(pepper, start, goal, scene, options)
     return smoothed(pepper, found, scene, options) if smooth else found
+
+
+def _told_by_coal(
+    search: Search,
+    pepper: PepperModel,
+    start: ArrayLike,
+    goal: ArrayLike | Sequence[Any],
+    scene: Scene | None,
+    options: PlanOptions,
+) -> Plan:
+    """Plan, and again with coal where a search took an end, which is free, for one in contact; see `plan`."""
+    found = search(pepper, start, goal, scene, options)
+    ends = planners.Status.START_INVALID, planners.Status.GOAL_INVALID
+    if found.success or found.search is None or found.search.status not in ends:
+        return found
+    return search(pepper, start, goal, scene, replace(options, asks_coal=True))
 
 
 def _free_path(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import pepper_kin as pk
 from pepper_kin import planners
@@ -198,3 +199,33 @@ def test_what_stands_near_is_left_to_coal():
         assert plan.success or not free, plan.message
         solved += plan.success
     assert solved >= 10
+
+
+def hollow_shelf(folder):
+    """A shelf in one mesh, two boards and a back, whose hull holds the room between the boards."""
+    boards = [((0.5, 0.6, 0.02), (0.6, 0.0, 0.6)), ((0.02, 0.6, 1.4), (0.85, 0.0, 0.7))]
+    boards.append(((0.5, 0.6, 0.02), (0.6, 0.0, 1.25)))
+    parts = [
+        trimesh.creation.box(size, trimesh.transformations.translation_matrix(at)) for size, at in boards
+    ]
+    trimesh.util.concatenate(parts).export(folder / "shelf.stl")
+    return pk.Scene().add_mesh("shelf", folder / "shelf.stl")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("constraints", [None, [pk.ik.CenterOfMassOverWheels(0.01)]])
+def test_ends_in_the_hollow_of_a_mesh_are_planned_from_and_to(tmp_path, constraints):
+    """Machine code takes the mesh for its hull, in which both ends are; coal takes it as it is."""
+    pepper, scene = pk.load_pepper(), hollow_shelf(tmp_path)
+    inside = pk.ik.solve(pepper, [pk.ik.HandPosition("left", (0.42, 0.2, 0.8))], scene=scene)
+    other = pk.ik.solve(pepper, [pk.ik.HandPosition("left", (0.42, 0.15, 0.85))], inside.q, scene=scene)
+    exact, ready = pk.collision.checker_for(pepper, scene), pepper.posture("Ready")
+    for start, goal in ((inside.q, other.q), (ready, inside.q), (other.q, ready)):
+        plan = pk.plan(pepper, start, goal, scene, constraints=constraints)
+        assert plan.success, plan.report()
+        assert not exact.in_collision(along(pepper, plan.path)).any()
+        np.testing.assert_allclose(plan.path[-1], goal, atol=1e-12)
+    board = pk.ik.solve(pepper, [pk.ik.HandPosition("left", (0.5, 0.2, 0.6))], collisions=False).q
+    blocked = pk.plan(pepper, ready, board, scene, constraints=constraints)
+    assert not blocked.success
+    assert "shelf" in blocked.message
