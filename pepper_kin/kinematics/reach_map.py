@@ -103,19 +103,23 @@ class ReachMap(FrozenArrays):
         return np.asarray(inside & (self.counts[index[..., 0], index[..., 1], index[..., 2]] > 0))
 
     def report(self) -> str:
-        """Return volume, extent and the best place in words."""
+        """Return volume, extent, the best place and which postures counted in words."""
         low, high = self.centers.min(axis=0), self.centers.max(axis=0)
         spans = (f"{name} {a:.2f} to {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True))
         top = np.array(np.unravel_index(int(self.best.argmax()), self.best.shape))
         spot = ", ".join(f"{x:.2f}" for x in self.origin + (top + 0.5) * self.resolution)
+        counted, rest = self.counts.sum(), []
+        if counted == self.samples:
+            rest = ["no posture was left out: without valid= those in self-collision or tipping count, too"]
         return "\n".join(
             [
                 f"{self.frame}, moved by {', '.join(self.joints)}: reaches {self.volume:.3g} m^3, "
                 f"{np.count_nonzero(self.counts)} voxels of {self.resolution:g} m",
                 f"centers of voxels [m]: {', '.join(spans)}",
                 f"best manipulability {self.best.max():.3g} m^3 at ({spot})",
-                f"{self.counts.sum()} of {self.samples} postures counted (seed {self.seed}): "
+                f"{counted} of {self.samples} postures counted (seed {self.seed}): "
                 "a voxel that none hit may be reachable all the same",
+                *rest,
             ]
         )
 

@@ -162,6 +162,12 @@ def test_only_postures_free_of_collisions_count(pepper):
     np.testing.assert_array_equal(found.counts, np.histogramdd(points, bins=edges)[0])
     assert found.counts.sum() == free.sum()
     assert found.samples == 2000
+    assert f"{free.sum()} of 2000 postures counted" in found.report()
+    assert "left out" not in found.report()
+
+
+def test_a_report_says_that_postures_which_touch_count(arm_map):
+    assert "no posture was left out: without valid= those in self-collision" in arm_map.report()
 
 
 def test_what_valid_may_not_answer(pepper):

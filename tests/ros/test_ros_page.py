@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import test_rosbridge_clients as clients
 
+from pepper_kin.ros.controllers import CONTROLLERS
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ros.md").read_text(encoding="utf-8")
 
@@ -61,6 +63,12 @@ def test_the_client_in_javascript(port):
         script.unlink()
     assert done.returncode == 0, done.stderr
     assert "HeadYaw" in done.stdout
+
+
+def test_all_controllers_stand_beside_the_client():
+    section = PAGE.partition("## From my ROS 2 workspace")[2].partition("\n## ")[0]
+    paragraph = section.partition("The controllers are ")[2].partition("\n\n")[0]
+    assert re.findall(r"`(\w+)`", paragraph) == list(CONTROLLERS)
 
 
 def test_topics_of_the_page_are_those_of_the_node(node):
