@@ -68,7 +68,7 @@ def motion():
 
 def failed_plan():
     goal = pk.ik.HandPosition("left", (0.47, 0.05, 0.715))
-    return pk.plan(PEPPER, STAND, goal, TABLE, timeout=0.5)
+    return pk.plan(PEPPER, STAND, goal, TABLE, timeout=60.0)
 
 
 MISTAKES = {
