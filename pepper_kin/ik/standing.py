@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_kin.arrays import Array
+from pepper_kin.batch import kernel
+from pepper_kin.core.kernel_batch import evaluate
 from pepper_kin.dynamics import center_of_mass
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import distances_inside, inward_normals, support_polygon
@@ -70,7 +72,12 @@ def rests(pepper: PepperModel, q: Array, balance: float | None, loads: Loads) ->
 
 def holds(pepper: PepperModel, q: Array, loads: Loads) -> np.ndarray:
     """Return whether the motors hold joint positions q, shape (..., n) -> (...), with what motions leave."""
-    return np.asarray((np.abs(holding_torque(pepper, q, loads)) <= _most_torque(pepper)).all(axis=-1))
+    if loads or pepper.solvers != "fast":
+        torque = holding_torque(pepper, q, loads)
+    else:  # by the kernel of the search: a first answer does not wait for Pinocchio to load
+        rows = np.ascontiguousarray(q).reshape(-1, pepper.n)
+        torque = evaluate(kernel(pepper, "gravity_torque"), rows).reshape(q.shape)
+    return np.asarray((np.abs(torque) <= _most_torque(pepper)).all(axis=-1))
 
 
 @kept_for_robot(most=1)
