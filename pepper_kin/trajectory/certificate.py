@@ -140,7 +140,7 @@ class ScalarCheck:
 
     def sentence(self) -> str:
         """Say the worst value and when it occurs."""
-        word = "" if self.success else "VIOLATED: "
+        word = "" if self.success else "VIOLATED: " if self.margin < 0.0 else "NOT PROVEN: "
         room = self.margin + self.allowance if self.margin >= 0.0 else float("inf")
         between, limit = _between(self.resolution, self.unit, "worse", room), ""
         if self.limit is None:
