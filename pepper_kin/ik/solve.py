@@ -228,9 +228,9 @@ def at_rest(request: Request, solver: str, found: SearchResult, balance: float |
     wanted = tasks_at_rest(pepper, balance, loads)
     upright = [task for task in wanted if not isinstance(task, HoldingTorque)]
     choices = []
-    if holds(pepper, request.q0, loads):  # else the motors may be too weak for any posture
+    if len(wanted) > len(upright) and holds(pepper, request.q0, loads):  # else motors may always be too weak
         choices.append(wanted)
-    if balance is not None and not stands(pepper, found.q, balance, loads):
+    if upright and not stands(pepper, found.q, float(balance or 0.0), loads):
         choices.append(upright)
     for more in choices:
         tasks = equally_weighted((*request.tasks, *flatten_tasks(pepper, more)))

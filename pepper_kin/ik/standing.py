@@ -21,7 +21,7 @@ from pepper_kin.model.requirements import ROOM_TO_MOVE, limited_efforts
 from pepper_kin.model.wheels import BASE_JOINTS
 
 _ROUNDING = 1e-4  # [m]: the task is met to so much
-_SHARE_ROUNDING = 1e-3  # of effort limits, as well
+_SHARE_ROUNDING = 1e-3  # of the share, as well
 _DRAWN, _HEAVY = 64, 0.7  # postures, and the share of what holding may take from which on a joint may lack it
 
 
@@ -39,11 +39,9 @@ def tasks_at_rest(pepper: PepperModel, balance: float | None, loads: Loads) -> l
         margin = balance + ROOM_TO_MOVE + _ROUNDING
         tasks.append(CenterOfMassOverWheels(margin, tolerance=_ROUNDING))
     if joints := _heavy_joints(pepper, loads):
-        tasks.append(
-            HoldingTorque(
-                pepper.requirements.holding_share - _SHARE_ROUNDING, tolerance=_SHARE_ROUNDING, joints=joints
-            )
-        )
+        share = pepper.requirements.holding_share
+        least, most = (1.0 - _SHARE_ROUNDING) * share, _SHARE_ROUNDING * share
+        tasks.append(HoldingTorque(least, tolerance=most, joints=joints))
     return with_loads(tasks, loads)
 
 
@@ -51,7 +49,7 @@ def tasks_at_rest(pepper: PepperModel, balance: float | None, loads: Loads) -> l
 def _heavy_joints(pepper: PepperModel, loads: Loads) -> tuple[str, ...]:
     """Return the joints that may lack torque at rest, by postures drawn within the limits."""
     low, high = np.maximum(pepper.lower_limits, -np.pi), np.minimum(pepper.upper_limits, np.pi)
-    drawn = np.random.default_rng(0).uniform(low, high, (_DRAWN, pepper.n))
+    drawn = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_DRAWN, pepper.n))
     most = torque_ratios(pepper, drawn, loads).max(axis=0)
     heavy = most > _HEAVY * pepper.requirements.holding_share
     return tuple(name for name, lacks in zip(pepper.joint_names, heavy, strict=True) if lacks)

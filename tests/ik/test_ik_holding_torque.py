@@ -6,6 +6,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model import MotionRequirements
 
 PEPPER = pk.load_pepper()
 GRIPPERS = {"left": "l_gripper", "right": "r_gripper"}
@@ -61,6 +62,20 @@ def test_a_batch_holds_what_single_calls_hold():
     found = pk.ik.solve_batch(PEPPER, pk.ik.HandPosition("left", points))
     for q, point in zip(found.q, points, strict=True):
         np.testing.assert_array_equal(q, pk.ik.solve(PEPPER, pk.ik.HandPosition("left", point)).q)
+
+
+def test_sliders_far_from_zero_and_little_torque_are_no_obstacle():
+    joint = '<joint name="lift" type="prismatic"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+    joint += '<limit lower="4" upper="6" velocity="1" effort="100"/></joint>'
+    arm = '<link name="arm"><inertial><mass value="20"/>'
+    arm += '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    robot = pk.load_robot(f'<robot name="lift"><link name="base"/>{arm}{joint}</robot>')
+    for one in (robot, robot.with_requirements(MotionRequirements(None, 5e-4))):
+        found = pk.ik.solve(one, pk.ik.FramePosition("arm", (0.0, 0.0, 5.0)))
+        assert found.success
+        assert ("no other posture was found" in found.report()) == (
+            found.torque_use.allowed * 100 < 20 * 9.81
+        )
 
 
 def test_misuse_is_refused():
