@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +64,7 @@ class PlanOptions:
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
         start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
-        asks_coal: Whether coal decides wherever machine code cannot tell; no option of `plan`.
+        asks_coal: Whether coal decides wherever machine code cannot tell; see `CoalOptions`.
     """
 
     planner: str = "rrt_connect"
@@ -81,17 +81,22 @@ class PlanOptions:
     payload: Mapping[str, float] | None = None
     smooth: bool = False
     start_velocity: ArrayLike | None = None
-    asks_coal: bool = False
+    asks_coal: ClassVar[bool] = False
 
     def keywords(self) -> dict[str, Any]:
         """Return the options as keywords of `plan`."""
-        names = [one.name for one in fields(PlanOptions) if one.name != "asks_coal"]
-        return {name: getattr(self, name) for name in names}
+        return {one.name: getattr(self, one.name) for one in fields(PlanOptions)}
 
     @property
     def margins(self) -> tuple[float, float]:
         """Distance requested to all things, and what the curve has to keep from the scene [m]."""
         return self.margin, self.least_margin
+
+
+class CoalOptions(PlanOptions):
+    """The same options where coal decides what machine code cannot tell, which takes longer."""
+
+    asks_coal = True
 
 
 class PlanRequest(NamedTuple):

@@ -28,6 +28,7 @@ from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import LEAST_GAIN, SHORTCUTS, PathSearch, compared
 from pepper_kin.motion.plan_request import (
+    CoalOptions,
     PlanOptions,
     PlanRequest,
     moves_base,
@@ -159,7 +160,7 @@ def _told_by_coal(
     ends = planners.Status.START_INVALID, planners.Status.GOAL_INVALID
     if found.success or found.search is None or found.search.status not in ends:
         return found
-    return search(pepper, start, goal, scene, replace(options, asks_coal=True))
+    return search(pepper, start, goal, scene, CoalOptions(**options.keywords()))
 
 
 def _free_path(
