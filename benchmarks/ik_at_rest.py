@@ -10,6 +10,7 @@ import numpy as np
 
 import pepper_kin as pk
 from pepper_kin.ik.standing import holds, rests
+from pepper_kin.model.requirements import ROOM_TO_MOVE
 
 STARTS = 64
 
@@ -19,7 +20,7 @@ def main(count: int) -> None:
     kept, torque, more, times = 0, 0, 0, []
     share, balance = pepper.requirements.holding_share, pepper.requirements.balance
     motors = pk.ik.HoldingTorque(share, tolerance=1e-4)
-    wheels = pk.ik.CenterOfMassOverWheels(balance + 0.004, tolerance=1e-4)
+    wheels = pk.ik.CenterOfMassOverWheels(balance + ROOM_TO_MOVE, tolerance=1e-4)
     solved = 0
     while solved < count:
         q = rng.uniform(pepper.lower_limits, pepper.upper_limits)

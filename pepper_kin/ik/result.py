@@ -362,15 +362,15 @@ class IKResult(FrozenArrays):
         line = f"gravity uses at most {100 * use.ratio:.0f} % of a motor's torque ({use.joint})"
         if use.ratio <= use.allowed:
             return line
-        what = f"motions keep to {100 * use.allowed:.3g} %"
         if use.ratio > 1:
-            what = "the robot cannot hold this posture"
-        return f"{line}: {what}, and no other posture was found"
+            return line + ": the robot cannot hold this posture"
+        return f"{line}: motions leave {100 * use.allowed:.3g} % for holding still"
 
     def _standing(self, inside: float) -> str:
         where = f"{words_for(abs(inside), 'm')} {'inside' if inside >= 0 else 'outside'} the wheels' triangle"
         what = "less than motions keep" if inside >= 0 else "it would tip over"
-        return f"the robot's center of mass is {where}: {what}, and no other posture was found"
+        sought = ", and no other posture was found" if self.success else ""
+        return f"the robot's center of mass is {where}: {what}{sought}"
 
 
 def listed(names: tuple[str, ...]) -> str:

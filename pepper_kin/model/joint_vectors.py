@@ -302,7 +302,7 @@ def _turns_until_all_are_back(pepper: PepperModel) -> NDArray[np.float64]:
     """Return after how many turns a joint and all that follow it stand as before, 0 for never, shape (n,)."""
     endless = np.isinf(pepper.lower_limits) & np.isinf(pepper.upper_limits)
     found = (endless & (np.array(pepper.joint_units) == "rad")).astype(float)
-    if pepper.is_coupled:
+    if pepper.is_coupled and found.any():
         kinds = {joint.name: joint.type for joint in pepper.document.joints}
         for name, row in zip(list(pepper.inner_model.names)[1:], pepper.full_map, strict=True):
             for j in np.flatnonzero((row != 0.0) & (found > 0)):

@@ -52,7 +52,8 @@ def test_solutions_are_held_with_what_motions_leave():
             weak.append((hand, point, found))
     assert len(weak) < 12
     for hand, point, found in weak:
-        assert "no other posture was found" in found.report()
+        held = "cannot hold" if shares(found.q).max() > 1.0 else "motions leave 85.5 %"
+        assert held in found.report()
         kept = pk.ik.HoldingTorque(SHARE, tolerance=1e-4), pk.ik.CenterOfMassOverWheels(0.014, tolerance=1e-4)
         assert not pk.ik.solve(PEPPER, [pk.ik.HandPosition(hand, point), *kept], restarts=64).success
 
@@ -73,9 +74,7 @@ def test_sliders_far_from_zero_and_little_torque_are_no_obstacle():
     for one in (robot, robot.with_requirements(MotionRequirements(None, 5e-4))):
         found = pk.ik.solve(one, pk.ik.FramePosition("arm", (0.0, 0.0, 5.0)))
         assert found.success
-        assert ("no other posture was found" in found.report()) == (
-            found.torque_use.allowed * 100 < 20 * 9.81
-        )
+        assert "the robot cannot hold this posture" in found.report()
 
 
 def test_misuse_is_refused():

@@ -9,6 +9,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory import Trajectory
+from pepper_kin.trajectory.certificate import ScalarCheck
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +130,10 @@ def test_a_torque_that_rises_and_falls_between_two_states_counts(pepper, use, ke
     assert found.success == kept
     assert ("proves no limit" in found.sentence()) == (not kept)
     assert found.resolution[j] >= (use - 0.1) * found.upper[j]
+
+
+@pytest.mark.parametrize(("margin", "word"), [(0.01, "NOT PROVEN"), (-0.01, "VIOLATED")])
+def test_what_is_only_not_proven_is_not_called_violated(margin, word):
+    check = ScalarCheck("balance", margin, 0.02 + margin, 0.1, "m", "inside", resolution=0.1, allowance=1e-4)
+    assert not check.success
+    assert check.sentence().startswith(f"balance: {word}: ")

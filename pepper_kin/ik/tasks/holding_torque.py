@@ -115,11 +115,9 @@ class HoldingTorque(TargetTask):
         return f"{joint} holds with {100 * float(use.max()):.3g} % of its effort limit"
 
     def _structure(self) -> Structure | None:
-        return (
-            None
-            if self.loads
-            else Structure(HoldingTorque, joints=self.joints, target_size=1, hard=self.hard)
-        )
+        if self.loads:
+            return None
+        return Structure(HoldingTorque, joints=self.joints, target_size=1, hard=self.hard)
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
