@@ -17,6 +17,13 @@ Vector: TypeAlias = tuple[float, float, float]
 BODY_MASS = 10
 """Mass m [kg], h = sum(m x) [kg m], and xx, xy, xz, yy, yz, zz of Sigma = sum(m x x^T) [kg m^2]."""
 
+AHEAD = 3.0
+"""Times 1 / omega in which the center of mass may not reach an edge: at 1 it is stopped only by all that the
+wheels allow, which leaves nothing for trunk and arms that turn."""
+
+RETURN = 0.5
+"""How much farther outside than a capture point outside the zero-moment point may be that brings it back."""
+
 
 class BalanceTable(NamedTuple):
     """A robot on wheels, with what it carries.
@@ -209,18 +216,22 @@ def _add_carried(
 
 @compiled
 def write_balance_rows(
-    table: BalanceTable, q: Floats1, v: Floats1, dt: float, matrix: Floats2, least: Floats1
+    table: BalanceTable, q: Floats1, v: Floats1, dt: float, matrix: Floats2, least: Floats1, slack: Floats1
 ) -> None:
     """Write two rows for each edge of the wheels' polygon, matrix @ v' >= least for the next velocity v'.
 
-    With p a point of the edge, i its inward normal, m the margin, omega^2 = g / c_z:
+    With p a point of the edge, i its inward normal, m the margin, omega^2 = g / c_z, k = AHEAD:
 
-        zero-moment point z of the acceleration (v' - v) / dt:   i . (z - p) >= m,
-        capture point x = c + J_c v' (dt + 1 / omega):           i . (x - p) >= m.
+        zero-moment point z of the acceleration (v' - v) / dt:       i . (z - p) >= m,
+        center of mass some time later, x = c + J_c v' (dt + k / omega):   i . (x - p) >= m.
 
     The first keeps this tick from tipping, the second keeps a motion of the center of mass c that can be
-    stopped before the edge (Pratt et al., Capture point: a step toward humanoid push recovery, 2006).  Both
-    are linear in the next velocity v': the first times the floor's vertical force.
+    stopped before the edge; with k = 1 it is the capture point (Pratt et al., Capture point: a step toward
+    humanoid push recovery, 2006).  Both are linear in the next velocity v': the first times the floor's
+    vertical force.  A point x that is outside by d comes back at the rate b omega, b = RETURN: the second row
+    asks for d (1 - b omega dt) then.  What brings back a capture point outside by d is a zero-moment point
+    outside by (1 + b) d, as its rate is omega (x - z): this is the slack of the first row, without which the
+    two contradict each other, and nothing moves.
 
     Args:
         table: The robot.
@@ -229,6 +240,7 @@ def write_balance_rows(
         dt: Length of a tick [s].
         matrix: Written, those of the zero-moment point first, shape (2 k, n).
         least: Written, shape (2 k,).
+        slack: Written, shape (2 k,): by how much each row may be broken.
     """
     n, count, edges = q.size, table.joints.shape[0], table.corners.shape[0]
     full, rates_full = np.empty(count - 1), np.empty(count - 1)
@@ -251,7 +263,7 @@ def write_balance_rows(
     _add_carried(table, poses, axes, _vector(base, 0), center, drift)
     g = table.gravity
     fall = math.sqrt(math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / center[2])
-    ahead = dt + 1.0 / fall
+    ahead = dt + AHEAD / fall
     for e in range(edges):
         x = table.inward[e, 0] * base[3] + table.inward[e, 1] * base[6]
         y = table.inward[e, 0] * base[4] + table.inward[e, 1] * base[7]
@@ -267,5 +279,9 @@ def write_balance_rows(
             matrix[e, i] = slope / wrench[2]
             matrix[edges + e, i] = (x * drift[0, i] + y * drift[1, i]) * ahead
         least[e] = (moved - now) / wrench[2]
-        # A robot that stands outside may only come back: it is not thrown.
-        least[edges + e] = min(reach - x * center[0] - y * center[1], 0.0)
+        inside, speed = x * center[0] + y * center[1] - reach, 0.0
+        for i in range(n):
+            speed += (x * drift[0, i] + y * drift[1, i]) * v[i]
+        slack[e], slack[edges + e] = (1.0 + RETURN) * max(-inside - speed / fall, 0.0), 0.0
+        outside = max(-inside - AHEAD * speed / fall, 0.0)
+        least[edges + e] = -inside - (1.0 - RETURN * fall * dt) * outside

@@ -129,10 +129,11 @@ class TickResult(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """matrix @ v' >= least: the dampers, from number `balance` on those of balance; names by number."""
+    """matrix @ v' >= least - slack: the dampers, from `balance` on those of balance; names by number."""
 
     matrix: Floats2
     least: Floats1
+    slack: Floats1
     names: Ints1
     balance: int
 
@@ -207,6 +208,7 @@ def _all_rows(
     dampers, first = pairs + curves, KINDS + 3 * n
     size = dampers + balance.least.size
     matrix, least, names = np.zeros((size, n)), np.empty(size), np.empty(size, dtype=np.int64)
+    slack = np.zeros(size)
     for k in range(pairs):
         matrix[k] = near.table.gradients[k]
         least[k] = -gain * max(near.distances[k] - table.clearance, 0.0)
@@ -217,8 +219,8 @@ def _all_rows(
         names[pairs + k] = first + k // 2
     for k in range(balance.least.size):
         matrix[dampers + k], least[dampers + k] = balance.matrix[k], balance.least[k]
-        names[dampers + k] = BALANCE
-    return _Rows(matrix, least, names, dampers)
+        slack[dampers + k], names[dampers + k] = balance.slack[k], BALANCE
+    return _Rows(matrix, least, slack, names, dampers)
 
 
 @compiled
@@ -328,10 +330,11 @@ def _minimum(
     n, count = v.size, 0
     matrix, least = np.empty((rows.least.size, n)), np.empty(rows.least.size)
     for k in range(first, rows.least.size):
+        kept = rows.least[k] - rows.slack[k]
         if k < rows.balance:
-            kept = min(rows.least[k], dot(rows.matrix[k], bounds.brake))
+            kept = min(kept, dot(rows.matrix[k], bounds.brake))
         else:
-            kept = min(rows.least[k], _bound(rows.matrix[k], bounds, 1.0))
+            kept = min(kept, _bound(rows.matrix[k], bounds, 1.0))
         if _bound(rows.matrix[k], bounds, -1.0) < kept:
             matrix[count], least[count] = rows.matrix[k], kept
             count += 1
@@ -469,10 +472,11 @@ def decide(
     low_kind, high_kind = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     bounds = VelocityInterval(low, high, brake, low_kind, high_kind)
     bound_velocities(q, v, table.limits, dt, bounds)
-    kept = _Rows(np.empty((edges, n)), np.empty(edges), np.empty(edges, dtype=np.int64), 0)
+    names = np.empty(edges, dtype=np.int64)
+    kept = _Rows(np.empty((edges, n)), np.empty(edges), np.empty(edges), names, 0)
     share = 1.0
     if edges > 0:
-        write_balance_rows(standing, q, v, dt, kept.matrix, kept.least)
+        write_balance_rows(standing, q, v, dt, kept.matrix, kept.least, kept.slack)
         share = max(BRAKE_SHARE * _share_kept(kept.matrix, kept.least, v, brake), LEAST_BRAKE)
     braking = np.empty(n)
     for i in range(n):

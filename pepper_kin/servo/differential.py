@@ -90,8 +90,8 @@ def differential_step(
         margin: Distance kept [m].
         gain: Greatest share of an error removed per second [1/s]; None: 30, or less for a long dt.
         locked: Joints and groups that keep still.
-        balance: Distance that zero-moment and capture point keep inside the wheels' triangle [m]; None for
-            no balance.
+        balance: Distance that the zero-moment point keeps inside the wheels' triangle [m], whose edges the
+            center of mass comes near ever more slowly; None for no balance.
         singularity: Slope under which motion slows down [m/rad].
         approach: Share of the distance to an obstacle that may be used up per second [1/s].
 

@@ -64,8 +64,8 @@ class Servo:
         command_timeout: A command that is older stops counting, and the robot brakes [s]; infinite for never.
         gain: Greatest share of an error removed per second [1/s]; None: 30, or less at low rates.
         locked: Joints and groups that keep still.
-        balance: Distance that zero-moment point and capture point keep inside the wheels' triangle [m]; None
-            leaves balance out.
+        balance: Distance that the zero-moment point keeps inside the wheels' triangle [m], whose edges the
+            center of mass comes near ever more slowly; None leaves balance out.
         velocity_scale: Share of the velocity limits to use, up to 1.
         acceleration_scale: Share of the acceleration limits to use, up to 1.
         singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than

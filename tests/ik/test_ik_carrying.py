@@ -125,8 +125,8 @@ def test_the_rows_of_balance_are_the_wrench_of_the_loaded_robot():
         wrench = wrench + np.concatenate([weight, np.cross(still.lever, weight)])
         tilt = np.array([-wrench[4], wrench[3]])
         expected = inward @ tilt - (np.einsum("ij,ij->i", inward, corners) + 0.01) * wrench[2]
-        matrix, least = np.empty((6, PEPPER.n)), np.empty(6)
-        write_balance_rows(balance_table(PEPPER, 0.01, LOADS), q, v, dt, matrix, least)
+        matrix, least, slack = np.empty((6, PEPPER.n)), np.empty(6), np.empty(6)
+        write_balance_rows(balance_table(PEPPER, 0.01, LOADS), q, v, dt, matrix, least, slack)
         found = matrix[:3] @ after - least[:3]
         # Rows are divided by the floor's force without acceleration.
         pinocchio.rnea(model, data, q, v, np.zeros(PEPPER.n))

@@ -184,6 +184,26 @@ def test_a_row_that_braking_breaks_gives_way_and_is_named():
     assert calm.relaxed == ()
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("collisions", [False, True])
+@pytest.mark.parametrize("away", [(0.8, 0.2, 1.6), (-1.0, 0.3, 0.8), (0.79, 0.73, 1.06)])
+def test_a_target_out_of_reach_is_approached_and_left_again_with_balance(away, collisions):
+    """The hand stays where it is nearest, balance is hardly ever lost, and the target back is reached."""
+    servo, errors, path, lost = pk.servo.Servo(PEPPER, STAND, balance=0.01, collisions=collisions), [], [], 0
+    for target in [(0.3, 0.2, 0.9)] * 150 + [away] * 500 + [(0.3, 0.2, 0.9)] * 500:
+        servo.set_target(pk.ik.HandPosition("left", target))
+        state = servo.step()
+        hand = pk.kinematics.frame_pose(PEPPER, state.q, "LArm_effector")[:3, 3]
+        errors.append(np.linalg.norm(hand - target))
+        path.append(state.q)
+        lost += "balance" in state.relaxed
+    assert errors[649] < min(errors[150:650]) + 0.01
+    assert errors[-1] < 0.001
+    v, a = np.diff(path, axis=0) * 100, np.diff(path, 2, axis=0) * 1e4
+    margin = pk.dynamics.tip_over_margin(PEPPER, np.array(path[1:-1]), v[:-1], a)
+    assert np.count_nonzero(margin < 0.0) <= lost < 0.02 * len(path)
+
+
 @pytest.mark.parametrize("comes", [False, True])
 def test_an_arm_without_a_task_that_gives_way_is_named(comes):
     """A ball is pushed slowly against the right hand, while only the left has a target."""
