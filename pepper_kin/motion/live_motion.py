@@ -49,6 +49,7 @@ _SLOWEST = 20.0  # times as slow, a way that is given
 _SAME = 1e-6  # [rad or m]
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
+_ASIDE = "which does not step aside: set a goal out of the way, or stop what comes"
 _LOOKED_AT = 60  # states of a way, where it is asked which joints go out of the way
 _HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
 
@@ -72,8 +73,8 @@ class LiveState(BriefRepr):
             nothing newer comes to rest by it.
         begin: When it begins, on the caller's clock [s].
         status: What is done.
-        reason: Why the robot does not go to the goal; empty where it does.
-        near: Names of the two that come too near, where that is the reason; else empty.
+        reason: Why the robot does not go to the goal, and what runs into it at rest; else empty.
+        near: Names of the two that come too near, where that is a reason; else empty.
         stop: The stop in it; None at rest.
         clear: Whether all of it was found clear of the newest scene.
         spent: Processor time of the cycle [s].
@@ -317,10 +318,31 @@ class LiveMotion:
         status, reason, clear = self._choose(instant)
         self._past = [*self._past[-40:], (instant, self._sent[0])]
         near = self._near if reason and reason == self._blocked else ()
+        if _stands(self._sent[0]) and (comes := self._comes_near(instant)) is not None:
+            when, near, words = comes
+            reason, clear = "; ".join(filter(None, (words, reason))), clear and when > 0.0
         return LiveState(
             self._sent[0], instant, status, reason, near, self._sent[1], clear, time.thread_time() - began,
             self._branch is not None, self._aside,
         )  # fmt: skip
+
+    def _comes_near(self, now: float) -> tuple[float, tuple[str, ...], str] | None:
+        """Return when what comes too near to a robot at rest [s], both names, and words; None if nothing."""
+        self._blocked, self._near, q, when = "", (), self._sent[0].end, 0.0
+        exact = self._world.standing.exact
+        if self._world.standing.nearer(q[None], np.array([self._own])).any():
+            pair = exact.closest_pair(q, "obstacles")
+            if pair is not None and pair.distance <= _STILL:
+                self._note(pair.names)
+        if not self._near:
+            times = np.linspace(0.0, self._horizon, math.ceil(self._horizon / _STEP) + 1)
+            still = np.zeros((times.size, q.size))
+            first = self._meets_movers(times, State(q + still, still, still), now, growing=False)
+            when = 0.0 if first is None else float(times[first])
+        if not self._near:
+            return None
+        soon = f" in {when:.2f} s" if when > 0.0 else ""
+        return when, self._near, f"{self._blocked}{soon} while the robot stands, {_ASIDE}"
 
     def _come_to(self, now: float) -> None:
         """Cut off what is past of the way, which is the stop where no cycle came in time."""
@@ -494,7 +516,9 @@ class LiveMotion:
         """
         times = np.linspace(0.0, end, math.ceil(end / _STEP) + 1)
         states = way(times)
-        return self._meets_standing(states.position) or self._meets_movers(times, states, now, growing)
+        if self._meets_standing(states.position):
+            return True
+        return self._meets_movers(times, states, now, growing) is not None
 
     def _meets_standing(self, q: Array) -> bool:
         found = self._world.standing.nearer(q, np.full(len(q), self._own))
@@ -513,9 +537,10 @@ class LiveMotion:
             pair = exact.closest_pair(q, "self")
         return () if pair is None else pair.names
 
-    def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> bool:
+    def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> int | None:
+        """Return the first of some states at which something that moves comes too near; None for none."""
         if not self._world.moving:
-            return False
+            return None
         since = np.maximum(times + (now - self._seen), 0.0)
         own_speed = float((np.abs(states.velocity) @ self._reach).max())
         for movers, checker in self._world.moving:
@@ -526,11 +551,12 @@ class LiveMotion:
             both = movers.states(states.position, since)
             found = checker.nearer(both, kept)
             if found.any():
+                first = int(found.argmax())
                 if not self._blocked:
-                    pair = checker.exact.closest_pair(both[int(found.argmax())])
+                    pair = checker.exact.closest_pair(both[first])
                     self._note(() if pair is None else pair.names)
-                return True
-        return False
+                return first
+        return None
 
     def _note(self, names: tuple[str, ...]) -> None:
         """Note which two come too near."""

@@ -110,3 +110,42 @@ def test_joints_that_go_out_of_the_way_are_named(careful):
     assert f"No task moves {', '.join(next(s.aside for s in found if s.aside))}: out of the way." in report
     live.set_goal(None)
     assert live.step(13.0).aside == ()
+
+
+@pytest.mark.parametrize("goal", [False, True])
+def test_a_robot_at_rest_says_what_runs_into_it(careful, goal):
+    """A ball rolls into a hand: it is named with the time until coal finds it at the margin."""
+    start, radius, speed, horizon, margin = careful.posture("Ready"), 0.08, 0.5, 0.5, 0.01
+    hand = pk.kinematics.frame_pose(careful, start, "RArm_effector")[:3, 3]
+
+    def see(now):
+        place = hand + np.array([0.0, -0.5 + speed * now, 0.0])
+        return pk.Scene().add_sphere("ball", radius, place, velocity=(0.0, speed, 0.0))
+
+    live = LiveMotion(careful, start, horizon=horizon, margin=margin)
+    if goal:
+        live.set_goal(start)
+    gaps, states = [], []
+    for cycle in range(27):
+        now = cycle / 30
+        live.set_scene(see(now), now)
+        states.append(live.step(now))
+        gaps.append(CollisionChecker(careful, see(now)).clearance(start, "obstacles"))
+    when = np.interp(-margin, -np.array(gaps), np.arange(len(gaps)) / 30)
+    for cycle, state in enumerate(states):
+        left = when - cycle / 30
+        assert state.status is (LiveStatus.REACHED if goal else LiveStatus.WAITING)
+        if abs(left - horizon) > 0.02:
+            assert ("ball" in state.near) == (left < horizon)
+        if abs(left) > 0.02:
+            assert state.clear == (left > 0)
+        if 0.02 < left < horizon - 0.02:
+            assert float(state.reason.split(" in ")[1].split(" s ")[0]) == pytest.approx(left, abs=0.02)
+    assert states[-1].reason.startswith(" and ".join(states[-1].near))
+    assert "ball" in states[-1].near
+    assert "set a goal out of the way" in states[-1].report()
+    there = hand + np.array([0.0, 0.0, 0.08])
+    live.set_scene(pk.Scene().add_box("box", (0.1, 0.1, 0.1), there), 1.0)
+    fallen = live.step(1.0)
+    assert "box" in fallen.near
+    assert not fallen.clear

@@ -119,7 +119,8 @@ class LiveRun:
             return "", "info"
         if fault:
             return fault, "bad"
-        if state.status is LiveStatus.WAITING and self._now - self._since >= _SHORT:
+        runs_into = state.status is LiveStatus.REACHED and state.near
+        if runs_into or (state.status is LiveStatus.WAITING and self._now - self._since >= _SHORT):
             near = " and ".join(body_words(name) for name in state.near)
             return f"Waiting: {f'{near} come too near' if near else state.reason}.", "info"
         if state.status is LiveStatus.REACHED:
