@@ -131,11 +131,11 @@ class UnknownNameError(PepperKinError, KeyError):
         available: All known names.
     """
 
-    def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: object, available: Iterable[str], advice: str = "") -> None:
         self.kind, self.name, self.available = kind, name, tuple(available)
         hint = did_you_mean(name, self.available)
         known = ", ".join(self.available) or "(none)"
-        super().__init__(f"unknown {kind} {shortened(repr(name))}{hint}; available: {known}")
+        super().__init__(f"unknown {kind} {shortened(repr(name))}{hint}; available: {known}{advice}")
 
     def __str__(self) -> str:
         """Return the sentence itself (KeyError would quote it)."""

@@ -353,7 +353,8 @@ class PepperModel:
         """
         postures = self.semantics.postures()
         if name not in postures:
-            raise UnknownNameError("posture", name, postures)
+            write = f"; write joint_vector({{{self.joint_names[0]!r}: 0.0, ...}}), or begin at neutral()"
+            raise UnknownNameError("posture", name, postures, "" if postures else write)
         values = postures[name]
         q = np.array([values.get(joint, 0.0) for joint in self.joint_names])
         return np.clip(q, self.lower_limits, self.upper_limits)

@@ -7,11 +7,13 @@ import pinocchio
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.exceptions import UnknownNameError
 
 URDFS = {
     "romeo": "romeo_description/urdf/romeo_small.urdf",
     "talos": "talos_data/robots/talos_reduced.urdf",
     "panda": "panda_description/urdf/panda.urdf",
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
 }
 
 
@@ -21,7 +23,7 @@ def urdf_path(name):
     return package.locate_file(found[0])
 
 
-@pytest.fixture(scope="module", params=sorted(URDFS))
+@pytest.fixture(scope="module", params=("panda", "romeo", "talos"))
 def pair(request):
     path = urdf_path(request.param)
     return pk.load_robot(path), pinocchio.buildModelFromUrdf(str(path)), request.param
@@ -85,3 +87,12 @@ def test_audit_and_exports_take_any_robot(pair):
     for kind in pk.model.FORMATS:
         options = {} if kind in ("urdf", "srdf") else {"balance_inertias": True}  # Romeo has impossible ones
         assert robot.name in robot.export(kind, **options)
+
+
+def test_a_robot_without_postures_begins_at_neutral_which_its_error_names():
+    """The SRDF of the UR5 has none; stretched out, it touches nothing."""
+    urdf = urdf_path("ur5")
+    robot = pk.load_robot(urdf, urdf.parents[1] / "srdf" / "ur5.srdf")
+    with pytest.raises(UnknownNameError, match=r"joint_vector\({'shoulder_pan_joint': 0.0.*neutral\(\)"):
+        robot.posture("default")
+    assert not pk.collision.in_collision(robot, robot.neutral())
