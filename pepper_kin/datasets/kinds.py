@@ -275,7 +275,7 @@ class DemonstrationRows(Kind):
         names = tuple(np.array(env.pepper.joint_names)[env.joints].tolist())
         actions = names if env.action_space.shape[1] == len(names) else ()
         vectors = (
-            ("observation", env.observation_space.shape[1], ()),
+            ("observation", env.observation_space.shape[1], _observed(env, names)),
             ("action", env.action_space.shape[1], actions),
         )
         self.columns = (
@@ -324,6 +324,14 @@ class DemonstrationRows(Kind):
             frames["time"] = env.period * np.arange(lengths[k])
             status, reason = (SOLVED, "") if success[k] else ("failed", "the oracle missed the goal")
             yield self._ended(row, status, reason, distance=distance[k], **frames)
+
+
+def _observed(env: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of the numbers that are observed, in the order of `core.episodes.observe`."""
+    axes = [f"{k}.{axis}" for k in range(env.task.places(env).shape[1]) for axis in "xyz"]
+    names = [f"{joint}.{quantity}" for quantity in ("position", "velocity") for joint in joints]
+    names += [f"{quantity}.{axis}" for quantity in ("place", "way_to_goal") for axis in axes]
+    return (*names, *(f"extra.{k}" for k in range(env.observation_space.shape[1] - len(names))))
 
 
 class ReplayRows(Kind):

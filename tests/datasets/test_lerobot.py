@@ -9,9 +9,9 @@ import numpy as np
 import pandas
 import pyarrow.parquet as pq
 import pytest
-from small_jobs import small_job
+from small_jobs import pepper, small_job
 
-from pepper_kin import datasets
+from pepper_kin import datasets, kinematics
 from pepper_kin.datasets import Feature, LeRobotWriter
 from pepper_kin.exceptions import InvalidValueError
 
@@ -167,3 +167,24 @@ def test_files_of_other_formats_that_are_lost_or_changed_are_named(format, tmp_p
     (folder / "manifest.json").unlink()
     datasets.resume(folder, workers=0)
     assert datasets.check(folder, sample=0).success
+
+
+def test_the_numbers_of_a_demonstration_have_names(tmp_path):
+    """The data set's JSON says which number is what: by the positions of the rows, and by kinematics."""
+    job = small_job("demonstrations", tmp_path, rows=1, format="lerobot")
+    made = datasets.make(job, tmp_path / "data", workers=0)
+    place, row, robot = tmp_path / "data/lerobot", made[0], pepper()
+    features = json.loads((place / "meta/info.json").read_text())["features"]
+    frames = pandas.read_parquet(place / "data/chunk-000/file-000.parquet")["observation.state"]
+    found = dict(zip(features["observation.state"]["names"], np.stack(frames).T, strict=True))
+    for joint in features["action"]["names"]:
+        j = robot.joint_index(joint)
+        middle, half = np.array([[0.5, 0.5], [-0.5, 0.5]]) @ (robot.lower_limits[j], robot.upper_limits[j])
+        angle = middle + half * found[f"{joint}.position"]
+        np.testing.assert_allclose(angle, row["position"][:, j], atol=1e-5)
+        assert np.abs(found[f"{joint}.velocity"]).max() <= 1.0
+    hand = kinematics.frame_pose(robot, row["position"], "LArm_effector")[:, :3, 3]
+    for k, axis in enumerate("xyz"):
+        np.testing.assert_allclose(found[f"place.0.{axis}"], hand[:, k], atol=1e-6)
+        goal = found[f"place.0.{axis}"] + found[f"way_to_goal.0.{axis}"]
+        assert np.ptp(goal) < 1e-6
