@@ -33,6 +33,18 @@ def test_rows_are_what_solve_gives():
     assert not batch.success[3]
 
 
+@pytest.mark.parametrize("row", [list, tuple, np.array])
+def test_points_may_be_lists(row):
+    """Several points as an array, and as lists; one pose as rows is one."""
+    poses = hands(3)
+    lists = [row(point) for point in poses[:, :3, 3].tolist()]
+    np.testing.assert_array_equal(pk.ik.HandPosition("left", lists).target, poses[:, :3, 3])
+    pose = pk.ik.HandPose("left", [row(line) for line in poses[0].tolist()])
+    np.testing.assert_array_equal(pose.target, poses[0])
+    with pytest.raises(InvalidValueError, match="target of left hand"):
+        pk.ik.HandPosition("left", [[0.3, 0.2, 0.9], [0.3, 0.2]])
+
+
 @pytest.mark.thorough
 def test_threads_change_nothing_and_progress_is_reported():
     points = hands(3 * CHUNK + 5)[:, :3, 3]

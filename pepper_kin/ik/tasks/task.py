@@ -340,7 +340,11 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
         and all(map(math.isfinite, value.ravel().tolist()))
     ):
         return value
-    if getattr(value, "ndim", len(shape)) == len(shape) + 1:
+    try:
+        depth = np.ndim(value) if shape and isinstance(value, list | tuple) else getattr(value, "ndim", 0)
+    except ValueError:  # lists of different lengths
+        depth = 0
+    if depth == len(shape) + 1:
         return as_finite(value, quantity, (None, *shape))
     return as_finite(value, quantity, shape)
 
