@@ -23,7 +23,9 @@ a moment does not upset:
     S_k = max(0, S_{k-1} + s_k).
 
 A fault is named where S of some theta reaches a threshold; it began where S was last 0.  A gear that loses
-a share of every way is off by what it has lost, too: a bias of that joint at that time is not named.
+a share of every way is off by what it has lost, too: a bias of that joint at that time is not named.  A gear
+that slips once, by a tooth, gives the same readings as an encoder whose bias begins then: a line of a bias
+says both.
 """
 
 from __future__ import annotations
@@ -123,7 +125,8 @@ class RunFault:
     def __str__(self) -> str:
         """Return one line."""
         where = f"{self.kind}, {self.part}, {self.begin:.1f} to {self.end:.1f} s"
-        return f"{where}: {self.size:.3g} {UNITS[self.kind]} (score {self.score:.1f})"
+        or_slip = f", or a gear that slipped once, at {self.begin:.1f} s" if self.kind == BIAS else ""
+        return f"{where}: {self.size:.3g} {UNITS[self.kind]} (score {self.score:.1f}){or_slip}"
 
 
 @dataclass(frozen=True)

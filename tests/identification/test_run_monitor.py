@@ -107,6 +107,23 @@ def test_a_biased_reading_of_a_log_is_named(pepper, made_log, bias):
     assert found.size == pytest.approx(bias, rel=0.1)
 
 
+def test_a_gear_that_slips_once_is_said_and_one_wrong_reading_is_no_fault(pepper):
+    """A joint follows by the response of the twin, and from 60 s on it is one tooth off."""
+    time, slip = np.arange(0.0, 120.0, 0.1), 0.15
+    command = (-0.8 + 0.4 * np.sin(0.5 * time))[:, None]
+    noise = np.random.default_rng(1).normal(0.0, 0.004, (time.size, 1))
+    for end, named in ((601, False), (None, True)):
+        measured = command + noise
+        measured[600:end] += slip
+        log = RobotLog("slips", ("LElbowRoll",), time, command, time, measured, share=0.15)
+        found = diagnose(pepper, log)
+        assert bool(found.faults) == named, found.report()
+    fault = only(found, "biased sensor", "LElbowRoll")
+    assert fault.size == pytest.approx(slip, rel=0.1)
+    assert fault.begin == pytest.approx(60.0, abs=1.0)
+    assert found.report().splitlines()[0].endswith(f"or a gear that slipped once, at {fault.begin:.1f} s")
+
+
 @pytest.mark.thorough
 def test_a_joint_that_is_held_in_a_log_is_named(pepper, made_log):
     log = made_log(pepper, joint_response(pepper), noise=5e-4, seconds=90.0)
