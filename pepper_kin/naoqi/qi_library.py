@@ -13,7 +13,7 @@ from typing import Any
 from pepper_kin.exceptions import MissingDependencyError
 
 SETTINGS = {
-    "QI_LOG_LEVEL": "2",  # warnings; libqi logs each service that it registers
+    "QI_LOG_LEVEL": "2",  # errors; libqi logs each service that it registers
     "QI_EVENTLOOP_THREAD_COUNT": "24",
     "QI_EVENTLOOP_MAX_THREADS": "256",
 }
@@ -30,6 +30,7 @@ def libqi() -> Any:
     Raises:
         MissingDependencyError: where it is not installed.
     """
+    unset = "QI_LOG_LEVEL" not in os.environ
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     try:
@@ -38,4 +39,6 @@ def libqi() -> Any:
         raise MissingDependencyError(
             "qi", "pip install 'pepper_kin[naoqi]'", "a connection by NAOqi's messages"
         ) from error
+    if unset:  # a program may have imported it first, and libqi read no settings
+        qi.logging.setLevel(qi.logging.ERROR)
     return qi

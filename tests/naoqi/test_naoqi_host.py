@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -174,6 +175,28 @@ def test_a_server_ends_at_once_though_a_posted_call_failed():
         wire = host._wire
         host.close()
         assert list(wire._services) == []
+
+
+@pytest.mark.thorough
+def test_a_program_that_imports_qi_first_sees_no_log_of_each_service():
+    """Libqi reads its settings as it is loaded, too early here; errors are still logged."""
+    program = textwrap.dedent(
+        """
+        import qi
+        from pepper_kin.naoqi import Broker, Host
+        with Broker() as broker, Host(broker, port=0) as host:
+            session = qi.Session()
+            session.connect(host.url)
+            print(len(session.services()))
+            qi.logging.Logger("own").error("seen")
+        """
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "QI_LOG_LEVEL"}
+    command, pipes = [sys.executable, "-c", program], {"capture_output": True, "text": True}
+    done = subprocess.run(command, **pipes, timeout=120, check=False, env=environment)
+    assert int(done.stdout.splitlines()[0]) > 80, done.stderr
+    assert "Registered Service" not in done.stdout + done.stderr
+    assert "seen" in done.stdout + done.stderr
 
 
 @pytest.mark.thorough
