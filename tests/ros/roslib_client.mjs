@@ -92,10 +92,10 @@ async function topics() {
   for (const topic of ["/cmd_vel", "/model/pepper_robot/cmd_vel"]) {
     const x = place();
     const drive = publisher(topic, "geometry_msgs/msg/Twist");
-    for (let k = 0; k < 10; k++) {
+    await until(() => {
       drive.publish({ linear: { x: 0.1 } });
-      await sleep(0.1);
-    }
+      return place() - x > 0.03;
+    });
     await sleep(1.0);
     drove.push(place() - x);
   }

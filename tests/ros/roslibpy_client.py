@@ -79,6 +79,18 @@ def topics(ros):
         arm.publish(roslibpy.Message({"joint_names": [name], "points": points((0.5, [angle]))}))
     until(lambda: abs(joint("LElbowYaw") + 1.0) + abs(joint("RElbowYaw") - 1.0) < 0.01)
     until(lambda: abs(joint("HeadYaw") - 0.25) < 0.005)
+
+    def driven(drive, message):
+        x = place()
+
+        def has_moved():
+            drive.publish(roslibpy.Message(message))
+            return place() - x > 0.03
+
+        until(has_moved)  # a loaded machine gives some seconds no driving at all
+        time.sleep(1.0)
+        return place() - x
+
     drove = []
     plain = {"linear": {"x": 0.1}}
     for topic, kind, message in (
@@ -86,14 +98,9 @@ def topics(ros):
         ("/model/pepper_robot/cmd_vel", "Twist", plain),
         ("/cmd_vel", "TwistStamped", {"header": {"frame_id": "base_link"}, "twist": plain}),
     ):
-        x = place()
         drive = roslibpy.Topic(ros, topic, f"geometry_msgs/msg/{kind}")
-        for _ in range(10):
-            drive.publish(roslibpy.Message(message))
-            time.sleep(0.1)
+        drove.append(driven(drive, message))
         drive.unadvertise()
-        time.sleep(1.0)
-        drove.append(place() - x)
     x = place()
     goal = {"header": {"frame_id": "base_footprint"}, "pose": {"position": {"x": -0.1}}}
     goal["pose"]["orientation"] = {"w": 1.0}
