@@ -72,6 +72,7 @@ def making(name: str) -> Iterator[None]:
 def announce(name: str) -> None:
     """Log once that machine code is made; show what on a terminal, and elsewhere log it every `INTERVAL`."""
     global _reported, _logged
+    name = name.encode("utf-8", "backslashreplace").decode()  # a caller's text may hold half a character
     now, terminal = time.monotonic(), sys.stderr.isatty()
     with _lock:
         first, _reported = not _reported, True
