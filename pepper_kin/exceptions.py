@@ -129,6 +129,9 @@ class UnknownNameError(PepperKinError, KeyError):
         kind: What was looked up ("joint", "frame", ...).
         name: The unknown name.
         available: All known names.
+
+    Args:
+        advice: Added to the message, with what separates it: what to do where no name is known.
     """
 
     def __init__(self, kind: str, name: object, available: Iterable[str], advice: str = "") -> None:

@@ -329,6 +329,6 @@ def test_without_a_terminal_progress_is_logged_at_intervals(monkeypatch, caplog)
     monkeypatch.setattr(progress, "_reported", False)
     with caplog.at_level("WARNING", "pepper_kin.kernels.progress"):
         for number in range(6):
-            progress.announce(f"part {number}")
-    assert [record.message for record in caplog.records[1:]] == ["part 3", "part 5"]
+            progress.announce(f"part {number} of \ud800")
+    assert [record.message for record in caplog.records[1:]] == [r"part 3 of \ud800", r"part 5 of \ud800"]
     assert caplog.records[0].message.startswith("compiling machine code")
