@@ -100,7 +100,7 @@ def minimum_torque_trajectory(
     the limits of position, velocity, acceleration and torque; all joints may move whose limits are not zero.
     Wheels of a planar base keep their limits, too; "ipopt" and "fatrop" search without them, and what
     breaks them then is LIMITS_EXCEEDED.  Neither obstacles nor the robot itself are looked at: `optimize`
-    with `Cost(time=0, jerk=0, effort=1)` and a duration does.
+    with `Cost(time=0, jerk=1e-3, effort=1)` and a duration does.
 
     Args:
         pepper: The robot.
