@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError, optional
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.model.text_table import text_table
@@ -182,12 +182,7 @@ def check_physics(
     """
     if seed < 0:
         raise InvalidValueError("seed", seed, "at least 0")
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingDependencyError(
-            "mujoco", 'pip install "pepper_kin[mujoco]"', "a check against MuJoCo"
-        ) from error
+    mujoco = optional("mujoco", extra="mujoco", need="a check against MuJoCo")
     steps = tuple(sorted((check_positive("timestep", h, "s") for h in timesteps), reverse=True))
     if len(steps) < 2:
         raise InvalidValueError("timesteps", len(steps), "at least two")

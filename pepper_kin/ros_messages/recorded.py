@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError
+from pepper_kin.exceptions import FileFormatError, optional
 from pepper_kin.file_access.atomic_file import PathName
 
 MOST_BYTES = 250_000_000
@@ -66,12 +66,7 @@ def decompressed(path: PathName, data: bytes, most: int) -> bytes:
         MissingDependencyError: without the package `zstandard`.
         FileFormatError: for other bytes, or more than `most`.
     """
-    try:
-        import zstandard
-    except ImportError as error:
-        raise MissingDependencyError(
-            "zstandard", 'pip install "pepper_kin[mcap]"', "a compressed bag"
-        ) from error
+    zstandard = optional("zstandard", extra="mcap", need="a compressed bag")
     try:
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
             content = bytes(stream.read(most + 1))
