@@ -13,6 +13,7 @@ from typing import Any
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, GoalResult, GoalStatus
+from pepper_kin.ros.transports.graph import Part
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
 from pepper_kin.ros.transports.zenoh import ZenohTransport
 from pepper_kin.ros_messages import message_type
@@ -29,7 +30,7 @@ _LAST_ANSWERS = 0.2  # time for results to leave before the services end [s]
 _LONGEST = 1e6  # time for which a result is waited for, where no other is set [s]
 
 
-class OfferedAction(Closable):
+class OfferedAction(Part):
     """An action on the graph; its goals are those of `Action`.
 
     Goals are canceled where no client is left on the graph, which Zenoh notices as soon as one has ended.
@@ -42,7 +43,8 @@ class OfferedAction(Closable):
     """
 
     def __init__(self, transport: ZenohTransport, name: str, type_name: str, server: ActionServer) -> None:
-        self._transport, self._type, self._lock = transport, type_name, threading.Lock()
+        super().__init__(transport, self._end)
+        self._type, self._lock = type_name, threading.Lock()
         self._goals: dict[bytes, LocalGoal] = {}
         self._action = Action(lambda _: None, name, type_name, server)
         self._statuses = transport.advertise(f"{name}/_action/status", _STATUS, QoS(depth=1, latched=True))
@@ -55,17 +57,15 @@ class OfferedAction(Closable):
         self._closed = threading.Event()
         threading.Thread(target=self._look_for_clients, name=f"ros {name} clients", daemon=True).start()
 
-    def close(self) -> None:
+    def _end(self) -> None:
         """Abort goals under way and offer the action no more."""
-        if not self._closed.is_set():
-            self._closed.set()
-            under_way = bool(self._action.goals)
-            self._action.close()
-            if under_way:
-                time.sleep(_LAST_ANSWERS)
-            for part in (*self._services, self._statuses, self._feedback):
-                part.close()
-            self._transport.discard(self)  # type: ignore[arg-type]
+        self._closed.set()
+        under_way = bool(self._action.goals)
+        self._action.close()
+        if under_way:
+            time.sleep(_LAST_ANSWERS)
+        for part in (*self._services, self._statuses, self._feedback):
+            part.close()
 
     def _accept(self, request: Any) -> Any:
         identifier = bytes(request.goal_id.uuid)
