@@ -58,7 +58,7 @@ def complete_gesture(incomplete: str) -> list[str]:
 def registered(kind: str) -> type[TyperGroup]:
     """Return the class of commands to which those of a group of entry points are added."""
 
-    class Commands(TyperGroup):
+    class WithRegistered(TyperGroup):
         """The commands below, and those that are registered, which are imported where they are needed."""
 
         def list_commands(self, ctx: Any) -> list[str]:
@@ -78,7 +78,7 @@ def registered(kind: str) -> type[TyperGroup]:
                     self.commands[name] = typer.main.get_command(entry.load())
                     self.commands[name].name = name
 
-    return Commands
+    return WithRegistered
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of words and tables.")]

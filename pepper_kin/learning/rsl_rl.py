@@ -30,14 +30,14 @@ def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
         raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
     if env.goal_form:
         raise InvalidValueError("goal_form", True, "False: RSL-RL's networks take arrays")
-    VecEnv = optional("rsl_rl.env", command="pip install rsl-rl-lib", need="to_rsl_rl").VecEnv
+    base: Any = optional("rsl_rl.env", command="pip install rsl-rl-lib", need="to_rsl_rl").VecEnv
     import torch
     from tensordict import TensorDict
 
     def tensor(values: np.ndarray) -> Any:
         return torch.as_tensor(values, device=device)
 
-    class PepperVecEnv(VecEnv):
+    class PepperVecEnv(base):
         """See `to_rsl_rl`."""
 
         def __init__(self) -> None:

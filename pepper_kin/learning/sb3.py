@@ -77,10 +77,10 @@ def to_sb3(env: PepperVectorEnv) -> Any:
     if env.autoreset_mode is not AutoresetMode.SAME_STEP:
         raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
     command = "pip install stable-baselines3"
-    VecEnv = optional("stable_baselines3.common.vec_env", command=command, need="to_sb3").VecEnv
+    base: Any = optional("stable_baselines3.common.vec_env", command=command, need="to_sb3").VecEnv
     nothing: dict[str, Any] = {}
 
-    class PepperVecEnv(VecEnv):
+    class PepperVecEnv(base):
         """See `to_sb3`."""
 
         def __init__(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from pepper_kin.exceptions import FileFormatError, optional, shortened
 from pepper_kin.file_access.atomic_file import PathName
-from pepper_kin.ros_messages.recorded import Record, RecordedTopic, most_bytes
+from pepper_kin.ros_messages.recorded import RecordedMessage, RecordedTopic, most_bytes
 
 
 class McapStorage:
@@ -39,7 +39,7 @@ class McapStorage:
         found = (_topic(channel, summary.schemas) for channel in summary.channels.values())
         return tuple(dict.fromkeys(found))
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times.
 
         Raises:
@@ -61,7 +61,7 @@ class McapStorage:
                 known[channel.id] = topic, chosen(topic)
             topic, wanted = known[channel.id]
             if wanted:
-                yield Record(topic, int(message.log_time), message.data)
+                yield RecordedMessage(topic, int(message.log_time), message.data)
 
     def _records(self) -> Iterator[tuple[Any, Any, Any]]:
         """Yield schemas by number, channel and message in the order of times."""

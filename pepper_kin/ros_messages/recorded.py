@@ -31,7 +31,7 @@ class RecordedTopic(NamedTuple):
     definition: bytes
 
 
-class Record(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message of a recording: its topic, when it was recorded [ns], and its bytes."""
 
     topic: RecordedTopic
@@ -45,7 +45,7 @@ class Storage(Protocol):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """Return all topics."""
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times."""
 
 

@@ -192,7 +192,7 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
             algorithm = optional("toppra.algorithm", extra="reference", need='solver="toppra"')
             from toppra.constraint import DiscretizationType, LinearConstraint
 
-        class Limits(LinearConstraint):
+        class GivenLimits(LinearConstraint):
             """Coefficients that were evaluated beforehand."""
 
             def __init__(self, params: tuple[Any, ...]) -> None:
@@ -205,13 +205,13 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
             def compute_constraint_params(self, path: Any, gridpoints: Any, *args: Any) -> Any:
                 return self._params
 
-        class Line:
+        class GivenInterval:
             """toppra asks a path for nothing but its interval where coefficients are given."""
 
             path_interval = (s[0], s[-1])
 
-        rows = [Limits(params) for params in constraints]
-        solver = algorithm.TOPPRA(rows, Line(), gridpoints=s, solver_wrapper="seidel")
+        rows = [GivenLimits(params) for params in constraints]
+        solver = algorithm.TOPPRA(rows, GivenInterval(), gridpoints=s, solver_wrapper="seidel")
         _, speed, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
     if speed is None:
         empty = np.flatnonzero(np.isnan(controllable).any(axis=1))

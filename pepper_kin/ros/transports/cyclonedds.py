@@ -19,7 +19,7 @@ from pepper_kin.ros.qos import LATCHED, RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.cyclonedds_types import announced_type, topic_name
 from pepper_kin.ros.transports.dds_domain import LOCALHOST, discovery_range, domain_number
-from pepper_kin.ros.transports.graph import GraphTransport, Part
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
 
@@ -159,7 +159,7 @@ class CycloneTransport(GraphTransport):
 _GRAPH_NAMES = ("Gid", "NodeEntitiesInfo", "ParticipantEntitiesInfo")
 
 
-class _CyclonePart(Part):
+class _CyclonePart(OpenPart):
     """A reader or a writer that is open."""
 
     def __init__(self, transport: CycloneTransport, entity: Any) -> None:

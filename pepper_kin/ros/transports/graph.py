@@ -21,7 +21,7 @@ class GraphTransport(Transport):
 
     def __init__(self) -> None:
         self.lock, self.closed = threading.RLock(), False
-        self._parts: list[Part] = []
+        self._parts: list[OpenPart] = []
 
     def check_open(self, name: str) -> None:
         """Refuse what is asked of a closed transport.
@@ -45,7 +45,7 @@ class GraphTransport(Transport):
             self._listed()
         return part
 
-    def discard(self, part: Part) -> None:
+    def discard(self, part: OpenPart) -> None:
         """Forget a part that was closed."""
         with self.lock:
             if not self.closed:
@@ -71,7 +71,7 @@ class GraphTransport(Transport):
         """End the connection."""
 
 
-class Part(Closable):
+class OpenPart(Closable):
     """Something of a transport that is open.
 
     Args:

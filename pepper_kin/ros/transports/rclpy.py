@@ -16,7 +16,7 @@ from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.dds_domain import discovery_range, domain_number
-from pepper_kin.ros.transports.graph import GraphTransport, Part
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros.transports.rclpy_actions import Client, Server, wait
 from pepper_kin.ros.transports.rclpy_types import Converter, converter, ros_class
 from pepper_kin.ros_messages import message_type, service_type
@@ -76,11 +76,11 @@ class RclpyTransport(GraphTransport):
             except Exception:
                 logger.exception("%s: a message could not be handled", topic)
 
-        def make() -> Part:
+        def make() -> OpenPart:
             made = self.node.create_subscription(
                 types.ros, topic, receive, _profile(qos), callback_group=self.group(), raw=True
             )
-            return Part(self, lambda: self.node.destroy_subscription(made))
+            return OpenPart(self, lambda: self.node.destroy_subscription(made))
 
         return self.keep(topic, make)
 
@@ -99,9 +99,9 @@ class RclpyTransport(GraphTransport):
 
         found = ros_class(kinds.request.type_name.removesuffix("_Request"))
 
-        def make() -> Part:
+        def make() -> OpenPart:
             made = self.node.create_service(found, name, answer, callback_group=self.group())
-            return Part(self, lambda: self.node.destroy_service(made))
+            return OpenPart(self, lambda: self.node.destroy_service(made))
 
         return self.keep(name, make)
 
@@ -127,7 +127,7 @@ class RclpyTransport(GraphTransport):
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
         """Offer an action; see `Transport.offer_action`."""
-        return self.keep(name, lambda: Part(self, Server(self, name, type_name, server).close))
+        return self.keep(name, lambda: OpenPart(self, Server(self, name, type_name, server).close))
 
     def send_goal(
         self,
@@ -172,7 +172,7 @@ class RclpyTransport(GraphTransport):
                     logger.exception("rclpy: a callback failed")
 
 
-class RclpyPublisher(Part, Publisher):
+class RclpyPublisher(OpenPart, Publisher):
     """See `Publisher`."""
 
     def __init__(self, transport: RclpyTransport, topic: str, types: Converter, qos: QoS) -> None:

@@ -23,7 +23,7 @@ from pepper_kin.ros.transport import (
     GoalStatus,
     Publisher,
 )
-from pepper_kin.ros.transports.graph import GraphTransport, Part
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT, Fragments, parse, text_of
@@ -273,10 +273,10 @@ class RosbridgeClient(GraphTransport):
             if self._offered.pop(f"{kind} {name}", None) is not None and self.connected:
                 self.send({"op": f"unadvertise_{kind}", kind: name})
 
-        def make() -> Part:
+        def make() -> OpenPart:
             self._offered[f"{kind} {name}"] = answer
             self.send({"op": f"advertise_{kind}", kind: name, "type": type_name})
-            return Part(self, end)
+            return OpenPart(self, end)
 
         return self.keep(name, make)
 
@@ -333,7 +333,7 @@ class RosbridgeClient(GraphTransport):
             offered.close()
             action.close()
 
-        return self.keep(name, lambda: Part(self, close))
+        return self.keep(name, lambda: OpenPart(self, close))
 
     def send_goal(
         self,
@@ -353,7 +353,7 @@ class RosbridgeClient(GraphTransport):
         return made
 
 
-class _RosbridgePublisher(Part, Publisher):
+class _RosbridgePublisher(OpenPart, Publisher):
     def __init__(self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS) -> None:
         super().__init__(client, self._end)
         self._client, self._topic = client, topic
@@ -376,7 +376,7 @@ class _RosbridgePublisher(Part, Publisher):
             self._client.send({"op": "unadvertise", "topic": self._topic})
 
 
-class _Heard(Part):
+class _Heard(OpenPart):
     """A subscription: messages are called back on a separate thread."""
 
     def __init__(

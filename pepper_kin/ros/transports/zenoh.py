@@ -25,7 +25,7 @@ from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.dds_domain import domain_number
-from pepper_kin.ros.transports.graph import GraphTransport, Part
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
 
@@ -115,7 +115,7 @@ class ZenohTransport(GraphTransport):
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
         """Send a goal; see `Transport.send_goal`."""
-        sent: GoalHandle = actions.SentGoal(self, name, type_name, feedback_callback).send(goal, timeout)
+        sent: GoalHandle = actions.ZenohGoal(self, name, type_name, feedback_callback).send(goal, timeout)
         return sent
 
     def _leave(self) -> None:
@@ -187,7 +187,7 @@ class ZenohTransport(GraphTransport):
         return f"@ros2_lv/{self.domain_id}/{self._id}/0/{entity}"
 
 
-class _ZenohPart(Part):
+class _ZenohPart(OpenPart):
     """Something on the graph that is open.
 
     Args:
