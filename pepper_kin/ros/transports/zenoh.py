@@ -20,16 +20,14 @@ from collections.abc import Callable
 from typing import Any
 
 from pepper_kin.exceptions import InvalidValueError, optional
-from pepper_kin.lazy_names import lazy_module
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.dds_domain import domain_number
 from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
+from pepper_kin.ros.transports.zenoh_actions import OfferedAction, ZenohGoal
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
-
-actions = lazy_module("pepper_kin.ros.transports.zenoh_actions")
 
 logger = logging.getLogger(__name__)
 
@@ -104,7 +102,7 @@ class ZenohTransport(GraphTransport):
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
         """Offer an action; see `Transport.offer_action`."""
-        return self.keep(name, lambda: actions.OfferedAction(self, name, type_name, server))
+        return self.keep(name, lambda: OfferedAction(self, name, type_name, server))
 
     def send_goal(
         self,
@@ -115,8 +113,7 @@ class ZenohTransport(GraphTransport):
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
         """Send a goal; see `Transport.send_goal`."""
-        sent: GoalHandle = actions.ZenohGoal(self, name, type_name, feedback_callback).send(goal, timeout)
-        return sent
+        return ZenohGoal(self, name, type_name, feedback_callback).send(goal, timeout)
 
     def _leave(self) -> None:
         self._node_token.undeclare()

@@ -8,16 +8,18 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, GoalResult, GoalStatus
 from pepper_kin.ros.transports.graph import OpenPart
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
-from pepper_kin.ros.transports.zenoh import ZenohTransport
 from pepper_kin.ros_messages import message_type
 from pepper_kin.ros_messages.messages import check_message
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.zenoh import ZenohTransport
 
 logger = logging.getLogger(__name__)
 
