@@ -26,7 +26,7 @@ import pepper_kin as pk
 from pepper_kin.collision.checker import checker_for
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.priorities import balanced
-from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem
+from pepper_kin.ik.problem import TaskProblem, flatten_tasks, make_problem
 
 PEPPER = pk.load_pepper().with_requirements("limits")
 N = PEPPER.n
@@ -86,7 +86,7 @@ class NearPairs:
         return self._rows[:count, N], self._rows[:count, :N]
 
 
-def least_cost(problem: Problem, near: NearPairs | None, generator: np.random.Generator) -> float:
+def least_cost(problem: TaskProblem, near: NearPairs | None, generator: np.random.Generator) -> float:
     """Return the least weighted cost that SciPy ends at."""
     index = np.arange(N) if near else np.flatnonzero(problem.movable)
     low, high = PEPPER.lower_limits[index], PEPPER.upper_limits[index]

@@ -73,10 +73,10 @@ ROWS = (
         ("trajectory/  files/", "timing, certificate"),
     ),
     (("motion/", "planning, gestures, optimization"),),
-    (("twin/  paper/", "simulation, contacts, sensors"),),
+    (("twin/", "simulation, contacts, sensors"),),
     (("supervision", "motions on a robot"), ("jobs/  viewer/", "whole jobs, pages, films")),
     (("cli/", "the commands"),),
-    (("naoqi/  ros/", "NAOqi and ROS 2, on the twin, and their commands"),),
+    (("paper/  naoqi/  ros/", "on the twin, with their commands"),),
     (("qibullet/", "qiBullet's classes over the twin"),),
 )
 """Packages from the top down, side by side: name and contents."""

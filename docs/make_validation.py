@@ -15,7 +15,8 @@ import numpy as np
 
 import pepper_kin as pk
 from pepper_kin import identification
-from pepper_kin.jobs import check_dynamics, check_paper, check_physics
+from pepper_kin.jobs import check_dynamics, check_physics
+from pepper_kin.paper import check_paper
 from pepper_kin.paper.files import paper_figure
 
 FOLDER = Path(__file__).parent

@@ -16,13 +16,13 @@ _OPTIONS = 2
 """Arguments with a default from which on a function's calls are looked at: those without run as they are."""
 
 
-_QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "dynamics", "kinematics")}
+_QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "kinematics")}
 """Packages whose functions take a few microseconds, and half as much again if they answered."""
 _STEPS = {"step"}
 """Methods of loops."""
 
 
-class Package(ModuleType):
+class AnsweringPackage(ModuleType):
     """A package that names its functions where it is called as if it were one of them."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
@@ -46,7 +46,7 @@ def name_options(package: str) -> None:
         package: Its `__name__`; names of `__all__` that it does not have yet are left to `lazily`.
     """
     module = sys.modules[package]
-    module.__class__ = Package
+    module.__class__ = AnsweringPackage
     for name in getattr(module, "__all__", ()):
         if name in vars(module):
             setattr(module, name, with_named_options(getattr(module, name), package))

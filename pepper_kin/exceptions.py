@@ -13,6 +13,7 @@ never raised: it is a status in a result.
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -252,3 +253,24 @@ class MissingDependencyError(PepperKinError, ImportError):
     def __init__(self, package: str, command: str, purpose: str) -> None:
         self.package, self.command = package, command
         super().__init__(f"{purpose} needs {package!r}; install it with: {command}")
+
+
+def optional(module: str, *, need: str, extra: str = "", package: str = "", command: str = "") -> Any:
+    """Import a module whose package may not be installed, and return it.
+
+    Args:
+        module: Its full name.
+        need: What it is for, for the error.
+        extra: The extra of this package that brings it.
+        package: Its package, if that has another name than the module's first part.
+        command: What installs it, if no extra does; `pip install` with the package if omitted.
+
+    Raises:
+        MissingDependencyError: where it cannot be imported.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = package or module.partition(".")[0]
+        command = command or (f'pip install "pepper_kin[{extra}]"' if extra else f"pip install {package}")
+        raise MissingDependencyError(package, command, need) from error

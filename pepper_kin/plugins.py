@@ -1,8 +1,11 @@
-"""Entry points by which interfaces add commands, file formats and calls, found without importing them.
+"""Entry points of interfaces: commands, gestures, file formats and calls, found without importing them.
 
 Each group has names, and what `load()` returns for one:
 
 pepper_kin.commands         commands of `pepper-kin`: Typer applications
+pepper_kin.checks           commands of `pepper-kin check`: Typer applications
+pepper_kin.gestures         names of gestures: functions of the robot and a name that replay one, and
+                            return its `trajectory`, the twin's `run`, `report()` and `as_dict()`
 pepper_kin.formats          suffixes without their dots: modules with `write_trajectory(path, points)`,
                             `read_trajectory(path, pepper)`, `read_states(path)` and
                             `write_recording(path, run)`

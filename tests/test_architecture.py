@@ -20,10 +20,10 @@ ORDER = (
     "model",
     "symbolic",
     "kernels", "core", "batch", "kinematics", "dynamics", "collision", "ik", "servo", "base_placement",
-    "trajectory", "files", "motion", "twin", "learning", "paper", "identification", "datasets",
+    "trajectory", "files", "motion", "twin", "learning", "identification", "datasets",
     "supervision", "jobs",
     "viewer",
-    "cli", "naoqi", "ros", "qibullet",
+    "cli", "paper", "naoqi", "ros", "qibullet",
 )  # fmt: skip
 """From the top down: a package may import those before it."""
 APART = {("kinematics", "dynamics"), ("dynamics", "kinematics"), ("cli", "planners")}
@@ -46,8 +46,6 @@ ONLY = {
 """All that these packages may import; they are independent of the robot."""
 COMMANDS = {*(ROOT / "pepper_kin/cli").glob("*.py"), *(ROOT / "pepper_kin").glob("*/command*.py")}
 """Modules of commands, which import `pepper_kin` as its users do."""
-PASSED_ON = {"model": {"paper"}, "twin": {"paper"}}
-"""Packages with public names of packages below them, loaded when they are asked for."""
 
 
 def python_files():
@@ -126,8 +124,7 @@ def test_imports_point_one_way():
         package = package_of(path)
         if package == "__init__":
             continue
-        passed_on = PASSED_ON.get(package, set()) if path.name == "__init__.py" else set()
-        imported = packages_imported(path) - {package, "arrays"} - passed_on
+        imported = packages_imported(path) - {package, "arrays"}
         if path in COMMANDS:
             imported.discard("__init__")
         if package in ONLY:
@@ -138,7 +135,7 @@ def test_imports_point_one_way():
         assert not [pair for pair in APART if pair[0] == package and pair[1] in imported], path
 
 
-INTERFACES = ("ros_messages", "naoqi", "ros", "qibullet")
+INTERFACES = ("ros_messages", "paper", "naoqi", "ros", "qibullet")
 """What connects the toolkit with other programs, by entry points: the toolkit works without it."""
 
 

@@ -113,7 +113,9 @@ for name in ("placo", "toppra", "ruckig", "matplotlib", "casadi", "numba"):
 """
 
 REFUSED = """
-print(pk.jobs.reach(pepper, "left", (2.0, 0.3, 1.0)).message[:20], pk.twin.replay(pepper, "head").run.success)
+from pepper_kin.paper import replay
+
+print(pk.jobs.reach(pepper, "left", (2.0, 0.3, 1.0)).message[:20], replay(pepper, "head").run.success)
 calls = {
     "placo": lambda: pk.ik.solve(pepper, tasks, solver="placo"),
     "toppra": lambda: pk.retime(pepper, trajectory.coefficients[[0, -1], 0], solver="toppra"),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pepper_kin as pk
+from pepper_kin.paper import GESTURES, paper_gesture
 from pepper_kin.status import ResultStatus
 
 WITHIN = ("twin.world", "twin.sensors", "twin.base", "viewer.server")
@@ -47,17 +48,12 @@ def callables():
 
 
 def test_each_symbol_has_one_path_and_each_name_one_meaning():
-    """Only `symbolic` uses names again: its functions are the expressions of the quantities of that name.
-
-    And `replay`: in `twin` of the paper's gestures, in `identification` of a robot's log.
-    """
+    """Only `symbolic` uses names again: its functions are the expressions of the quantities of that name."""
     places = defaultdict(set)
     for place, name, _ in public():
         if place != "symbolic":
             places[name].add(place)
-    assert {name: where for name, where in places.items() if len(where) > 1} == {
-        "replay": {"twin", "identification"}
-    }
+    assert not {name: where for name, where in places.items() if len(where) > 1}
     quantities = {*pk.kinematics.__all__, *pk.dynamics.__all__}
     assert set(pk.symbolic.__all__) - quantities == {"QUANTITIES", "function"}
 
@@ -219,7 +215,7 @@ def values():
         "batch run": pk.TwinBatch(pepper, 2).execute(trajectory),
         "actuators": pk.twin.actuator_parameters(pepper),
         "push": pk.Twin(pepper).push("LArm_effector", (1, 0, 0)),
-        "gesture": pk.twin.paper_gesture(pk.twin.GESTURES[0]),
+        "gesture": paper_gesture(GESTURES[0]),
         "place_base": pk.base_placement.place_base(pepper, hand, candidates=4),
         "placement_map": pk.base_placement.placement_map(pepper, hand, center=(0, 0), size=0.2, headings=1),
         "servo": pk.servo.Servo(pepper, stand).step(),

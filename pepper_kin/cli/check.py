@@ -10,12 +10,13 @@ from typing import Annotated
 import typer
 
 import pepper_kin as pk
-from pepper_kin.cli.terminal import FAILED, Json, print_found, print_json, progress
+from pepper_kin.cli.terminal import FAILED, Json, print_found, print_json, progress, registered
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_file, check_folder, make_folder, write_text
 
 app = typer.Typer(
     name="check",
+    cls=registered("checks"),
     help="Check a robot's description, dynamics or limits; exit code 1 says that something is wrong.\n\n"
     "Example: pepper-kin check dynamics",
     no_args_is_help=True,
@@ -63,40 +64,6 @@ def model(
         print(found.report())
         if difference is not None:
             print("\n" + difference.report())
-    if not found.success:
-        raise typer.Exit(FAILED)
-
-
-@app.command()
-def limits(as_json: Json = False) -> None:
-    """Compare our joint limits with the paper's table 4.
-
-    Example: pepper-kin check limits
-    """
-    table = pk.model.limits_table()
-    print(json.dumps(table.to_dict(), indent=2) if as_json else table.report())
-
-
-@app.command()
-def paper(
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for tables and pictures.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.")] = 0,
-    as_json: Json = False,
-) -> None:
-    """Make the published twin's validation again: limits, three movements, and its measuring chain.
-
-    Example: pepper-kin check paper -o validation
-    """
-    if output is not None:
-        check_folder(output)
-    with progress("replaying the paper's movements") as report:
-        found = pk.jobs.check_paper(seed=seed, progress=report)
-    print_found(found, as_json)
-    if output is not None:
-        for path in pk.jobs.save_paper_check(found, output).values():
-            print(f"wrote {path}", file=sys.stderr)
     if not found.success:
         raise typer.Exit(FAILED)
 

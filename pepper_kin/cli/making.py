@@ -25,6 +25,7 @@ from pepper_kin.cli.terminal import (
 )
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_folder
+from pepper_kin.plugins import plugins
 
 app = typer.Typer()
 
@@ -120,9 +121,9 @@ def gesture(
     if output is not None:
         check_folder(output)
     pepper = pk.load_pepper()
-    if name in pk.twin.GESTURES:
+    if name in plugins("gestures"):
         _refuse_options(name, side=side, amplitude=amplitude, tempo=tempo)
-        replayed = pk.twin.replay(pepper, name)
+        replayed = plugins("gestures")[name].load()(pepper, name)
         if output is not None:
             pk.jobs.save_gesture(replayed, output)
         print_found(replayed, as_json)

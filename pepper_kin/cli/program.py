@@ -12,12 +12,10 @@ from functools import partial
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from pepper_kin.cli import check, dataset, learn, making, reaching, show, view
-from pepper_kin.cli.terminal import FAILED, INTERRUPTED, MISUSED, discard_output
+from pepper_kin.cli.terminal import FAILED, INTERRUPTED, MISUSED, discard_output, registered
 from pepper_kin.exceptions import InfeasibleError, PepperKinError
-from pepper_kin.plugins import plugins
 
 WELCOME = """\
 See it work:      pepper-kin demo                                     then open pepper-kin-demo/motion.html
@@ -26,30 +24,9 @@ Learn more:       pepper-kin COMMAND --help, and docs/start.md
 """
 
 
-class _Commands(TyperGroup):
-    """The commands below, and those that are registered, which are imported where they are needed."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all."""
-        self._add_registered()
-        return super().list_commands(ctx)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command, or None."""
-        if cmd_name not in self.commands:
-            self._add_registered()
-        return super().get_command(ctx, cmd_name)
-
-    def _add_registered(self) -> None:
-        for name, entry in plugins("commands").items():
-            if name not in self.commands:
-                self.commands[name] = typer.main.get_command(entry.load())
-                self.commands[name].name = name
-
-
 app = typer.Typer(
     name="pepper-kin",
-    cls=_Commands,
+    cls=registered("commands"),
     help="Kinematics, dynamics, whole-body IK, planning, timing and a twin for Pepper.",
     pretty_exceptions_enable=False,
 )

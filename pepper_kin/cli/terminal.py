@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import check_file
+from pepper_kin.plugins import plugins
 
 FAILED = 1
 MISUSED = 2
@@ -50,7 +52,33 @@ def complete_posture(incomplete: str) -> list[str]:
 
 def complete_gesture(incomplete: str) -> list[str]:
     """Complete the name of a gesture, of the paper's or of the library's."""
-    return one_of((*pk.twin.GESTURES, *pk.motion.gesture_names()))(incomplete)
+    return one_of((*sorted(plugins("gestures")), *pk.motion.gesture_names()))(incomplete)
+
+
+def registered(kind: str) -> type[TyperGroup]:
+    """Return the class of commands to which those of a group of entry points are added."""
+
+    class WithRegistered(TyperGroup):
+        """The commands below, and those that are registered, which are imported where they are needed."""
+
+        def list_commands(self, ctx: Any) -> list[str]:
+            """Return the names of all."""
+            self._add_registered()
+            return super().list_commands(ctx)
+
+        def get_command(self, ctx: Any, cmd_name: str) -> Any:
+            """Return a command, or None."""
+            if cmd_name not in self.commands:
+                self._add_registered()
+            return super().get_command(ctx, cmd_name)
+
+        def _add_registered(self) -> None:
+            for name, entry in plugins(kind).items():
+                if name not in self.commands:
+                    self.commands[name] = typer.main.get_command(entry.load())
+                    self.commands[name].name = name
+
+    return WithRegistered
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of words and tables.")]

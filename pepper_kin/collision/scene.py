@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.collision.attachment import attached, released
 from pepper_kin.collision.mesh_file import points_of, triangles_of
 from pepper_kin.collision.named_items import NamedItems
+from pepper_kin.collision.scene_file import load_scene, save_scene
 from pepper_kin.collision.scene_object import (
     PALETTE,
     PLASTER,
@@ -608,8 +609,6 @@ class Scene:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the scene as a JSON file, whole or not at all; see `pepper_kin.collision.scene_file`."""
-        from pepper_kin.collision.scene_file import save_scene
-
         save_scene(self, path)
 
     @classmethod
@@ -619,9 +618,7 @@ class Scene:
         Raises:
             FileFormatError: naming the file, the place in it and what is wrong.
         """
-        from pepper_kin.collision.scene_file import load_scene
-
-        return load_scene(path)
+        return load_scene(path, cls)
 
     def equals(self, other: Scene) -> bool:
         """Whether two scenes hold the same, to the last bit and in the same order.

@@ -23,11 +23,10 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from pepper_kin.collision.scene import Scene
 from pepper_kin.collision.scene_object import WOOD, AttachedObject, SceneObject
 from pepper_kin.collision.solids import (
     ConvexMesh,
@@ -63,11 +62,14 @@ _ARRAYS = ("vertices", "points")
 _PLACE = ("name", "kind", "position", "rotation", "rpy", "color")
 
 
+Made = TypeVar("Made")
+
+
 class _FaultError(Exception):
     """What is wrong with a part of the file, to be named with its place."""
 
 
-def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
+def save_scene(scene: Any, path: str | os.PathLike[str]) -> Path:
     """Write a scene as a JSON file, whole or not at all.
 
     Args:
@@ -83,7 +85,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     return atomic_file.write_text(path, _written(scene_as_dict(scene)) + "\n")
 
 
-def scene_as_dict(scene: Scene) -> dict[str, Any]:
+def scene_as_dict(scene: Any) -> dict[str, Any]:
     """Return what `save_scene` writes, as plain values."""
     return {
         "format": FORMAT,
@@ -104,19 +106,20 @@ def scene_as_dict(scene: Scene) -> dict[str, Any]:
     }
 
 
-def scene_from_dict(content: Any, source: object) -> Scene:
+def scene_from_dict(content: Any, source: object, make: Callable[..., Made]) -> Made:
     """Return the scene in plain values, as `load_scene`; `source` is what errors name as their place."""
     try:
-        return _scene_of(content)
+        return make(*_parts_of(content))
     except (_FaultError, PepperKinError) as fault:
         raise FileFormatError(source, str(fault)) from None
 
 
-def load_scene(path: str | os.PathLike[str]) -> Scene:
+def load_scene(path: str | os.PathLike[str], make: Callable[..., Made]) -> Made:
     """Read a scene from a JSON file.
 
     Args:
         path: The file.
+        make: Called with objects, attached objects and allowed pairs: `Scene`.
 
     Returns:
         The scene.
@@ -125,7 +128,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         FileFormatError: for a file that cannot be read, is not JSON (with the line), is not a scene or one of
             another version, or holds a wrong object (naming it and what is wrong).
     """
-    return scene_from_dict(read_json(path)[0], path)
+    return scene_from_dict(read_json(path)[0], path, make)
 
 
 def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, Any]:
@@ -168,7 +171,9 @@ def _written(value: Any, indent: str = "") -> str:
     return json.dumps(value, allow_nan=False, ensure_ascii=False)
 
 
-def _scene_of(content: Any) -> Scene:
+def _parts_of(
+    content: Any,
+) -> tuple[dict[str, SceneObject], dict[str, AttachedObject], list[tuple[str, str]]]:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise _FaultError(f'is not a scene: it lacks "format": "{FORMAT}"')
     if content.get("version") != VERSION or type(content.get("version")) is not int:
@@ -205,7 +210,7 @@ def _scene_of(content: Any) -> Scene:
             raise _FaultError(
                 f"allowed[{number}] is {found}, but one must be an object of the scene, not both the same"
             )
-    return Scene(objects, attached, [(a, b) for a, b in allowed])
+    return objects, attached, [(a, b) for a, b in allowed]
 
 
 def _built(build: Callable[[dict[str, Any], str], Any], part: dict[str, Any], place: str) -> Any:

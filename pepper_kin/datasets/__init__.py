@@ -12,15 +12,12 @@
 `pepper-kin dataset make | check | show | resume` does the same from a job's file.
 """
 
-from pepper_kin.call_errors import name_options
-from pepper_kin.exceptions import MissingDependencyError
+# ruff: noqa: E402 -- what is not installed is said first
 
-try:
-    import pyarrow  # noqa: F401
-except ImportError as error:
-    raise MissingDependencyError(
-        "pyarrow", "pip install 'pepper_kin[datasets]'", "pepper_kin.datasets"
-    ) from error
+from pepper_kin.call_errors import name_options
+from pepper_kin.exceptions import optional
+
+optional("pyarrow", extra="datasets", need="pepper_kin.datasets")
 
 from pepper_kin.datasets.checking import DatasetCheck, check
 from pepper_kin.datasets.columns import Column, Moments

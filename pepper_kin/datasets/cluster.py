@@ -15,7 +15,7 @@ from pepper_kin.datasets.job import DatasetJob
 from pepper_kin.datasets.pool import MOST_KILLS
 from pepper_kin.datasets.shard import write_shard
 from pepper_kin.datasets.store import Store
-from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError, PepperKinError
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError, optional
 
 _AHEAD = 3  # shards for each thread that the scheduler knows: few enough for any number of shards
 _LOOK = 2.0  # [s] between looks at how many workers there are
@@ -119,11 +119,7 @@ def on_dask(
         InfeasibleError: where the scheduler is gone, or workers died over one shard again and again.
         MissingDependencyError: where Dask is not installed.
     """
-    try:
-        import distributed
-    except ImportError as error:
-        command = 'pip install "pepper_kin[dask]"'
-        raise MissingDependencyError("distributed", command, "a data set on many machines") from error
+    distributed = optional("distributed", extra="dask", need="a data set on many machines")
     if not isinstance(client, str | distributed.Client):
         raise InvalidValueError("client", repr(client), "a distributed.Client, or a scheduler's address")
     own = isinstance(client, str)

@@ -18,7 +18,7 @@ from pepper_kin.datasets.columns import Column, Moments, decoded
 from pepper_kin.datasets.job import DatasetJob, job_of_text
 from pepper_kin.datasets.shard import DATA, read_footer
 from pepper_kin.datasets.store import Store
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, UnknownNameError, optional
 from pepper_kin.file_access.atomic_file import PathName
 
 JOB, MANIFEST, VERSION = "job.yaml", "manifest.json", 1
@@ -165,18 +165,12 @@ class Dataset:
 
     def pandas(self, columns: Sequence[str] | None = None) -> Any:
         """Return all rows as a DataFrame of pandas."""
-        try:
-            return self.arrow(columns).to_pandas()
-        except ImportError as error:
-            raise MissingDependencyError("pandas", "pip install pandas", "a DataFrame of pandas") from error
+        optional("pandas", need="a DataFrame of pandas")
+        return self.arrow(columns).to_pandas()
 
     def polars(self, columns: Sequence[str] | None = None) -> Any:
         """Return all rows as a DataFrame of polars."""
-        try:
-            import polars
-        except ImportError as error:
-            raise MissingDependencyError("polars", "pip install polars", "a DataFrame of polars") from error
-        return polars.from_arrow(self.arrow(columns))
+        return optional("polars", need="a DataFrame of polars").from_arrow(self.arrow(columns))
 
     def file(self, shard: int) -> pq.ParquetFile:
         """Return an open file.

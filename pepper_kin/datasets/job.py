@@ -293,7 +293,7 @@ def _scene(value: Any, number: int) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise InvalidValueError(place, repr(value), "a scene, its file, or the content of one")
     content = _plain({"format": SCENE_FORMAT, "version": SCENE_VERSION, **value}, place)
-    scene_from_dict(content, place)
+    scene_from_dict(content, place, Scene)
     return content
 
 

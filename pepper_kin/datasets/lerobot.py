@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.datasets.store import Store
-from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import FileFormatError, InvalidValueError, optional
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.model.joint_vectors import check_positive
 
@@ -405,11 +405,7 @@ def _tasks_table(tasks: Sequence[str]) -> pa.Table:
 
 
 def _av() -> Any:
-    try:
-        import av
-    except ImportError as error:
-        raise MissingDependencyError("av", 'pip install "pepper_kin[video]"', "films of cameras") from error
-    return av
+    return optional("av", extra="video", need="films of cameras")
 
 
 def _encode(film: NDArray[np.uint8], fps: int, target: BinaryIO) -> None:

@@ -48,7 +48,8 @@ class Recipe:
         robot = dict(job.robot)
         files = {name: robot.pop(name)["path"] for name in ("urdf", "srdf") if name in robot}
         self.pepper: PepperModel = load_robot(**files, **robot) if files else load_pepper(**robot)
-        self.scenes = [scene_from_dict(s, f"scenes[{k}]") for k, s in enumerate(job.scenes)] or [Scene()]
+        made = [scene_from_dict(s, f"scenes[{k}]", Scene) for k, s in enumerate(job.scenes)]
+        self.scenes = made or [Scene()]
         self.shifts = {
             name: np.abs(as_finite(shift, f"shift of {name}", (3,)))
             for name, shift in job.randomization.get("objects", {}).items()

@@ -1,22 +1,72 @@
-"""NumPy archives read within a limit of memory: a compressed file can hold a thousand times its size."""
+"""NumPy archives, read within a limit of memory: a compressed file can hold a thousand times its size."""
 
 from __future__ import annotations
 
 import io
 import zipfile
 import zlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.exceptions import FileFormatError, shortened
-from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.atomic_file import PathName, write_bytes
 from pepper_kin.file_access.reading import read_bytes
 
 MOST_BYTES = 500_000_000
 """Most that the arrays of a file may take [bytes]."""
+
+
+def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compressed: bool = True) -> Path:
+    """Write a NumPy archive, whole or not at all, and return its path.
+
+    Args:
+        path: The file.
+        arrays: By name: arrays, numbers and texts.
+        compressed: Whether to compress them.
+
+    Raises:
+        FileFormatError: naming the path and why it cannot be written.
+    """
+    content = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(content, **arrays)
+    return write_bytes(path, content.getvalue())
+
+
+def read_kinds(path: PathName, tag: str, kinds: Mapping[str, tuple[str, int] | None]) -> dict[str, Any]:
+    """Read an archive of one kind: with a text `format`, and arrays of known kinds.
+
+    Args:
+        path: The file.
+        tag: Its `format`.
+        kinds: Name of each other array: kinds of its numbers and number of its axes, None for any.
+
+    Returns:
+        The other arrays by name; those without axes as Python's values.
+
+    Raises:
+        FileFormatError: as `read_arrays`, and for another format, kind or number of axes, or floats that are
+            not finite.
+    """
+    arrays: dict[str, Any] = read_arrays(path, ("format", *kinds))
+    found = arrays.pop("format")
+    if found.shape != () or str(found) != tag:
+        raise FileFormatError(path, f"format is {shortened(repr(found))}, expected {tag!r}")
+    for name, kind in kinds.items():
+        array = arrays[name]
+        if kind is None:
+            continue
+        if array.dtype.kind not in kind[0] or array.ndim != kind[1]:
+            reason = f"{name} is {array.dtype} of shape {array.shape}, expected another kind"
+            raise FileFormatError(path, reason)
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise FileFormatError(path, f"{name} holds numbers that are not finite")
+        if array.ndim == 0:
+            arrays[name] = array.item()
+    return arrays
 
 
 def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict[str, NDArray[Any]]:

@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 from typing import Any
 
-from pepper_kin.exceptions import MissingDependencyError, UnknownNameError
+from pepper_kin.exceptions import UnknownNameError, optional
 from pepper_kin.file_access.atomic_file import PathName, write_bytes
 
 
@@ -20,12 +20,9 @@ def new_figure(purpose: str, **options: Any) -> Any:
     Raises:
         MissingDependencyError: where matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError("matplotlib", 'pip install "pepper_kin[plot]"', purpose) from error
-    figure = Figure(layout="constrained", **options)
+    figure = optional("matplotlib.figure", extra="plot", need=purpose).Figure(layout="constrained", **options)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     FigureCanvasAgg(figure)
     return figure
 

@@ -49,7 +49,7 @@ class Parameter(NamedTuple):
     inherited: bool
 
 
-class Link(NamedTuple):
+class BoxLink(NamedTuple):
     """A signal's way in a diagram: numbers of boxes (0 is the one around it) and of their ports."""
 
     source: int
@@ -69,8 +69,8 @@ class Diagram:
     """
 
     frame: float
-    boxes: dict[int, Box]
-    links: tuple[Link, ...]
+    boxes: dict[int, ChoregrapheBox]
+    links: tuple[BoxLink, ...]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class BoxTimeline:
 
 
 @dataclass(frozen=True)
-class Box:
+class ChoregrapheBox:
     """A box.
 
     Attributes:
@@ -162,7 +162,7 @@ def _unpack(path: Path, folder: Path) -> None:
         raise FileFormatError(path, f"is not an application that can be unpacked: {error}") from error
 
 
-def read_behavior(path: PathName) -> Box:
+def read_behavior(path: PathName) -> ChoregrapheBox:
     """Read a behavior (.xar): its root box with all that it holds.
 
     Raises:
@@ -175,13 +175,13 @@ def read_behavior(path: PathName) -> Box:
     return _box(path, boxes[0], "")
 
 
-def _box(path: PathName, element: Element, above: str) -> Box:
+def _box(path: PathName, element: Element, above: str) -> ChoregrapheBox:
     name = attribute(path, element, "name")
     name = f"{above}/{name}" if above else name
     contents = [content for script in element.named("script") for content in script.named("content")]
     script = contents[0] if contents and contents[0].text.strip() else None
     timelines = element.named("Timeline")
-    return Box(
+    return ChoregrapheBox(
         name,
         "" if script is None else script.text,
         element.line if script is None else script.text_line,
@@ -231,10 +231,10 @@ def _timeline(path: PathName, element: Element, name: str) -> BoxTimeline:
 
 
 def _diagram(path: PathName, element: Element, name: str) -> Diagram:
-    boxes, links = dict[int, Box](), list[Link]()
+    boxes, links = dict[int, ChoregrapheBox](), list[BoxLink]()
     for diagram in element.named("Diagram"):
         boxes |= {int(number(path, one, "id")): _box(path, one, name) for one in diagram.named("Box")}
         ends = ("outputowner", "indexofoutput", "inputowner", "indexofinput")
         for one in diagram.named("Link"):
-            links.append(Link(*(int(number(path, one, end)) for end in ends)))
+            links.append(BoxLink(*(int(number(path, one, end)) for end in ends)))
     return Diagram(number(path, element, "index", "1"), boxes, tuple(links))

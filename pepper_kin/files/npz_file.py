@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
-from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName
-from pepper_kin.file_access.numpy_archive import read_arrays
+from pepper_kin.file_access.numpy_archive import read_kinds, write_arrays
 from pepper_kin.files.sampled_motion import check_joint_names
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.trajectory import Trajectory
 
 FORMAT = "pepper_kin.trajectory"
 VERSION = 1
-_ARRAYS = ("breaks", "coefficients", "format", "joint_names", "joint_units", "version")
+_ARRAYS = {"version": ("iu", 0), "joint_names": ("U", 1), "joint_units": ("U", 1)}
+_POLYNOMIALS = {"breaks": None, "coefficients": None}  # a trajectory checks them
 
 
 def write_npz(path: PathName, trajectory: Trajectory) -> Path:
@@ -30,17 +27,8 @@ def write_npz(path: PathName, trajectory: Trajectory) -> Path:
     Raises:
         FileFormatError: where the file cannot be written.
     """
-    content = io.BytesIO()
-    np.savez_compressed(
-        content,
-        format=np.array(FORMAT),
-        version=np.array(VERSION),
-        joint_names=np.array(trajectory.joint_names),
-        joint_units=np.array(trajectory.joint_units),
-        breaks=trajectory.breaks,
-        coefficients=trajectory.coefficients,
-    )
-    return atomic_file.write_bytes(path, content.getvalue())
+    named = {name: getattr(trajectory, name) for name in (*_ARRAYS, *_POLYNOMIALS) if name != "version"}
+    return write_arrays(path, {"format": FORMAT, "version": VERSION, **named})
 
 
 def read_npz(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
@@ -53,21 +41,12 @@ def read_npz(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     Raises:
         FileFormatError: naming path and array and what is wrong.
     """
-    arrays = read_arrays(path, _ARRAYS)
-    _check_tag(path, arrays["format"], arrays["version"])
-    names, units = arrays["joint_names"], arrays["joint_units"]
-    for name, texts in (("joint_names", names), ("joint_units", units)):
-        if texts.dtype.kind != "U" or texts.ndim != 1:
-            raise FileFormatError(path, f"{name} is {texts.dtype} of shape {texts.shape}, expected texts")
-    joints = check_joint_names(path, names.tolist(), pepper)
-    return build(path, joints, units.tolist(), arrays["breaks"], arrays["coefficients"], pepper)
-
-
-def _check_tag(path: PathName, tag: Any, version: Any) -> None:
-    if tag.shape != () or str(tag) != FORMAT:
-        raise FileFormatError(path, f"format is {tag!r}, expected {FORMAT!r}")
-    if version.shape != () or version.dtype.kind not in "iu" or int(version) != VERSION:
-        raise FileFormatError(path, f"version is {version!r}, expected {VERSION}")
+    arrays = read_kinds(path, FORMAT, {**_ARRAYS, **_POLYNOMIALS})
+    if arrays["version"] != VERSION:
+        raise FileFormatError(path, f"version is {arrays['version']}, expected {VERSION}")
+    joints = check_joint_names(path, arrays["joint_names"].tolist(), pepper)
+    units = arrays["joint_units"].tolist()
+    return build(path, joints, units, arrays["breaks"], arrays["coefficients"], pepper)
 
 
 def build(

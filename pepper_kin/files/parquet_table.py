@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError, shortened
+from pepper_kin.exceptions import FileFormatError, optional, shortened
 from pepper_kin.file_access.atomic_file import PathName, write_bytes
 from pepper_kin.file_access.numpy_archive import MOST_BYTES
 from pepper_kin.file_access.reading import read_bytes
@@ -25,14 +25,16 @@ def write_columns(path: PathName, columns: Mapping[str, Array], meaning: Mapping
         MissingDependencyError: where pyarrow is not installed.
         FileFormatError: where the file cannot be written.
     """
-    arrow = _arrow()
+    parquet = _parquet()
+    import pyarrow as arrow
+
     fields = [
         arrow.field(name, arrow.float64(), False, {_MEANING: json.dumps(meaning[name]).encode()})
         for name in columns
     ]
     table = arrow.table([arrow.array(values) for values in columns.values()], schema=arrow.schema(fields))
     content = io.BytesIO()
-    arrow.parquet.write_table(table, content, compression="zstd")
+    parquet.write_table(table, content, compression="zstd")
     write_bytes(path, content.getvalue())
 
 
@@ -47,9 +49,11 @@ def read_columns(path: PathName) -> tuple[dict[str, Array], dict[str, Any]]:
         FileFormatError: for a file that cannot be read, is damaged, holds other things than numbers, one
             column twice, values that are missing or not finite, or more than 500 MB.
     """
-    arrow, content = _arrow(), read_bytes(path)
+    parquet, content = _parquet(), read_bytes(path)
+    import pyarrow as arrow
+
     try:
-        file = arrow.parquet.ParquetFile(io.BytesIO(content))
+        file = parquet.ParquetFile(io.BytesIO(content))
         schema, rows = file.schema_arrow, file.metadata.num_rows
         if rows * len(schema) * 8 > MOST_BYTES:
             raise FileFormatError(path, f"announces {rows} rows of {len(schema)} columns: too much")
@@ -79,14 +83,5 @@ def read_columns(path: PathName) -> tuple[dict[str, Array], dict[str, Any]]:
     return columns, meaning
 
 
-def _arrow() -> Any:
-    """Return the module `pyarrow`, with `pyarrow.parquet`.
-
-    Raises:
-        MissingDependencyError: where it is not installed.
-    """
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise MissingDependencyError("pyarrow", 'pip install "pepper_kin[datasets]"', "Parquet") from error
-    return pyarrow
+def _parquet() -> Any:
+    return optional("pyarrow.parquet", extra="datasets", need="Parquet")

@@ -135,8 +135,8 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         raise FileFormatError(path, f"is not complete YAML: {error.problem}", line) from error
     except yaml.YAMLError as error:
         raise FileFormatError(path, f"is not YAML: {error}") from error
-    message = _Reader(path).mapping(root, _FIELDS, {"joint_names", "points"}, "JointTrajectory")
-    return _trajectory(_Reader(path), message, pepper)
+    message = _YamlReader(path).mapping(root, _FIELDS, {"joint_names", "points"}, "JointTrajectory")
+    return _trajectory(_YamlReader(path), message, pepper)
 
 
 class _Node(NamedTuple):
@@ -208,7 +208,7 @@ def _document(path: PathName, text: str) -> _Node | None:
     return roots[0] if roots else None
 
 
-def _trajectory(read: _Reader, message: dict[str, _Node], pepper: PepperModel | None) -> Trajectory:
+def _trajectory(read: _YamlReader, message: dict[str, _Node], pepper: PepperModel | None) -> Trajectory:
     names_node = message["joint_names"]
     texts = [node.value if node.kind == "scalar" else None for node in read.items(names_node, "joint_names")]
     names = check_joint_names(read.path, texts, pepper, names_node.line)
@@ -229,7 +229,7 @@ def _trajectory(read: _Reader, message: dict[str, _Node], pepper: PepperModel | 
     return points_of_file(read.path, names, units, time, *values)
 
 
-def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[_Node], n: int) -> Array | None:
+def _table(read: _YamlReader, name: str, rows: list[list[float]], nodes: list[_Node], n: int) -> Array | None:
     """Return values of all points, None where no point has any."""
     if not any(rows):
         return None
@@ -239,7 +239,7 @@ def _table(read: _Reader, name: str, rows: list[list[float]], nodes: list[_Node]
     return np.array(rows)
 
 
-class _Reader:
+class _YamlReader:
     """Reads YAML nodes and reports the line of an error."""
 
     def __init__(self, path: PathName) -> None:

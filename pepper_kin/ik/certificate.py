@@ -12,7 +12,7 @@ from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import suspect_millimeters
 from pepper_kin.ik.collisions import Collisions, torque_ratios
-from pepper_kin.ik.problem import OUT_OF_THE_WAY, Problem, joints_used, make_problem, moved_aside
+from pepper_kin.ik.problem import OUT_OF_THE_WAY, TaskProblem, joints_used, make_problem, moved_aside
 from pepper_kin.ik.reach_bound import why_beyond_reach
 from pepper_kin.ik.result import IKCertificate, TaskError, TorqueUse
 from pepper_kin.ik.standing import distance_inside, stands
@@ -63,7 +63,7 @@ class CertificateInputs(NamedTuple):
 
 
 def certify(
-    problem: Problem, collisions: Collisions, q: Array, balance: float | None = None
+    problem: TaskProblem, collisions: Collisions, q: Array, balance: float | None = None
 ) -> IKCertificate:
     """Return the certificate of q, shape (n,) [rad or m], and of a balance asked for [m]."""
     pepper = problem.pepper
@@ -119,6 +119,6 @@ def certify(
     )
 
 
-def _names(problem: Problem, mask: np.ndarray) -> tuple[str, ...]:
+def _names(problem: TaskProblem, mask: np.ndarray) -> tuple[str, ...]:
     """Return the names of the joints where the mask, shape (n,), is true."""
     return tuple(problem.pepper.joint_names[i] for i in np.flatnonzero(mask))

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import BatchSearch, FastSolver, search_compiled
-from pepper_kin.ik.problem import Problem, SearchBudget, joints_used
+from pepper_kin.ik.problem import SearchBudget, TaskProblem, joints_used
 from pepper_kin.ik.tasks.structure import known_structures
 
 STARTS, ROUNDS, ROUND, STEPS = 64, 6, 16, 60
@@ -25,7 +25,7 @@ SAME = 1e-6
 """Costs that differ by less, as a part, are of the same minimum."""
 
 
-def closest(problem: Problem, collisions: Collisions, budget: SearchBudget, q: Array) -> Array:
+def closest(problem: TaskProblem, collisions: Collisions, budget: SearchBudget, q: Array) -> Array:
     """Return the configuration of least cost of q and where further starts lead, both shape (n,) [rad or m].
 
     What a descent is compared with, that is its posture term, the gain of its last step and how far starts
@@ -60,7 +60,7 @@ def closest(problem: Problem, collisions: Collisions, budget: SearchBudget, q: A
     return best
 
 
-def _ends(problem: Problem, budget: SearchBudget, worst: float) -> Array:
+def _ends(problem: TaskProblem, budget: SearchBudget, worst: float) -> Array:
     """Return minima of less than a cost, collisions left out, the best first, shape (m, n) [rad or m]."""
     pepper, q0 = problem.pepper, problem.q0
     index = np.flatnonzero(problem.movable & joints_used(pepper, problem.tasks))
@@ -82,7 +82,7 @@ def _ends(problem: Problem, budget: SearchBudget, worst: float) -> Array:
     return ends[costs < worst]
 
 
-def _descents(problem: Problem, budget: SearchBudget, starts: Array) -> tuple[Array, Array]:
+def _descents(problem: TaskProblem, budget: SearchBudget, starts: Array) -> tuple[Array, Array]:
     """Return where searches from starts [rad or m], shape (m, n), end, of that shape, and their costs."""
     pepper, tasks, movable = problem.pepper, problem.tasks, problem.movable
     budget = budget._replace(restarts=0, max_iterations=min(STEPS, budget.max_iterations), thorough=False)

@@ -13,7 +13,7 @@ from pepper_kin.collision.checker import checker_for
 from pepper_kin.collision.own_contacts import advice_on_own_links
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast.search import alternatives, search_compiled
-from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.problem import SearchBudget, TaskProblem
 from pepper_kin.ik.result import IKStatus
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import words_for_length
@@ -31,7 +31,7 @@ POSTURES = 24
 """Starts for postures that meet tasks, of which is said what touches."""
 
 
-def what_would_help(problem: Problem, whole: Problem, solver: str, budget: SearchBudget) -> str:
+def what_would_help(problem: TaskProblem, whole: TaskProblem, solver: str, budget: SearchBudget) -> str:
     """Return which joints, if they were free too, would let the target be reached, collisions left out.
 
     Of the robot's joint groups the one that frees fewest further joints is named.
@@ -64,7 +64,7 @@ def what_would_help(problem: Problem, whole: Problem, solver: str, budget: Searc
     return "all joints"
 
 
-def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchBudget) -> str:
+def what_is_in_the_way(problem: TaskProblem, collisions: Collisions, budget: SearchBudget) -> str:
     """Say which two things touch most often where the tasks are met, and how deep.
 
     Args:
@@ -100,7 +100,7 @@ def what_is_in_the_way(problem: Problem, collisions: Collisions, budget: SearchB
     )
 
 
-def what_contradicts(problem: Problem, solver: str, budget: SearchBudget) -> tuple[str, ...]:
+def what_contradicts(problem: TaskProblem, solver: str, budget: SearchBudget) -> tuple[str, ...]:
     """Return the names of tasks that are met each alone, but not together, collisions left out.
 
     Of the tasks those are left out one by one without which the others still are not met: what is left is
@@ -126,7 +126,7 @@ def what_contradicts(problem: Problem, solver: str, budget: SearchBudget) -> tup
     return tuple(problem.tasks[k].name for k in kept)
 
 
-def _with_only(problem: Problem, places: Sequence[int]) -> Problem:
+def _with_only(problem: TaskProblem, places: Sequence[int]) -> TaskProblem:
     """Return the problem in which only some tasks count; its machine code is the same."""
     tasks = list(problem.tasks)
     for k, task in enumerate(tasks):
@@ -136,7 +136,7 @@ def _with_only(problem: Problem, places: Sequence[int]) -> Problem:
     return replace(problem, tasks=tuple(tasks))
 
 
-def _solvable(problem: Problem, solver: str, budget: SearchBudget) -> bool:
+def _solvable(problem: TaskProblem, solver: str, budget: SearchBudget) -> bool:
     """Whether a problem is solved, collisions left out."""
     nothing = Collisions(problem.pepper, None)
     found = make_solver(solver, problem).search(nothing, budget._replace(restarts=RESTARTS))

@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.ik.collisions import Collisions
-from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.problem import SearchBudget, TaskProblem
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task
 
@@ -121,7 +121,7 @@ class SolverContext:
     budget: SearchBudget
 
 
-def solve_with_priorities(problem: Problem, context: SolverContext, q: Array) -> Array:
+def solve_with_priorities(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
     """Return a configuration that meets better what comes first, searched from where the search ended.
 
     The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
@@ -148,7 +148,7 @@ def solve_with_priorities(problem: Problem, context: SolverContext, q: Array) ->
     return _relax(problem, context, _let_yield(problem, context, q))
 
 
-def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
+def _let_yield(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
     """Return where the tasks with one that yields to them are met, as far as they can be.
 
     Both q and the result are joint positions [rad or m], shape (n,).
@@ -183,21 +183,21 @@ def _let_yield(problem: Problem, context: SolverContext, q: Array) -> Array:
     return again
 
 
-def _descended(problem: Problem, context: SolverContext, q: Array) -> Array:
+def _descended(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
     """Return where a descent from q ends, clear where q is clear of what may not touch, shape (n,) both."""
     clear = context.collisions.considered and context.collisions.free(q)
     return make_solver(context.solver, problem).descend(q, context.collisions, context.budget, clear=clear)
 
 
 def _is_gain(
-    problem: Problem, context: SolverContext, new: Array, old: Array, leaders: Sequence[int]
+    problem: TaskProblem, context: SolverContext, new: Array, old: Array, leaders: Sequence[int]
 ) -> bool:
     """Whether the new joint positions, shape (n,), meet the leaders and lose nothing that the old keep."""
     clear = context.collisions.free(new) or not context.collisions.free(old)
     return clear and _worst(problem, leaders, new) <= 1 and _unless_worse(problem, new, old) is new
 
 
-def _relax(problem: Problem, context: SolverContext, q: Array) -> Array:
+def _relax(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
     """Return where all tasks are met, if lowering the weights of those with freedom leads there, else q.
 
     Both q and the result are joint positions [rad or m], shape (n,).
@@ -225,7 +225,7 @@ def _has_freedom(task: Task) -> bool:
     return not task.hard and task.tolerance >= WIDE * usual
 
 
-def _unless_worse(problem: Problem, new: Array, old: Array) -> Array:
+def _unless_worse(problem: TaskProblem, new: Array, old: Array) -> Array:
     """Return the new configuration unless a hard task is unmet there and better met by the old one.
 
     Both are joint positions [rad or m], shape (n,).
@@ -234,13 +234,13 @@ def _unless_worse(problem: Problem, new: Array, old: Array) -> Array:
     return new if _worst(problem, firm, new) <= max(1.0, _worst(problem, firm, old)) else old
 
 
-def _reweighted(problem: Problem, places: Sequence[int], factor: float) -> Problem:
+def _reweighted(problem: TaskProblem, places: Sequence[int], factor: float) -> TaskProblem:
     """Return the problem with the weights of some tasks multiplied."""
     tasks = [task.weighted(factor) if k in places else task for k, task in enumerate(problem.tasks)]
     return replace(problem, tasks=tuple(tasks))
 
 
-def _better(problem: Problem, context: SolverContext, q: Array, first: Sequence[int]) -> Array:
+def _better(problem: TaskProblem, context: SolverContext, q: Array, first: Sequence[int]) -> Array:
     """Return where a descent from q ends if the tasks `first` are better met there, else q.
 
     Both q and the result are joint positions [rad or m], shape (n,).
@@ -257,7 +257,7 @@ def _better(problem: Problem, context: SolverContext, q: Array, first: Sequence[
     return q
 
 
-def _worst(problem: Problem, places: Sequence[int], q: Array) -> float:
+def _worst(problem: TaskProblem, places: Sequence[int], q: Array) -> float:
     """Return the largest error of some tasks at q, shape (n,) [rad or m], as a part of the tolerance."""
     pepper = problem.pepper
     parts = [problem.tasks[k].error(pepper, q) / problem.tasks[k].tolerance for k in places]

@@ -45,7 +45,7 @@ class SearchBudget(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(FrozenArrays):
+class TaskProblem(FrozenArrays):
     """min over q of F(q) = (sum_i s_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
 
     The strength s_i is a task's weight, and HARD_WEIGHT times it where the task is hard.  Joints that may not
@@ -121,7 +121,7 @@ class Problem(FrozenArrays):
         """Return q, shape (n,) [rad or m], moved into the bounds."""
         return np.clip(q, self.lower, self.upper)
 
-    def without_limits(self) -> Problem:
+    def without_limits(self) -> TaskProblem:
         """Return the problem with bounds only on the joints that may not move."""
         lower = np.where(self.movable, -np.inf, self.lower)
         upper = np.where(self.movable, np.inf, self.upper)
@@ -130,7 +130,7 @@ class Problem(FrozenArrays):
 
 def make_problem(
     pepper: PepperModel, tasks: Sequence[Task], q0: Array, movable: np.ndarray, keep_idle: bool
-) -> Problem:
+) -> TaskProblem:
     """Build the problem of checked tasks and a checked start.
 
     Args:
@@ -145,7 +145,7 @@ def make_problem(
     """
     if keep_idle:
         movable = movable & joints_used(pepper, tasks)
-    return Problem(
+    return TaskProblem(
         pepper=pepper,
         tasks=tuple(tasks),
         q0=read_only(q0),

@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.inverse_kinematics.reach_hull import CELLS, add_joint, write_point, write_shortfalls
 from pepper_kin.ik.nearby import resting_of
-from pepper_kin.ik.problem import Problem
+from pepper_kin.ik.problem import TaskProblem
 from pepper_kin.ik.tasks.frame_position import FramePosition
 from pepper_kin.ik.tasks.task import Task, words_for_length
 from pepper_kin.model import PepperModel
@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 """Allowed for rounding [m]."""
 
 
-def why_beyond_reach(problem: Problem) -> str:
+def why_beyond_reach(problem: TaskProblem) -> str:
     """Say which position task no posture can meet, limits or not, and how much is missing at least.
 
     Args:
@@ -40,7 +40,7 @@ def why_beyond_reach(problem: Problem) -> str:
     return words
 
 
-def least_shortfall(problem: Problem, task: FramePosition) -> float:
+def least_shortfall(problem: TaskProblem, task: FramePosition) -> float:
     """Return a lower bound on the distance between a frame and its target, over all postures [m].
 
     A frame behind revolute joints stays within a ball: about the first of them that moves, with the sum of
@@ -67,7 +67,7 @@ def least_shortfall(problem: Problem, task: FramePosition) -> float:
     return max(distance - radius, 0.0)
 
 
-def _may_move(problem: Problem, joint: str) -> bool:
+def _may_move(problem: TaskProblem, joint: str) -> bool:
     """Whether a joint of Pinocchio's may move; those that follow others, as fingers do, count as free."""
     names = problem.pepper.joint_names
     return joint not in names or bool(problem.movable[names.index(joint)])

@@ -38,8 +38,8 @@ from pepper_kin.ik.priorities import (
 )
 from pepper_kin.ik.problem import (
     OUT_OF_THE_WAY,
-    Problem,
     SearchBudget,
+    TaskProblem,
     flatten_tasks,
     joints_used,
     make_problem,
@@ -96,7 +96,7 @@ def solve(
     """Find joint positions that fulfill tasks, or come closest.
 
     Minimizes sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
-    of a quadratic program, first from `start` and then from further ones; see `Problem`.  Of several
+    of a quadratic program, first from `start` and then from further ones; see `TaskProblem`.  Of several
     solutions it prefers one that touches nothing, that the motors can hold, on which the robot stands, and
     that is near the start.
     Where not all tasks can be met, hard ones come first, then positions before their orientations; see
@@ -266,7 +266,7 @@ class Request(NamedTuple):
     collisions: Collisions
     budget: SearchBudget
 
-    def problem(self, *, whole: bool = False) -> Problem:
+    def problem(self, *, whole: bool = False) -> TaskProblem:
         """Return the problem; with `whole` every joint may move."""
         movable = self.movable
         if whole or movable is None:

@@ -13,7 +13,7 @@ from pepper_kin.ik.result import SearchResult
 
 
 class TaskSolver(ABC):
-    """Searches for configurations that fulfill the tasks of one `Problem`."""
+    """Searches for configurations that fulfill the tasks of one `TaskProblem`."""
 
     @abstractmethod
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:

@@ -4,7 +4,7 @@
     make_gesture, MadeGesture, save_library_gesture, save_gesture
     load_motion, scene_beside, save_export
     check_dynamics, DynamicsCheck, DynamicsCheckRow
-    check_paper, PaperCheck, save_paper_check, check_physics, PhysicsCheck
+    check_physics, PhysicsCheck
     warm_up, WarmUp, check_installation, Installation, Package
 
 Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from pepper_kin.jobs.reaching import ReachOutcome, reach
     from pepper_kin.jobs.result_files import save_gesture, save_outcome
     from pepper_kin.jobs.warming import WarmUp, warm_up
-    from pepper_kin.paper.check import PaperCheck, check_paper
-    from pepper_kin.paper.files import save_paper_check
 
 __all__ = [
     "DynamicsCheck",
@@ -38,13 +36,11 @@ __all__ = [
     "Installation",
     "MadeGesture",
     "Package",
-    "PaperCheck",
     "PhysicsCheck",
     "ReachOutcome",
     "WarmUp",
     "check_dynamics",
     "check_installation",
-    "check_paper",
     "check_physics",
     "demo_scene",
     "load_motion",
@@ -55,7 +51,6 @@ __all__ = [
     "save_gesture",
     "save_library_gesture",
     "save_outcome",
-    "save_paper_check",
     "scene_beside",
     "warm_up",
 ]

@@ -12,8 +12,8 @@ from pepper_kin.exceptions import UnknownNameError
 from pepper_kin.jobs.result_files import write_results
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import gesture, gesture_meaning, gesture_names
+from pepper_kin.plugins import plugins
 from pepper_kin.trajectory import Certificate, Trajectory
-from pepper_kin.twin import GESTURES
 
 CSV_STEP = 0.01  # [s]
 
@@ -57,11 +57,11 @@ def make_gesture(
         tempo: As `pepper_kin.motion.gesture` takes it.
 
     Raises:
-        UnknownNameError: for another name, listing also those of the paper.
+        UnknownNameError: for another name, listing also those that are registered.
         InvalidValueError: for an option out of range.
     """
     if name not in gesture_names():
-        raise UnknownNameError("gesture", name, (*GESTURES, *gesture_names()))
+        raise UnknownNameError("gesture", name, (*sorted(plugins("gestures")), *gesture_names()))
     trajectory = gesture(pepper, name, side=side, amplitude=amplitude, tempo=tempo)
     options = {"side": side, "amplitude": amplitude, "tempo": tempo}
     return MadeGesture(name, options, trajectory, trajectory.check(pepper, Scene()))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError, optional
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.model.text_table import text_table
@@ -30,7 +30,7 @@ _GENTLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ComparedMotion:
     """What is done in both engines.
 
     Attributes:
@@ -182,12 +182,7 @@ def check_physics(
     """
     if seed < 0:
         raise InvalidValueError("seed", seed, "at least 0")
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingDependencyError(
-            "mujoco", 'pip install "pepper_kin[mujoco]"', "a check against MuJoCo"
-        ) from error
+    mujoco = optional("mujoco", extra="mujoco", need="a check against MuJoCo")
     steps = tuple(sorted((check_positive("timestep", h, "s") for h in timesteps), reverse=True))
     if len(steps) < 2:
         raise InvalidValueError("timesteps", len(steps), "at least two")
@@ -202,7 +197,7 @@ def check_physics(
     return PhysicsCheck(pepper.name, duration, f"MuJoCo {mujoco.__version__}", tuple(rows))
 
 
-def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
+def _motions(pepper: PepperModel, seed: int) -> list[ComparedMotion]:
     n, stand = pepper.n, pepper.neutral()
     servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
     limp = servos.changed(mode=TORQUE)
@@ -221,15 +216,15 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
         return state.position, state.velocity
 
     return [
-        Motion("free swing", thrown, limp, still(thrown)),
-        Motion("step responses", stand, servos, still(goal)),
-        Motion("gesture: wave", wave(0.0).position, servos, waving),
-        Motion("push on a hand", stand, compliant, still(stand), pushed=True),
+        ComparedMotion("free swing", thrown, limp, still(thrown)),
+        ComparedMotion("step responses", stand, servos, still(goal)),
+        ComparedMotion("gesture: wave", wave(0.0).position, servos, waving),
+        ComparedMotion("push on a hand", stand, compliant, still(stand), pushed=True),
     ]
 
 
 def _compare(
-    pepper: PepperModel, model: Any, motion: Motion, steps: tuple[float, ...], duration: float
+    pepper: PepperModel, model: Any, motion: ComparedMotion, steps: tuple[float, ...], duration: float
 ) -> PhysicsRow:
     ends, greatest, moved = [], [], 0.0
     for h in steps:
@@ -246,7 +241,7 @@ def _compare(
     return PhysicsRow(motion.name, moved, steps, tuple(float(d.max()) for d in ends), tuple(greatest), joint)
 
 
-def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+def _ours(pepper: PepperModel, motion: ComparedMotion, h: float, q_ref: Array, v_ref: Array) -> Array:
     """Return the twin's positions, shape (T, n) [rad], as it follows references of that shape."""
     twin = Twin(pepper, h, feedforward="none", actuators=motion.actuators)
     twin.reset(motion.start)
@@ -255,7 +250,9 @@ def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Ar
     return twin.follow(q_ref, v_ref).position[1:]
 
 
-def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+def _theirs(
+    pepper: PepperModel, model: Any, motion: ComparedMotion, h: float, q_ref: Array, v_ref: Array
+) -> Array:
     """Return MuJoCo's positions, shape (T, n) [rad], as it follows references of that shape."""
     import mujoco
 
@@ -282,7 +279,7 @@ def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Ar
     return logged
 
 
-def _drive(model: Any, motion: Motion) -> None:
+def _drive(model: Any, motion: ComparedMotion) -> None:
     """Give MuJoCo's servos, whose order is the robot's, our gains and limits, and no feed-forward."""
     wanted = motion.actuators
     n = len(wanted.joint_names)

@@ -15,7 +15,7 @@ from pepper_kin.jobs.reaching import ReachOutcome
 from pepper_kin.kernels.compiled_function import INTERPRETED
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.twin import GestureReport, Run
+from pepper_kin.twin import Run
 
 CSV_STEP = 0.001  # [s] between rows of trajectory.csv
 _LIBRARIES = ("pin", "proxsuite", "coal", "llvmlite", "meshcat", "numpy")
@@ -82,11 +82,11 @@ def save_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path)
     return files
 
 
-def save_gesture(report: GestureReport, folder: str | Path) -> dict[str, Path]:
+def save_gesture(report: Any, folder: str | Path) -> dict[str, Path]:
     """Write `summary.json`, `trajectory.csv`, `run.csv` and `columns.json` of a gesture.
 
     Args:
-        report: The replayed gesture.
+        report: What a registered gesture returns: see `pepper_kin.plugins`.
         folder: Where; made if it is not there.
 
     Returns:

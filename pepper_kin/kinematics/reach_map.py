@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pepper_kin import batch
 from pepper_kin.arrays import Array, FrozenArrays
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.file_access.atomic_file import write_bytes
-from pepper_kin.file_access.numpy_archive import read_arrays
+from pepper_kin.file_access.numpy_archive import read_kinds, write_arrays
 from pepper_kin.kinematics.jacobian import frame_jacobian
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -145,20 +142,7 @@ class ReachMap(FrozenArrays):
         Raises:
             FileFormatError: naming the path and why it cannot be written.
         """
-        content = io.BytesIO()
-        np.savez_compressed(
-            content,
-            format=np.array(_FORMAT),
-            frame=np.array(self.frame),
-            joints=np.array(self.joints),
-            origin=self.origin,
-            resolution=np.array(self.resolution),
-            counts=self.counts,
-            best=self.best,
-            samples=np.array(self.samples),
-            seed=np.array(self.seed),
-        )
-        return write_bytes(path, content.getvalue())
+        return write_arrays(path, {"format": _FORMAT, **{name: getattr(self, name) for name in _ARRAYS}})
 
     @classmethod
     def load(cls, path: str | Path) -> ReachMap:
@@ -167,31 +151,15 @@ class ReachMap(FrozenArrays):
         Raises:
             FileFormatError: where the file cannot be read or is not a reach map.
         """
-        fields: dict[str, Any] = read_arrays(path, ("format", *cls.__dataclass_fields__))
-        tag = fields.pop("format")
-        if tag.shape != () or str(tag) != _FORMAT:
-            raise FileFormatError(path, f"is not a {_FORMAT}")
-        for name, (kinds, ndim) in _ARRAYS.items():
-            array = fields[name]
-            if array.dtype.kind not in kinds or array.ndim != ndim:
-                raise FileFormatError(path, f"{name} is of another kind: {array.dtype}, shape {array.shape}")
-            if array.dtype.kind == "f" and not np.isfinite(array).all():
-                raise FileFormatError(path, f"{name} holds numbers that are not finite")
-        counts, resolution = fields["counts"], float(fields["resolution"])
+        fields = read_kinds(path, _FORMAT, _ARRAYS)
+        counts, resolution = fields["counts"], fields["resolution"]
         if counts.shape != fields["best"].shape or fields["origin"].shape != (3,):
             raise FileFormatError(path, "holds arrays whose shapes do not fit one another")
         if counts.min(initial=0) < 0 or fields["samples"] < 0 or not 1e-9 <= resolution <= 1e9:
             raise FileFormatError(path, "holds a count below 0, or a resolution outside 1e-9 to 1e9 m")
         for name in ("counts", "best"):
             fields[name].flags.writeable = False
-        fields.update(
-            frame=str(fields["frame"]),
-            joints=tuple(fields["joints"].tolist()),
-            resolution=resolution,
-            samples=int(fields["samples"]),
-            seed=int(fields["seed"]),
-        )
-        return cls(**fields)
+        return cls(**{**fields, "joints": tuple(fields["joints"].tolist())})
 
 
 def reach_map(

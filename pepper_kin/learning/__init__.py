@@ -16,14 +16,12 @@ Importing it registers `PepperReach-v0` and the others of `TASKS`, for `gymnasiu
 `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
 """
 
-from pepper_kin.call_errors import name_options
-from pepper_kin.exceptions import MissingDependencyError
+# ruff: noqa: E402 -- what is not installed is said first
 
-try:
-    import gymnasium
-except ImportError as error:
-    command = "pip install 'pepper_kin[learning]'"
-    raise MissingDependencyError("gymnasium", command, "pepper_kin.learning") from error
+from pepper_kin.call_errors import name_options
+from pepper_kin.exceptions import optional
+
+gymnasium = optional("gymnasium", extra="learning", need="pepper_kin.learning")
 
 from pepper_kin.learning.env import PepperEnv
 from pepper_kin.learning.episode import Episode, run_policy

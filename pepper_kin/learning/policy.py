@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import FrozenArrays, read_only
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
-from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
-from pepper_kin.file_access.numpy_archive import read_arrays
+from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import read_arrays, write_arrays
 from pepper_kin.learning.vector_env import PepperVectorEnv, ended_values
 from pepper_kin.model.joint_vectors import as_finite
 
@@ -90,9 +90,8 @@ class Policy(FrozenArrays):
         """
         layers = {f"weight_{k}": weight for k, weight in enumerate(self.weights)}
         layers |= {f"bias_{k}": bias for k, bias in enumerate(self.biases)}
-        with whole_file(path) as file:
-            np.savez(file, format=FORMAT, task=self.task, center=self.center, scale=self.scale, **layers)  # type: ignore[arg-type]
-        return as_path(path)
+        named = {"format": FORMAT, "task": self.task, "center": self.center, "scale": self.scale}
+        return write_arrays(path, {**named, **layers}, compressed=False)
 
     @classmethod
     def of_sb3(cls, model: Any, task: str) -> Policy:

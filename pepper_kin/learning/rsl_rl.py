@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError, optional
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
 
@@ -30,17 +30,14 @@ def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
         raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
     if env.goal_form:
         raise InvalidValueError("goal_form", True, "False: RSL-RL's networks take arrays")
-    try:
-        import torch
-        from rsl_rl.env import VecEnv
-        from tensordict import TensorDict
-    except ImportError as error:
-        raise MissingDependencyError("rsl_rl", "pip install rsl-rl-lib", "to_rsl_rl") from error
+    base: Any = optional("rsl_rl.env", command="pip install rsl-rl-lib", need="to_rsl_rl").VecEnv
+    import torch
+    from tensordict import TensorDict
 
     def tensor(values: np.ndarray) -> Any:
         return torch.as_tensor(values, device=device)
 
-    class PepperVecEnv(VecEnv):
+    class PepperVecEnv(base):
         """See `to_rsl_rl`."""
 
         def __init__(self) -> None:

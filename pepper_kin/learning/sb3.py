@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.exceptions import InvalidValueError, optional
 from pepper_kin.learning.imitation import Round
 from pepper_kin.learning.policy import Policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -76,14 +76,11 @@ def to_sb3(env: PepperVectorEnv) -> Any:
     """
     if env.autoreset_mode is not AutoresetMode.SAME_STEP:
         raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
-    try:
-        from stable_baselines3.common.vec_env import VecEnv
-    except ImportError as error:
-        command = "pip install stable-baselines3"
-        raise MissingDependencyError("stable_baselines3", command, "to_sb3") from error
+    command = "pip install stable-baselines3"
+    base: Any = optional("stable_baselines3.common.vec_env", command=command, need="to_sb3").VecEnv
     nothing: dict[str, Any] = {}
 
-    class PepperVecEnv(VecEnv):
+    class PepperVecEnv(base):
         """See `to_sb3`."""
 
         def __init__(self) -> None:

@@ -8,7 +8,6 @@
     export, FORMATS, mesh_files               URDF, SRDF, SDF and MJCF
     audit, Audit, Fault                       what is wrong in any URDF
     compare, Comparison, Difference           what two URDFs have not in common
-    limits_table, LimitsTable, LimitRow       joint limits beside those of the paper
     robot_digest, RobotMemory, kept_for_robot, once_for_robot     for caches of what belongs to a robot
 
 A `PepperModel` is a value: what changes it returns another one.
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
     from pepper_kin.model.shapes import Box, Capsule, Cylinder, Geometry, Mesh, Shape, Sphere
     from pepper_kin.model.tolerant_urdf import Fault
     from pepper_kin.model.wheels import Wheels
-    from pepper_kin.paper.table4 import LimitRow, LimitsTable, limits_table
 
 __all__ = [
     "FORMATS",
@@ -53,8 +51,6 @@ __all__ = [
     "Difference",
     "Fault",
     "Geometry",
-    "LimitRow",
-    "LimitsTable",
     "Mesh",
     "MotionRequirements",
     "PepperModel",
@@ -67,7 +63,6 @@ __all__ = [
     "compare",
     "export",
     "kept_for_robot",
-    "limits_table",
     "load_pepper",
     "load_robot",
     "mesh_files",
@@ -92,7 +87,6 @@ __getattr__, __dir__ = lazily(
         "other_robots": "load_robot",
         "mesh_names": "mesh_files",
         "model_audit": "Audit audit",
-        "pepper_kin.paper.table4": "LimitRow LimitsTable limits_table",
         "pepper_model": "PepperModel",
         "poses": "pose quaternion_from_rotation rotation_from_quaternion rotation_from_rpy rpy_from_rotation",
         "requirements": "MotionRequirements",

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.arrays import read_only
 from pepper_kin.exceptions import ModelError, ModelWarning
-from pepper_kin.model.kinematic_tree import ROUNDING, Body, KinematicTree, impossible_inertia
+from pepper_kin.model.kinematic_tree import ROUNDING, KinematicTree, TreeBody, impossible_inertia
 
 TINY_MASS, TINY_INERTIA = 1e-12, 1e-9
 """Of a body that moves without mass, which MuJoCo and SDF do not allow [kg], [kg m^2]."""
@@ -17,7 +17,7 @@ _SMALLEST = 1e-9
 """Smallest principal moment, in proportion to the largest: a rod's is 0, which rounding may make negative."""
 
 
-def loadable_bodies(tree: KinematicTree, format: str, balance: bool = False) -> dict[str, Body]:
+def loadable_bodies(tree: KinematicTree, format: str, balance: bool = False) -> dict[str, TreeBody]:
     """Return bodies whose principal moments A <= B <= C are above zero and keep A + B >= C, by link.
 
     What is missing is added to all three moments.  Up to 1e-9 kg m^2 (points and rods) or 1e-6 C (rounded

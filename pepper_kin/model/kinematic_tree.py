@@ -22,7 +22,7 @@ ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Body(FrozenArrays):
+class TreeBody(FrozenArrays):
     """Mass and inertia of one link.
 
     Attributes:
@@ -67,7 +67,7 @@ class KinematicTree:
 
     document: UrdfDocument
     joints: dict[str, PlacedJoint]
-    bodies: dict[str, Body]
+    bodies: dict[str, TreeBody]
 
     def children(self, link: str) -> tuple[str, ...]:
         """Links that hang directly on a link, in document order."""
@@ -120,7 +120,7 @@ def _place(joint: Joint, element: ET.Element) -> PlacedJoint:
     )
 
 
-def read_body(inertial: ET.Element, link: str) -> Body:
+def read_body(inertial: ET.Element, link: str) -> TreeBody:
     """Read an <inertial>, its inertia turned into the axes of the link.
 
     Raises:
@@ -133,7 +133,7 @@ def read_body(inertial: ET.Element, link: str) -> Body:
     tensor = tensor_of([0.0 if inertia is None else number_of(inertia, key, 0.0, what) for key in MOMENTS])
     rotation = rotation_rpy(*(float(v) for v in rpy))
     kilograms = 0.0 if mass is None else number_of(mass, "value", 0.0, what)
-    return Body(kilograms, read_only(center), read_only(product(product(rotation, tensor), rotation.T)))
+    return TreeBody(kilograms, read_only(center), read_only(product(product(rotation, tensor), rotation.T)))
 
 
 def tensor_of(moments: Sequence[float]) -> NDArray[np.float64]:

@@ -79,10 +79,10 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
         ModelError: on malformed XML, another root than <robot>, a group that holds itself, or a state whose
             value is no finite number.
     """
-    return _Reader(parse_xml(text, "SRDF"), urdf).semantics(text)
+    return _SrdfReader(parse_xml(text, "SRDF"), urdf).semantics(text)
 
 
-class _Reader:
+class _SrdfReader:
     """Reads elements; what names something that there is not is left out and noted."""
 
     def __init__(self, root: ET.Element, urdf: UrdfDocument) -> None:

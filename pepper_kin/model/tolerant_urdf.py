@@ -110,7 +110,7 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
         for prefix in unbound_prefixes(text)
     ]
     facts.name = root.get("name", "(no name)")
-    reader = _Reader(facts.faults, package_dirs)
+    reader = _UrdfReader(facts.faults, package_dirs)
     for element in root.findall("link"):
         link = reader.link(element)
         if link.name in facts.links:
@@ -124,7 +124,7 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
     return facts
 
 
-class _Reader:
+class _UrdfReader:
     """Reads elements; faults go to a list."""
 
     def __init__(self, faults: list[Fault], package_dirs: Sequence[Path]) -> None:

@@ -16,7 +16,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.fast.expression import residuals
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.ik.tasks.carrying import with_loads
-from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
+from pepper_kin.ik.tasks.structure import TaskStructure, known_structures, target_of
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 
@@ -164,7 +164,7 @@ class InPython:
         return np.array(values), np.array(slopes)[:, :, self._free]
 
 
-def soft_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
+def soft_structures(tasks: Sequence[Task]) -> tuple[TaskStructure, ...] | None:
     """Return the structures of tasks as of soft ones; None where one of them has no machine code."""
     known = known_structures(tasks)
     return None if known is None else tuple(structure._replace(hard=False) for structure in known)
@@ -190,13 +190,13 @@ def _machine_code(
 
 
 @kept_for_robot(most=64)
-def _kernel(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
+def _kernel(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> Kernel:
     """Return the kernel of `_expression`."""
     key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
     return compile_function(lambda: _expression(pepper, structures), key=key)
 
 
-def _expression(pepper: PepperModel, structures: tuple[Structure, ...]) -> casadi.Function:
+def _expression(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> casadi.Function:
     """Return the function (q, targets) -> all residuals, then their Jacobian by q, row by row."""
     import casadi
 

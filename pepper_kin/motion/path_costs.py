@@ -15,7 +15,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.ik.fast.expression import residuals
 from pepper_kin.ik.tasks.expression import expression_of, values_and_slopes
-from pepper_kin.ik.tasks.structure import Structure, target_of
+from pepper_kin.ik.tasks.structure import TaskStructure, target_of
 from pepper_kin.ik.tasks.task import checked_weight
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
@@ -267,7 +267,7 @@ class PathCosts:
 
 
 @kept_for_robot(most=64)
-def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[Structure, ...]) -> Kernel:
+def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[TaskStructure, ...]) -> Kernel:
     """Return the kernel of `_expression`."""
     by = source_digest(*SOURCES, __name__)
     key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
@@ -275,7 +275,7 @@ def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[Str
 
 
 def _expression(
-    pepper: PepperModel, sources: Sequence[str], structures: tuple[Structure, ...]
+    pepper: PepperModel, sources: Sequence[str], structures: tuple[TaskStructure, ...]
 ) -> casadi.Function:
     """Return the function (q, targets and weights) -> sum of prices, its gradient by q, single prices."""
     import casadi

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
@@ -27,7 +27,7 @@ def as_turn(angle: float) -> float:
     return angle if abs(angle) < math.pi + TURNED else math.remainder(angle, 2.0 * math.pi)
 
 
-class VelocityTask(Task):
+class VelocityTask(BodyTask):
     """The base moves with a velocity until somebody stops it.
 
     Args:
@@ -53,7 +53,7 @@ class VelocityTask(Task):
         body.controller.command((0.0, 0.0, 0.0))
 
 
-class MoveToTask(Task):
+class MoveToTask(BodyTask):
     """The base goes through places.
 
     From each to the next it turns by the difference of their yaws, to the left where that is above 0.

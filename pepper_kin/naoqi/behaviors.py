@@ -19,7 +19,7 @@ from typing import Any
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.file_access.atomic_file import as_path
 from pepper_kin.files import choregraphe_boxes as files
-from pepper_kin.files.choregraphe_boxes import Box, Diagram, find_behaviors, read_behavior
+from pepper_kin.files.choregraphe_boxes import ChoregrapheBox, Diagram, find_behaviors, read_behavior
 from pepper_kin.naoqi.broker import Broker
 from pepper_kin.naoqi.joint_tasks import CurveTask
 from pepper_kin.naoqi.python2 import begin, old_program
@@ -27,7 +27,7 @@ from pepper_kin.naoqi.scripts import ScriptResult, check_longest, run_program
 from pepper_kin.naoqi.shims import naoqi, qi, qi_logging
 from pepper_kin.naoqi.shims.proxy import CALL
 from pepper_kin.naoqi.simulated_time import TimeIsUp
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.trajectory.key_curve import Handle, Key
 
 TIMELINE = "timeline"
@@ -89,7 +89,7 @@ def run_behavior(
     return BehaviorResult(ended, code, result.duration, result.error, chosen, tuple(found), failures)
 
 
-def _boxes(box: Box) -> list[Box]:
+def _boxes(box: ChoregrapheBox) -> list[ChoregrapheBox]:
     inner = [] if box.timeline is None else [d for layer in box.timeline.layers for d in layer]
     return [box, *(b for diagram in inner for one in diagram.boxes.values() for b in _boxes(one))]
 
@@ -106,7 +106,7 @@ class Behavior:
         failures: Path of each box that failed, and why.
     """
 
-    def __init__(self, root: Box, file: Path, broker: Broker) -> None:
+    def __init__(self, root: ChoregrapheBox, file: Path, broker: Broker) -> None:
         self.root, self.file, self.broker = root, file, broker
         self.failures: list[tuple[str, str]] = []
         self.reads: Callable[..., str] = input
@@ -143,12 +143,12 @@ class Behavior:
         thread.start()
         self.broker.body.time.follow(vars(thread).get("worker"))
 
-    def unique_name(self, box: Box) -> str:
+    def unique_name(self, box: ChoregrapheBox) -> str:
         """Return a module's name for a box."""
         self._number += 1
         return f"{box.path.replace('/', '__').replace(' ', '')}_{self._number}"
 
-    def failed(self, box: Box, error: BaseException) -> None:
+    def failed(self, box: ChoregrapheBox, error: BaseException) -> None:
         """Keep why a box failed."""
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f"line {one.lineno}: " for one in frames if one.filename == str(self.file)]
@@ -185,7 +185,9 @@ class RunningBox:
         behavior: What it belongs to.
     """
 
-    def __init__(self, box: Box, around: tuple[RunningBox, _Loaded, int] | None, behavior: Behavior) -> None:
+    def __init__(
+        self, box: ChoregrapheBox, around: tuple[RunningBox, _Loaded, int] | None, behavior: Behavior
+    ) -> None:
         self.box, self.around, self.behavior = box, around, behavior
         self.name = behavior.unique_name(box)
         self.player = None if box.timeline is None or not box.timeline.plays else Player(self)
@@ -473,7 +475,7 @@ class Player:
         self._frame, self._since = self._timeline.first, 0.0
         self._run = 0  # number of what plays; another one ends it
         self._plays = False
-        self._task: Task | None = None
+        self._task: BodyTask | None = None
 
     def play(self) -> None:
         """Play from the present frame."""

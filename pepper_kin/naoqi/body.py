@@ -15,7 +15,7 @@ from pepper_kin.naoqi.head_range import HeadRange
 from pepper_kin.naoqi.joint_followers import JointFollowers
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, WHEELS
 from pepper_kin.naoqi.simulated_time import CYCLE, SimulatedTime
-from pepper_kin.naoqi.tasks import Task, Tasks
+from pepper_kin.naoqi.tasks import BodyTask, Tasks
 from pepper_kin.twin import (
     ActuatorParameters,
     RunStatus,
@@ -190,12 +190,12 @@ class Body:
             self.pepper = self.pepper.with_pinocchio_model(model)
             self._set_strength()
 
-    def do(self, task: Task) -> Task:
+    def do(self, task: BodyTask) -> BodyTask:
         """Hand a task to the simulation."""
         with self.time.lock:
             return self.tasks.add(task)
 
-    def wait(self, task: Task) -> None:
+    def wait(self, task: BodyTask) -> None:
         """Let time pass until a task is over; raise what ended it before its time."""
         self.time.wait_until(lambda: task.ended)
         if task.failure is not None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from pepper_kin.naoqi import on_robot
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
-from pepper_kin.naoqi.link import Link
+from pepper_kin.naoqi.link import RobotLink
 from pepper_kin.supervision import Clock, MotionEndedError, RobotMotionStatus
 
 BEAT = 0.1
@@ -57,7 +57,7 @@ class Channel(ABC):
         state: Of the motion, as `on_robot.MotionWatchdog` says it.
     """
 
-    def __init__(self, link: Link, clock: Clock, moved: Moved) -> None:
+    def __init__(self, link: RobotLink, clock: Clock, moved: Moved) -> None:
         self._link, self._clock, self._moved = link, clock, moved
         self._calls: deque[tuple[float, str, Any]] = deque()
         self.state = "armed"
@@ -123,7 +123,7 @@ class Channel(ABC):
 class DirectChannel(Channel):
     """Calls of ALMotion, for robots without a watchdog."""
 
-    def __init__(self, link: Link, clock: Clock, moved: Moved) -> None:
+    def __init__(self, link: RobotLink, clock: Clock, moved: Moved) -> None:
         super().__init__(link, clock, moved)
         self._lasting: Any = None
         self._holds: list[tuple[bool, Iterator[None]]] = []
@@ -229,7 +229,7 @@ class GuardedChannel(Channel):
         silence: The longest time between two beats [s].
     """
 
-    def __init__(self, link: Link, clock: Clock, moved: Moved, silence: float) -> None:
+    def __init__(self, link: RobotLink, clock: Clock, moved: Moved, silence: float) -> None:
         super().__init__(link, clock, moved)
         self._silence = silence
         self._token: int | None = None

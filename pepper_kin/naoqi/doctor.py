@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
-from pepper_kin.naoqi.link import PORT, Link
+from pepper_kin.naoqi.link import PORT, RobotLink
 
 SECURE_PORT = 9503
 """Where NAOqi 2.9 listens, encrypted."""
@@ -67,9 +67,9 @@ def examine(address: str, token: str | None = None, timeout: float = WAIT) -> li
     network = _network(host, port, timeout)
     if network is not None:
         return [network]
-    link: Link | None = None
+    link: RobotLink | None = None
     try:
-        link = Link(f"tcp://{host}:{port}", token, timeout)
+        link = RobotLink(f"tcp://{host}:{port}", token, timeout)
         names = link.names()
         return [found for check in _CHECKS for found in check(link, names)]
     except (RobotConnectionError, NaoqiError) as error:
@@ -135,7 +135,7 @@ def _refused(reason: str) -> Finding:
     )  # fmt: skip
 
 
-def _data(link: Link, key: str) -> Any:
+def _data(link: RobotLink, key: str) -> Any:
     """Return the value of a key, or None where the robot has none."""
     try:
         return link.call("ALMemory", "getData", key)
@@ -143,7 +143,7 @@ def _data(link: Link, key: str) -> Any:
         return None
 
 
-def _asked(link: Link, module: str, method: str, *arguments: Any) -> Any:
+def _asked(link: RobotLink, module: str, method: str, *arguments: Any) -> Any:
     """Return what a method answers, or None where the robot has none."""
     try:
         return link.call(module, method, *arguments)
@@ -151,7 +151,7 @@ def _asked(link: Link, module: str, method: str, *arguments: Any) -> Any:
         return None
 
 
-def _version(link: Link, names: list[str]) -> Iterator[Finding]:
+def _version(link: RobotLink, names: list[str]) -> Iterator[Finding]:
     if "ALMotion" not in names:
         advice = "wait until NAOqi has started, or restart it: nao restart"
         yield Finding("no ALMotion", f"{len(names)} services, and ALMotion is none of them", advice)
@@ -164,7 +164,7 @@ def _version(link: Link, names: list[str]) -> Iterator[Finding]:
         yield Finding("wrong version", f"NAOqi {version}", advice, False)
 
 
-def _hatch(link: Link, _: list[str]) -> Iterator[Finding]:
+def _hatch(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     if _data(link, "BatteryTrapIsOpen"):
         yield Finding(
             "hatch open", "the hatch over the charging socket is open: the base does not drive",
@@ -172,7 +172,7 @@ def _hatch(link: Link, _: list[str]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _life(link: Link, _: list[str]) -> Iterator[Finding]:
+def _life(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     state = _asked(link, "ALAutonomousLife", "getState")
     if state not in (None, "disabled"):
         yield Finding(
@@ -181,12 +181,12 @@ def _life(link: Link, _: list[str]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _asleep(link: Link, _: list[str]) -> Iterator[Finding]:
+def _asleep(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     if _asked(link, "ALMotion", "robotIsWakeUp") is False:
         yield Finding("asleep", "the motors are off", "ALMotion.wakeUp()")
 
 
-def _hot(link: Link, _: list[str]) -> Iterator[Finding]:
+def _hot(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     names = _asked(link, "ALMotion", "getBodyNames", "Body") or []
     key = "Device/SubDeviceList/{}/Temperature/Sensor/Value"
     degrees = {name: _data(link, key.format(name)) for name in names if not str(name).startswith("Wheel")}
@@ -197,7 +197,7 @@ def _hot(link: Link, _: list[str]) -> Iterator[Finding]:
         yield Finding("motors hot", f"{listed} degrees Celsius", advice)
 
 
-def _in_use(link: Link, _: list[str]) -> Iterator[Finding]:
+def _in_use(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     tasks = _asked(link, "ALMotion", "getTaskList") or []
     if tasks:
         listed = ", ".join(sorted({str(task[0]) for task in tasks}))
@@ -205,7 +205,7 @@ def _in_use(link: Link, _: list[str]) -> Iterator[Finding]:
         yield Finding("in use", f"motions of another program go on: {listed}", advice)
 
 
-def _protection(link: Link, _: list[str]) -> Iterator[Finding]:
+def _protection(link: RobotLink, _: list[str]) -> Iterator[Finding]:
     on = _asked(link, "ALMotion", "getExternalCollisionProtectionEnabled", "All")
     arms = _asked(link, "ALMotion", "getCollisionProtectionEnabled", "Arms")
     if on is False or arms is False:
@@ -223,6 +223,6 @@ def _protection(link: Link, _: list[str]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-_CHECKS: tuple[Callable[[Link, list[str]], Iterator[Finding]], ...] = (
+_CHECKS: tuple[Callable[[RobotLink, list[str]], Iterator[Finding]], ...] = (
     _version, _hatch, _life, _asleep, _hot, _in_use, _protection,
 )  # fmt: skip

@@ -40,7 +40,7 @@ def standing_pepper() -> PepperModel:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class EffectorCandidate:
     """Joint angles for a target.
 
     Attributes:
@@ -133,7 +133,9 @@ def commanded_posture(body: Body, start: dict[str, float] | None = None) -> tupl
     return pepper, np.clip(q, pepper.lower_limits, pepper.upper_limits)
 
 
-def find_angles(body: Body, targets: dict[str, tuple[Array, int]], start: dict[str, float]) -> Candidate:
+def find_angles(
+    body: Body, targets: dict[str, tuple[Array, int]], start: dict[str, float]
+) -> EffectorCandidate:
     """Return the angles that bring effectors to poses.
 
     Args:
@@ -151,4 +153,4 @@ def find_angles(body: Body, targets: dict[str, tuple[Array, int]], start: dict[s
     ]
     result = ik.solve(pepper, tasks, q, joints=joints, collisions=False)
     angles = {joint: float(result.q[pepper.joint_index(joint)]) for joint in joints}
-    return Candidate(angles, result.success, "" if result.success else result.advice)
+    return EffectorCandidate(angles, result.success, "" if result.success else result.advice)

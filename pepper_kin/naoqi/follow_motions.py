@@ -13,8 +13,8 @@ from pepper_kin.files.naoqi_file import NaoqiArguments
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.channel import Moved
 from pepper_kin.naoqi.following import FollowOptions
-from pepper_kin.naoqi.link import Link
-from pepper_kin.naoqi.robot_motion import RobotMotion
+from pepper_kin.naoqi.link import RobotLink
+from pepper_kin.naoqi.robot_motion import CommandedMotion
 from pepper_kin.naoqi.robot_state import BASE, RobotState
 from pepper_kin.supervision import CYCLE, Clock, MotionEndedError, RobotMotionStatus
 from pepper_kin.trajectory import Trajectory
@@ -41,7 +41,7 @@ ALIKE = 2e-3
 """Commands that differ by less count as the same [rad or share]: a motion may pause, and turn."""
 
 
-class FollowMotion(RobotMotion):
+class FollowMotion(CommandedMotion):
     """A trajectory on a robot: where it should be, deviation and arrival.
 
     Args:
@@ -56,7 +56,7 @@ class FollowMotion(RobotMotion):
 
     def __init__(
         self,
-        link: Link,
+        link: RobotLink,
         pepper: PepperModel,
         trajectory: Trajectory,
         options: FollowOptions,

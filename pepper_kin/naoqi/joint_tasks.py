@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.core.simulation.target_following import time_to_target, way_to_target
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.key_curve import Key, curve_segments
 
@@ -21,7 +21,7 @@ _SETTLED = 1e-4  # [rad or share]
 _LONGEST_SLIDE = 3.0  # [s] that a task waits for an arm that slides along what it was kept from
 
 
-class CurveTask(Task):
+class CurveTask(BodyTask):
     """Joints along curves of time through keys.
 
     Args:
@@ -85,7 +85,7 @@ def value_at(breaks: Array, powers: Array, time: float) -> float:
     return float(np.polynomial.polynomial.polyval(s, powers[k]))
 
 
-class TrajectoryTask(Task):
+class TrajectoryTask(BodyTask):
     """The joints that a trajectory moves along it, from wherever they are.
 
     Args:
@@ -128,7 +128,7 @@ class TrajectoryTask(Task):
         return self._elapsed < self._trajectory.duration + CYCLE
 
 
-class SpeedTask(Task):
+class SpeedTask(BodyTask):
     """Joints to targets with a share of their fastest speed (`setAngles`, `changeAngles`).
 
     Each goes along a cubic in time; see `pepper_kin.core.simulation.target_following`.
@@ -176,7 +176,7 @@ class SpeedTask(Task):
         return origin, way, speed, duration
 
 
-class StiffnessTask(Task):
+class StiffnessTask(BodyTask):
     """Stiffness of joints along lines through keys.
 
     Args:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pepper_kin.naoqi.errors import NotSimulatedError
-from pepper_kin.naoqi.memory import Signal
+from pepper_kin.naoqi.memory import MemorySignal
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.tables import table
 
@@ -26,7 +26,7 @@ class StateModule(Module):
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
         self._values: dict[str, Any] = dict(self.defaults)
-        vars(self).update({name: Signal() for name in self.signals})
+        vars(self).update({name: MemorySignal() for name in self.signals})
 
     def getMethodList(self) -> list[str]:
         """Return the names of all methods that are listed."""

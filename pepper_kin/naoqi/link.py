@@ -18,7 +18,7 @@ ANSWER = 5.0
 """The longest time that an answer takes [s]."""
 
 
-class Link:
+class RobotLink:
     """A session of libqi with limits on its waits.
 
     Args:
@@ -138,7 +138,7 @@ class Link:
 class _Proxy:
     """The methods of a module as calls with a limit."""
 
-    def __init__(self, link: Link, module: str) -> None:
+    def __init__(self, link: RobotLink, module: str) -> None:
         self._link, self._module = link, module
 
     def __getattr__(self, name: str) -> Callable[..., Any]:

@@ -11,8 +11,8 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.naoqi.channel import Moved
-from pepper_kin.naoqi.link import Link
-from pepper_kin.naoqi.robot_motion import BaseOptions, RobotMotion
+from pepper_kin.naoqi.link import RobotLink
+from pepper_kin.naoqi.robot_motion import BaseOptions, CommandedMotion
 from pepper_kin.naoqi.robot_state import RobotState
 from pepper_kin.supervision import MotionEndedError, RobotMotionStatus
 
@@ -22,7 +22,7 @@ LAST_SPEED = 0.1
 """Share of the fastest speed of the last targets, where the robot is already."""
 
 
-class LiveStream(RobotMotion):
+class LiveStream(CommandedMotion):
     """Targets of a live motion at 50 Hz; its measured states go back to it.
 
     Args:
@@ -39,7 +39,7 @@ class LiveStream(RobotMotion):
 
     def __init__(
         self,
-        link: Link,
+        link: RobotLink,
         pepper: PepperModel,
         base: BaseOptions,
         live: LiveMotion,

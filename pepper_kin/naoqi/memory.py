@@ -17,7 +17,7 @@ HISTORY = 100
 """Values of an event that are kept."""
 
 
-class Signal:
+class MemorySignal:
     """A signal: functions that are called with a value.
 
     `connect` returns a number for `disconnect`; a call of the signal emits it.
@@ -70,7 +70,7 @@ class Subscriber:
     """What `ALMemory.subscriber` returns: an object with a signal."""
 
     def __init__(self) -> None:
-        self.signal = Signal()
+        self.signal = MemorySignal()
 
 
 class ALMemory(Module):

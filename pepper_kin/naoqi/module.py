@@ -30,7 +30,7 @@ VERSION = "2.5.10"
 
 
 @dataclass(frozen=True)
-class Signature:
+class MethodSignature:
     """A method as the robot lists it.
 
     Attributes:
@@ -52,13 +52,13 @@ class Signature:
 
 
 @functools.cache
-def robot_signatures() -> tuple[Signature, ...]:
+def robot_signatures() -> tuple[MethodSignature, ...]:
     """Return the public methods of a robot's ALMotion, ALRobotPosture, ALMemory and ALAnimatedSpeech."""
     found = []
     for row in rows("signatures"):
         pairs = (pair.partition(": ") for pair in row["parameters"].split("; ") if pair)
         parameters = tuple((name, kind) for name, _, kind in pairs)
-        found.append(Signature(row["module"], row["name"], parameters, row["returns"]))
+        found.append(MethodSignature(row["module"], row["name"], parameters, row["returns"]))
     return tuple(found)
 
 

@@ -13,7 +13,7 @@ from pepper_kin.naoqi.base_tasks import MoveToTask, VelocityTask
 from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES
 from pepper_kin.naoqi.module import Module
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.twin.base import OmniBase, arc_moved, pepper_base
 
 MOVE_CONFIG = {
@@ -117,7 +117,7 @@ class BaseMethods(Module):
         self.robot_refuses("getFootGaitConfig", NO_FEET)
         return []
 
-    def _walk(self, method: str, legs: Any, steps: Any, duration: float | None) -> Task:
+    def _walk(self, method: str, legs: Any, steps: Any, duration: float | None) -> BodyTask:
         """Let the base go to the middle of the feet after each of NAO's steps."""
         self.robot_refuses(method, NO_FEET)
         feet = {"LLeg": Pose(0.0, HALF_STANCE, 0.0), "RLeg": Pose(0.0, -HALF_STANCE, 0.0)}
@@ -220,7 +220,7 @@ class BaseMethods(Module):
 
     # Tasks and arguments.
 
-    def _moves(self) -> list[Task]:
+    def _moves(self) -> list[BodyTask]:
         return self.body.tasks.using(BASE_RESOURCES)
 
     def stop_velocity(self) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from pepper_kin.exceptions import MissingDependencyError
+from pepper_kin.exceptions import optional
 
 SETTINGS = {
     "QI_LOG_LEVEL": "2",  # errors; libqi logs each service that it registers
@@ -33,12 +33,7 @@ def libqi() -> Any:
     unset = "QI_LOG_LEVEL" not in os.environ
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
-    try:
-        import qi
-    except ImportError as error:
-        raise MissingDependencyError(
-            "qi", "pip install 'pepper_kin[naoqi]'", "a connection by NAOqi's messages"
-        ) from error
+    qi = optional("qi", extra="naoqi", need="a connection by NAOqi's messages")
     if unset:  # a program may have imported it first, and libqi read no settings
         qi.logging.setLevel(qi.logging.ERROR)
     return qi

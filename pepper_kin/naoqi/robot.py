@@ -26,9 +26,9 @@ from pepper_kin.naoqi.follow_motions import BezierMotion, StreamMotion
 from pepper_kin.naoqi.following import SILENCE, FollowOptions, RobotMotionResult
 from pepper_kin.naoqi.hosted_twin import hosted_twin
 from pepper_kin.naoqi.joint_names import ACTUATED
-from pepper_kin.naoqi.link import ANSWER, Link
+from pepper_kin.naoqi.link import ANSWER, RobotLink
 from pepper_kin.naoqi.live_stream import EachCycle, LiveStream
-from pepper_kin.naoqi.robot_motion import BaseOptions, DriveMotion, MoveToMotion, RobotMotion
+from pepper_kin.naoqi.robot_motion import BaseOptions, CommandedMotion, DriveMotion, MoveToMotion
 from pepper_kin.naoqi.robot_state import BASE, RobotState, StateReader
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.supervision import Clock, Supervisor
@@ -79,10 +79,10 @@ class Robot:
     ) -> None:
         self.url = url
         self.pepper = load_pepper(base="planar", hands="mimic") if pepper is None else pepper
-        self._link = Link(url, token, check_positive("timeout", timeout, "s"))
+        self._link = RobotLink(url, token, check_positive("timeout", timeout, "s"))
         self._clock = Clock()
         self._reader = StateReader(self._link, self.pepper, self._clock)
-        self._motions: set[Supervisor[RobotMotion]] = set()
+        self._motions: set[Supervisor[CommandedMotion]] = set()
         self._lock = threading.Lock()
         self.has_watchdog = self._watchdog_is_there()
 
@@ -205,7 +205,7 @@ class Robot:
             return self._check_start(trajectory)
 
         chosen = FollowOptions() if options is None else options
-        motion: RobotMotion = kind(
+        motion: CommandedMotion = kind(
             self._link, robot, trajectory, chosen, self.has_watchdog, self._clock, check
         )
         return self._supervised(motion)
@@ -297,12 +297,12 @@ class Robot:
 
     def _base_motion(
         self, what: str, silence: float, unguarded: bool
-    ) -> tuple[Link, PepperModel, BaseOptions]:
+    ) -> tuple[RobotLink, PepperModel, BaseOptions]:
         self._need_guard(what, unguarded)
         options = FollowOptions(silence=check_positive("silence", silence, "s"))
         return self._link, self.pepper, BaseOptions(options, self.has_watchdog, self._clock)
 
-    def _supervised(self, motion: RobotMotion) -> RobotMotionResult:
+    def _supervised(self, motion: CommandedMotion) -> RobotMotionResult:
         """Make a motion, which `stop` knows from its check on."""
         supervisor = Supervisor(motion, self._clock)
         with self._lock:

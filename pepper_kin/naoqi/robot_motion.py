@@ -15,8 +15,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.channel import BEAT, Channel, DirectChannel, GuardedChannel, Moved
 from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
 from pepper_kin.naoqi.following import FollowOptions, RobotMotionResult
-from pepper_kin.naoqi.link import Link
-from pepper_kin.naoqi.robot_state import BASE, Reading, RobotState, StateReader, run_of_states
+from pepper_kin.naoqi.link import RobotLink
+from pepper_kin.naoqi.robot_state import BASE, RobotReading, RobotState, StateReader, run_of_states
 from pepper_kin.supervision import (
     REST_WINDOW,
     Clock,
@@ -33,7 +33,7 @@ MOST_READINGS, NEXT_READING = 20, 0.1
 """States that may be asked for at once, and the time after which the next is, though one is missing [s]."""
 
 
-class RobotMotion(SupervisedMotion):
+class CommandedMotion(SupervisedMotion):
     """One motion on a robot: commands by a channel, states, and measured rest.
 
     Args:
@@ -55,7 +55,7 @@ class RobotMotion(SupervisedMotion):
 
     def __init__(
         self,
-        link: Link,
+        link: RobotLink,
         pepper: PepperModel,
         moved: Moved,
         options: FollowOptions,
@@ -72,7 +72,7 @@ class RobotMotion(SupervisedMotion):
             if guarded
             else DirectChannel(link, clock, moved)
         )
-        self._readings: deque[Reading] = deque()
+        self._readings: deque[RobotReading] = deque()
         self._heard = self._stepped = clock.now()
         self._states: list[tuple[float, RobotState, Array]] = []
         names = [*moved.joints, *(BASE if moved.base else ())]
@@ -249,7 +249,7 @@ class BaseOptions(NamedTuple):
     clock: Clock
 
 
-class DriveMotion(RobotMotion):
+class DriveMotion(CommandedMotion):
     """A velocity of the base for some time, without a certificate.
 
     Args:
@@ -263,7 +263,7 @@ class DriveMotion(RobotMotion):
     method = "drive"
 
     def __init__(
-        self, link: Link, pepper: PepperModel, base: BaseOptions, twist: list[float], seconds: float
+        self, link: RobotLink, pepper: PepperModel, base: BaseOptions, twist: list[float], seconds: float
     ) -> None:
         super().__init__(link, pepper, Moved((), True), *base, lambda: None)
         self._twist, self._seconds = twist, seconds
@@ -285,7 +285,7 @@ class DriveMotion(RobotMotion):
         return False
 
 
-class MoveToMotion(RobotMotion):
+class MoveToMotion(CommandedMotion):
     """The robot's own `moveTo`.
 
     Args:
@@ -299,7 +299,7 @@ class MoveToMotion(RobotMotion):
     method = "move_to"
 
     def __init__(
-        self, link: Link, pepper: PepperModel, base: BaseOptions, goal: list[float], timeout: float
+        self, link: RobotLink, pepper: PepperModel, base: BaseOptions, goal: list[float], timeout: float
     ) -> None:
         super().__init__(link, pepper, Moved((), True), *base, lambda: None)
         self._goal, self._timeout = goal, timeout

@@ -13,7 +13,7 @@ from pepper_kin.exceptions import InvalidValueError, shortened
 from pepper_kin.model import PepperModel
 from pepper_kin.naoqi.device_keys import TOP
 from pepper_kin.naoqi.joint_names import ACTUATED
-from pepper_kin.naoqi.link import Link
+from pepper_kin.naoqi.link import RobotLink
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tables import table
 from pepper_kin.supervision import Clock, UnusableStateError
@@ -89,7 +89,7 @@ class StateReader:
         InvalidValueError: for a model with joints that NAOqi does not know.
     """
 
-    def __init__(self, link: Link, pepper: PepperModel, clock: Clock | None = None) -> None:
+    def __init__(self, link: RobotLink, pepper: PepperModel, clock: Clock | None = None) -> None:
         unknown = [name for name in pepper.joint_names if name not in (*ACTUATED, *BASE)]
         if unknown:
             allowed = "load_pepper(base='planar', hands='mimic') or a robot with some of its joints"
@@ -101,16 +101,16 @@ class StateReader:
         self._keys = [f"{TOP}{name}/{end}" for end in QUANTITIES.values() for name in self._joints]
         self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in table("devices")["touches"])]
 
-    def begin(self) -> Reading:
+    def begin(self) -> RobotReading:
         """Ask for a state."""
         at = self._clock.now()
         asked = [self._link.start("ALMemory", "getListData", self._keys)]
         if self._base:
             asked.append(self._link.start("ALMotion", "getRobotPosition", True))
             asked.append(self._link.start("ALMotion", "getRobotVelocity"))
-        return Reading(at, asked)
+        return RobotReading(at, asked)
 
-    def finish(self, reading: Reading) -> RobotState:
+    def finish(self, reading: RobotReading) -> RobotState:
         """Return the state that was asked for.
 
         Raises:
@@ -163,7 +163,7 @@ class StateReader:
         return self.finish(self.begin())
 
 
-class Reading(NamedTuple):
+class RobotReading(NamedTuple):
     """A state that was asked for.
 
     Attributes:

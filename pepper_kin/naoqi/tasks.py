@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 
-class Task:
+class BodyTask:
     """Something that moves joints, cycle by cycle.
 
     Args:
@@ -74,13 +74,13 @@ class Tasks:
     """All tasks of a body, in the order in which they came."""
 
     def __init__(self) -> None:
-        self._tasks: list[Task] = []
+        self._tasks: list[BodyTask] = []
         self._number = 0
         self._tickets = itertools.count(1)
         self._stopped: dict[str | None, int] = {}  # joint, or None for all -> ticket of its last stop
         self._thread = threading.local()
 
-    def __iter__(self) -> Iterator[Task]:
+    def __iter__(self) -> Iterator[BodyTask]:
         return iter(tuple(self._tasks))
 
     @property
@@ -88,7 +88,7 @@ class Tasks:
         """Joints of the tasks that run."""
         return {name for task in self._tasks if task.started for name in task.resources}
 
-    def add(self, task: Task) -> Task:
+    def add(self, task: BodyTask) -> BodyTask:
         """Queue a task; a reactive one takes joints from earlier reactive ones.
 
         One of a call that was made before its joints were stopped ends before it begins.
@@ -139,7 +139,7 @@ class Tasks:
             if not going:
                 self._end(task, body)
 
-    def _end(self, task: Task, body: Body) -> None:
+    def _end(self, task: BodyTask, body: Body) -> None:
         if task.started:
             task.finish(body)
         task.ended = True
@@ -168,17 +168,17 @@ class Tasks:
             self._stopped[name] = max(self._stopped.get(name, 0), ticket)
         self.kill(self._tasks if resources is None else self.using([*resources]), body)
 
-    def kill(self, tasks: Iterable[Task], body: Body) -> None:
+    def kill(self, tasks: Iterable[BodyTask], body: Body) -> None:
         """End tasks now; brakes that they begin are not of the call that ends them."""
         with self.within(None):
             for task in tuple(tasks):
                 task.killed = True
                 self._end(task, body)
 
-    def by_number(self, number: int) -> Task | None:
+    def by_number(self, number: int) -> BodyTask | None:
         """Return the task with a number, or None where it is over."""
         return next((task for task in self._tasks if task.number == number), None)
 
-    def using(self, resources: Sequence[str]) -> list[Task]:
+    def using(self, resources: Sequence[str]) -> list[BodyTask]:
         """Return tasks that run or wait on any of these joints."""
         return [task for task in self._tasks if task.resources & set(resources)]

@@ -17,7 +17,7 @@ from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES, HEAD, LEG
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.module import Module
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 
 MODES = ("Head", "BodyRotation", "WholeBody", "Move", "Navigate", "WholeBodyRotation")
 
@@ -33,7 +33,7 @@ NEAR = 0.15
 """How far from its place relative to the target the base may be [m]."""
 
 
-class TrackTask(Task):
+class TrackTask(BodyTask):
     """Head and arms follow a target; in the modes that move the base, this keeps it before the robot.
 
     Joints that another task moves, or waits for, are left to it until it is over.

@@ -45,7 +45,7 @@ SELECT = 18
 
 
 @dataclass
-class Subscription:
+class VideoSubscription:
     """Somebody who looks through a camera.
 
     Attributes:
@@ -68,7 +68,7 @@ class ALVideoDevice(Module):
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
-        self._subscriptions: dict[str, list[Subscription]] = {}
+        self._subscriptions: dict[str, list[VideoSubscription]] = {}
         self._cameras: dict[tuple[int, int], Camera] = {}
         self._pictures: dict[tuple[int, int], tuple[float, NDArray[Any]]] = {}
         self._parameters: dict[tuple[int, int], int] = {}
@@ -90,7 +90,7 @@ class ALVideoDevice(Module):
         if not len(cameras) == len(resolutions) == len(colorSpaces) > 0:
             raise self.fail(method, "expected as many resolutions and color spaces as cameras")
         subscriptions = [
-            Subscription(
+            VideoSubscription(
                 self._known(method, "cameraIndex", camera, CAMERAS),
                 self._known(method, "resolution", resolution, RESOLUTIONS),
                 self._known(method, "colorSpace", space, LAYERS),
@@ -124,7 +124,7 @@ class ALVideoDevice(Module):
         """
         return self._image(self._subscription("getImageRemote", handle))
 
-    def _image(self, subscription: Subscription) -> list[Any]:
+    def _image(self, subscription: VideoSubscription) -> list[Any]:
         width, height = RESOLUTIONS[subscription.resolution]
         stamp = self.broker.wall_time()
         data = self._drawn(subscription)
@@ -348,10 +348,10 @@ class ALVideoDevice(Module):
 
     # Pictures.
 
-    def _subscription(self, method: str, handle: Any) -> Subscription:
+    def _subscription(self, method: str, handle: Any) -> VideoSubscription:
         return self._all(method, handle)[0]
 
-    def _all(self, method: str, handle: Any) -> list[Subscription]:
+    def _all(self, method: str, handle: Any) -> list[VideoSubscription]:
         """Return the subscriptions of a name, one for each of its cameras, or those of a camera's index."""
         looking = self._subscriptions
         found = looking.get(handle) or [
@@ -390,13 +390,13 @@ class ALVideoDevice(Module):
         columns = np.arange(width) * picture.shape[1] // width
         return picture if picture.shape[:2] == (height, width) else picture[rows][:, columns]
 
-    def _drawn(self, subscription: Subscription) -> bytes:
+    def _drawn(self, subscription: VideoSubscription) -> bytes:
         """Return the pixels of a picture of now."""
         with self.body.time.lock:
             q = self.body.configuration(True)
         return self._drawing.submit(self._pixels, subscription, q).result()
 
-    def _pixels(self, subscription: Subscription, q: NDArray[np.float64]) -> bytes:
+    def _pixels(self, subscription: VideoSubscription, q: NDArray[np.float64]) -> bytes:
         """Return the pixels of a picture at q [rad or m], shape (n,)."""
         space = subscription.color_space
         picture = self._picture(subscription.camera, subscription.resolution, q)

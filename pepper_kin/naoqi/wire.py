@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.naoqi.errors import NaoqiError
-from pepper_kin.naoqi.memory import Signal, Subscriber
+from pepper_kin.naoqi.memory import MemorySignal, Subscriber
 from pepper_kin.naoqi.module import Module, robot_signatures
 from pepper_kin.naoqi.tables import table
 from pepper_kin.naoqi.tasks import Tasks
@@ -85,7 +85,7 @@ class Wire:
             bound.__qi_return_signature__ = returns
             methods[f"{name}_{len(methods)}"] = bound
         for name, value in vars(module).items():
-            if isinstance(value, Signal) and not name.startswith("_"):
+            if isinstance(value, MemorySignal) and not name.startswith("_"):
                 methods[name] = value
         made = self._object(f"{module.name}Service", methods, inspect.getdoc(type(module)) or "")
         kept_by = self._services if named else self._nameless

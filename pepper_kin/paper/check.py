@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.joint_vectors import check_seed
 from pepper_kin.model.text_table import text_table
-from pepper_kin.paper.replay import GestureReport, replay
+from pepper_kin.paper.gesture_replay import GestureReport, replay
 from pepper_kin.paper.table4 import LimitsTable, limits_table
 from pepper_kin.paper.table5 import GESTURES
 from pepper_kin.paper.tilt import BLIND, TiltMeasurement, measure_by_tilt

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from pepper_kin.exceptions import shortened
 from pepper_kin.naoqi.base_tasks import MoveToTask, VelocityTask
 from pepper_kin.naoqi.joint_names import BASE_RESOURCES
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.qibullet.errors import SimulationError
 from pepper_kin.qibullet.robot_module import RobotModule
 from pepper_kin.qibullet.simulation import finite
@@ -122,7 +122,7 @@ class PepperBaseController(RobotModule):
 
     def _stop(self) -> None:
         body = self.body
-        tasks: list[Task] = body.tasks.using(BASE_RESOURCES)
+        tasks: list[BodyTask] = body.tasks.using(BASE_RESOURCES)
         body.tasks.kill(tasks, body)
 
     def _limit(self, linear: float, angular: float) -> None:

@@ -17,7 +17,7 @@ from pepper_kin.naoqi.base_tasks import MoveToTask
 from pepper_kin.naoqi.joint_names import ACTUATED, BASE_RESOURCES
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.ros.following import BrakeTask, DriveTask
 from pepper_kin.ros.message_parts import planar_pose, pose_of
 from pepper_kin.ros.state_messages import BASE, ODOM
@@ -157,7 +157,7 @@ class Commands:
                 task.aim(side, pose)
 
 
-class ReachTask(Task):
+class ReachTask(BodyTask):
     """The hands follow targets by differential inverse kinematics, within all limits, clear of collisions.
 
     Args:

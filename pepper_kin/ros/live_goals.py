@@ -15,8 +15,8 @@ from pepper_kin.model.requirements import checked_share
 from pepper_kin.motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
-from pepper_kin.ros.joint_trajectory import ErrorCode, Tolerance, TrajectoryRefusedError
+from pepper_kin.naoqi.tasks import BodyTask
+from pepper_kin.ros.joint_trajectory import ErrorCode, JointTolerance, TrajectoryRefusedError
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.sampling import State
 
@@ -32,7 +32,7 @@ DELAY = 0.1
 _THERE, _STILL = 1e-6, 1e-6  # [rad or m], [rad/s or m/s]
 
 
-class LiveGoal(Task):
+class LiveGoal(BodyTask):
     """The joints of a trajectory to its end, by a live motion, watched by tolerances; see `FollowTask`.
 
     Args:
@@ -53,8 +53,8 @@ class LiveGoal(Task):
         self,
         drive: LiveDrive,
         trajectory: Trajectory,
-        path: Tolerance,
-        goal: Tolerance,
+        path: JointTolerance,
+        goal: JointTolerance,
         goal_time: float,
         *,
         delay: float,
@@ -121,7 +121,7 @@ class LiveGoal(Task):
             body.tasks.add(LiveBrake(self._drive, self._names))
 
 
-class LiveBrake(Task):
+class LiveBrake(BodyTask):
     """Joints of a goal that is over, until the live motion stands.
 
     Args:
@@ -181,8 +181,8 @@ class LiveDrive:
     def goal(
         self,
         trajectory: Trajectory,
-        path: Tolerance,
-        goal: Tolerance,
+        path: JointTolerance,
+        goal: JointTolerance,
         goal_time: float,
         *,
         delay: float,
@@ -294,7 +294,7 @@ class LiveDrive:
     def _seen(self) -> Scene:
         return self._tracker.seen(self.body.scene or Scene(), self.body.time.now)
 
-    def _goals(self) -> set[Task]:
+    def _goals(self) -> set[BodyTask]:
         return {task for task in self.body.tasks if isinstance(task, LiveGoal) and task.started}
 
     def _aimed(self, live: LiveMotion) -> Array:

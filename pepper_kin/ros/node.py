@@ -12,7 +12,7 @@ from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, Unk
 from pepper_kin.naoqi.body import Body
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.ros.commands import Commands
 from pepper_kin.ros.controllers import CONTROLLERS, TRAJECTORY, Controller
 from pepper_kin.ros.driver_services import DriverServices
@@ -21,7 +21,7 @@ from pepper_kin.ros.following import BrakeTask, FollowTask
 from pepper_kin.ros.kinematics_services import KinematicsServices
 from pepper_kin.ros.live_goals import LiveBrake, LiveDrive
 from pepper_kin.ros.message_parts import time_message
-from pepper_kin.ros.pictures import Pictures
+from pepper_kin.ros.pictures import CameraPictures
 from pepper_kin.ros.planning import PlanningService
 from pepper_kin.ros.planning_scene import PlanningScene
 from pepper_kin.ros.qos import LATCHED, RELIABLE, TRANSFORMS, QoS
@@ -102,7 +102,7 @@ class RobotNode(Closable):
             self.commands = Commands(self, command_timeout, robot, stamped)
             self.planning, self.kinematics = PlanningService(self), KinematicsServices(self)
             self.driver, self.planning_scene = DriverServices(self), PlanningScene(self)
-            self._pictures = Pictures(self, names, resolution)
+            self._pictures = CameraPictures(self, names, resolution)
         except BaseException:
             self.close()
             raise
@@ -169,7 +169,7 @@ class RobotNode(Closable):
         except MissingDependencyError as error:
             logger.warning("no service %s: %s", name, error)
 
-    def kill(self, tasks: Sequence[Task]) -> None:
+    def kill(self, tasks: Sequence[BodyTask]) -> None:
         """End tasks now; joints brake.  Called with the body's lock held."""
         self.body.tasks.kill(tasks, self.body)
 

@@ -17,7 +17,7 @@ PERIOD_CYCLES = 5
 """Cycles between two pictures: 10 Hz."""
 
 
-class Pictures:
+class CameraPictures:
     """The cameras of a node.
 
     In real time a thread draws, as fast as it can up to 10 Hz, so that no cycle waits for a picture;

@@ -21,13 +21,13 @@ from pepper_kin.exceptions import (
     FileFormatWarning,
     InvalidValueError,
     UnknownNameError,
+    optional,
     shortened,
 )
 from pepper_kin.file_access.atomic_file import PathName, as_path, whole_file
 from pepper_kin.ros_messages.cdr import decode, encode
 from pepper_kin.ros_messages.definitions import full_name, message_names
 from pepper_kin.ros_messages.errors import MessageError
-from pepper_kin.ros_messages.mcap_storage import missing
 from pepper_kin.ros_messages.messages import Message, message_type
 from pepper_kin.ros_messages.recorded import RecordedTopic
 from pepper_kin.ros_messages.rosbag2_storage import open_storage
@@ -66,16 +66,13 @@ class BagWriter:
     """
 
     def __init__(self, path: PathName) -> None:
-        try:
-            from mcap.writer import Writer
-        except ImportError as error:
-            raise missing() from error
+        writer = optional("mcap.writer", extra="mcap", need="an MCAP file")
         self.path = as_path(path)
         self._channels: dict[str, tuple[str, int]] = {}
         self._schemas: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._whole: AbstractContextManager[BinaryIO] | None = whole_file(path)
-        self._writer = Writer(self._whole.__enter__())
+        self._writer = writer.Writer(self._whole.__enter__())
         self._writer.start(profile="ros2", library="pepper_kin")
 
     def write(self, topic: str, message: Message, time: int) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
 
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError, shortened
+from pepper_kin.exceptions import FileFormatError, optional, shortened
 from pepper_kin.file_access.atomic_file import PathName
-from pepper_kin.ros_messages.recorded import Record, RecordedTopic, most_bytes
+from pepper_kin.ros_messages.recorded import RecordedMessage, RecordedTopic, most_bytes
 
 
 class McapStorage:
@@ -24,10 +24,7 @@ class McapStorage:
     """
 
     def __init__(self, path: PathName, content: bytes) -> None:
-        try:
-            import mcap.reader  # noqa: F401
-        except ImportError as error:
-            raise missing() from error
+        optional("mcap.reader", extra="mcap", need="an MCAP file")
         self.path, self._content = path, content
 
     def topics(self) -> tuple[RecordedTopic, ...]:
@@ -42,7 +39,7 @@ class McapStorage:
         found = (_topic(channel, summary.schemas) for channel in summary.channels.values())
         return tuple(dict.fromkeys(found))
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times.
 
         Raises:
@@ -64,7 +61,7 @@ class McapStorage:
                 known[channel.id] = topic, chosen(topic)
             topic, wanted = known[channel.id]
             if wanted:
-                yield Record(topic, int(message.log_time), message.data)
+                yield RecordedMessage(topic, int(message.log_time), message.data)
 
     def _records(self) -> Iterator[tuple[Any, Any, Any]]:
         """Yield schemas by number, channel and message in the order of times."""
@@ -170,8 +167,3 @@ def _decompressed_size(chunk: Any, most: int) -> int:
             return announced
         return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most + 1))
     return max(int(chunk.uncompressed_size), len(chunk.data))
-
-
-def missing() -> MissingDependencyError:
-    """Return the error for the package `mcap`."""
-    return MissingDependencyError("mcap", 'pip install "pepper_kin[mcap]"', "an MCAP file")

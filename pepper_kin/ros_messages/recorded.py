@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
-from pepper_kin.exceptions import FileFormatError, MissingDependencyError
+from pepper_kin.exceptions import FileFormatError, optional
 from pepper_kin.file_access.atomic_file import PathName
 
 MOST_BYTES = 250_000_000
@@ -31,7 +31,7 @@ class RecordedTopic(NamedTuple):
     definition: bytes
 
 
-class Record(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message of a recording: its topic, when it was recorded [ns], and its bytes."""
 
     topic: RecordedTopic
@@ -45,7 +45,7 @@ class Storage(Protocol):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """Return all topics."""
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times."""
 
 
@@ -66,12 +66,7 @@ def decompressed(path: PathName, data: bytes, most: int) -> bytes:
         MissingDependencyError: without the package `zstandard`.
         FileFormatError: for other bytes, or more than `most`.
     """
-    try:
-        import zstandard
-    except ImportError as error:
-        raise MissingDependencyError(
-            "zstandard", 'pip install "pepper_kin[mcap]"', "a compressed bag"
-        ) from error
+    zstandard = optional("zstandard", extra="mcap", need="a compressed bag")
     try:
         with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as stream:
             content = bytes(stream.read(most + 1))

@@ -16,7 +16,7 @@ from pepper_kin.exceptions import FileFormatError, shortened
 from pepper_kin.file_access.atomic_file import PathName, as_path
 from pepper_kin.file_access.reading import read_bytes, read_text
 from pepper_kin.ros_messages.mcap_storage import McapStorage
-from pepper_kin.ros_messages.recorded import Record, RecordedTopic, Storage, decompressed, most_bytes
+from pepper_kin.ros_messages.recorded import RecordedMessage, RecordedTopic, Storage, decompressed, most_bytes
 
 METADATA = "metadata.yaml"
 _LARGEST_METADATA = 5_000_000  # bytes; the YAML reader is slow
@@ -81,7 +81,7 @@ class FolderStorage:
         """Return all topics."""
         return tuple(dict.fromkeys(topic for part in self._parts for topic in part.topics()))
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times."""
         most = most_bytes(0)
         parts = (part.records(chosen) for part in self._parts)
@@ -134,7 +134,7 @@ class SqliteStorage:
         """Return all topics."""
         return tuple(dict.fromkeys(self._topics.values()))
 
-    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[Record]:
+    def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics chosen in the order of their times.
 
         Raises:
@@ -149,7 +149,7 @@ class SqliteStorage:
                     reason = f"has a message of topic {number!r} at {time!r} that is none"
                     raise FileFormatError(self.path, reason)
                 if number in wanted:
-                    yield Record(self._topics[number], time, data)
+                    yield RecordedMessage(self._topics[number], time, data)
 
     def _open(self) -> sqlite3.Connection:
         try:

@@ -10,7 +10,7 @@ from pepper_kin.symbolic.inverse_dynamics import Wrench, body_wrenches, torques_
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect, force_and_moment, world_motion
 from pepper_kin.symbolic.scalars import reciprocal
-from pepper_kin.symbolic.states import State, gather, new_state
+from pepper_kin.symbolic.states import StateExpressions, gather, new_state
 from pepper_kin.symbolic.vectors import add
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def torques_and_wrench(pepper: PepperModel) -> casadi.Function:
     return symbols.function("torques_and_wrench", effects=[[x] for x in (*tau, *force, *torque)])
 
 
-def _floor_wrench(state: State, carried: Wrench) -> Wrench:
+def _floor_wrench(state: StateExpressions, carried: Wrench) -> Wrench:
     """Return force [N] and moment about the world's origin [N m], in world axes.
 
     Args:

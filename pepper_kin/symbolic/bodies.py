@@ -27,7 +27,7 @@ class Inertia:
 
 
 @dataclass(frozen=True)
-class Body:
+class SymbolicBody:
     """A moving body.
 
     Attributes:

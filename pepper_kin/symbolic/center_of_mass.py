@@ -11,7 +11,7 @@ from pepper_kin.symbolic.composite import first_moments
 from pepper_kin.symbolic.jacobians import Columns, reduced_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.poses import world_poses
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import StateExpressions, new_state
 from pepper_kin.symbolic.tree import Tree
 from pepper_kin.symbolic.vectors import Vector, add, scale, times, z_cross
 
@@ -73,7 +73,7 @@ def total_mass(tree: Tree) -> float:
     return mass
 
 
-def center_of_all(state: State) -> Vector:
+def center_of_all(state: StateExpressions) -> Vector:
     """Return the center of mass of all links in the world."""
     moment = add(first_moments(state)[2], state.tree.still.first)
     return scale(1.0 / total_mass(state.tree), moment)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pepper_kin.symbolic.bodies import Inertia
 from pepper_kin.symbolic.motion import to_parent
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State
+from pepper_kin.symbolic.states import StateExpressions
 from pepper_kin.symbolic.vectors import Vector, add, add_matrices, outer, scale, transpose
 
 
-def composite_inertias(state: State) -> tuple[list[Inertia], Inertia]:
+def composite_inertias(state: StateExpressions) -> tuple[list[Inertia], Inertia]:
     """Return the inertia of every composite body, and that of all moving bodies about the world's origin.
 
     With x = r + R x_c for the points of a child, h += R h_c + m r and
@@ -38,7 +38,7 @@ def composite_inertias(state: State) -> tuple[list[Inertia], Inertia]:
     return totals, world
 
 
-def first_moments(state: State) -> tuple[list[Vector], list[float], Vector]:
+def first_moments(state: StateExpressions) -> tuple[list[Vector], list[float], Vector]:
     """Return h and mass of every composite body, and h of all moving bodies about the world's origin."""
     bodies = state.tree.bodies
     moments = [body.inertia.first for body in bodies]
@@ -64,7 +64,7 @@ def unit_wrench(slides: bool, inertia: Inertia) -> tuple[Vector, Vector]:
     return (-y, x, 0.0), (-xz, -yz, xx + yy)
 
 
-def mass_entries(state: State) -> dict[tuple[int, int], Value]:
+def mass_entries(state: StateExpressions) -> dict[tuple[int, int], Value]:
     """Return M_ij of all coordinates of `pinocchio_model` for every body i and each j that carries it.
 
     Walker and Orin (1982): the wrench of a unit acceleration of joint i is carried inward; each joint on the
@@ -83,7 +83,9 @@ def mass_entries(state: State) -> dict[tuple[int, int], Value]:
     return entries
 
 
-def coupled_entries(state: State, entries: dict[tuple[int, int], Value]) -> dict[tuple[int, int], Value]:
+def coupled_entries(
+    state: StateExpressions, entries: dict[tuple[int, int], Value]
+) -> dict[tuple[int, int], Value]:
     """Return the lower half of E^T M E from that of M; entries that are always zero are left out."""
     rows = state.tree.full_map.tolist()
     gains = [[(k, gain) for k, gain in enumerate(row) if gain] for row in rows]

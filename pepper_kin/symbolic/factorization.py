@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pepper_kin.exceptions import ModelError
-from pepper_kin.symbolic.scalars import Scalar, Value, reciprocal
+from pepper_kin.symbolic.scalars import GraphScalar, Value, reciprocal
 
 
 @dataclass(frozen=True)
@@ -92,4 +92,4 @@ def factorize(entries: Mapping[tuple[int, int], Value], joint_names: Sequence[st
 
 
 def _is_zero(value: Value) -> bool:
-    return not isinstance(value, Scalar) and value == 0.0
+    return not isinstance(value, GraphScalar) and value == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from pepper_kin.symbolic.scalars import Graph, Scalar, Value
+from pepper_kin.symbolic.scalars import GraphScalar, ScalarGraph, Value
 
 if TYPE_CHECKING:
     import casadi
@@ -15,7 +15,7 @@ Rows = Sequence[Sequence[Value]]
 
 
 def make_function(
-    name: str, graph: Graph, inputs: Mapping[str, Sequence[Scalar]], outputs: Mapping[str, Rows]
+    name: str, graph: ScalarGraph, inputs: Mapping[str, Sequence[GraphScalar]], outputs: Mapping[str, Rows]
 ) -> casadi.Function:
     """Build a CasADi `SX` function.
 
@@ -43,7 +43,9 @@ def make_function(
     )
 
 
-def _expressions(graph: Graph, symbols: list[casadi.SX], outputs: Mapping[str, Rows]) -> dict[int, casadi.SX]:
+def _expressions(
+    graph: ScalarGraph, symbols: list[casadi.SX], outputs: Mapping[str, Rows]
+) -> dict[int, casadi.SX]:
     """Return the `SX` expression of every node that an output needs."""
     import casadi
 
@@ -65,10 +67,14 @@ def _expressions(graph: Graph, symbols: list[casadi.SX], outputs: Mapping[str, R
     return made
 
 
-def _needed(graph: Graph, outputs: Mapping[str, Rows]) -> list[int]:
+def _needed(graph: ScalarGraph, outputs: Mapping[str, Rows]) -> list[int]:
     """Return the places of the nodes that outputs depend on, operands first."""
     needed = {
-        value.place for rows in outputs.values() for row in rows for value in row if isinstance(value, Scalar)
+        value.place
+        for rows in outputs.values()
+        for row in rows
+        for value in row
+        if isinstance(value, GraphScalar)
     }
     for place in range(len(graph.nodes) - 1, -1, -1):
         operation, first, second = graph.nodes[place]
@@ -86,7 +92,7 @@ def _output(rows: Rows, expressions: dict[int, casadi.SX]) -> casadi.SX:
     for j in range(columns):
         for i, row in enumerate(rows):
             value = row[j]
-            if isinstance(value, Scalar):
+            if isinstance(value, GraphScalar):
                 made = expressions[value.place]
                 values.append(casadi.SX.unary(casadi.OP_NEG, made) if value.negative else made)
             elif value != 0.0:

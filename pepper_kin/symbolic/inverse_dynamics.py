@@ -16,7 +16,7 @@ from pepper_kin.symbolic.motion import (
     turn_towards,
 )
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State, gather, new_state
+from pepper_kin.symbolic.states import StateExpressions, gather, new_state
 from pepper_kin.symbolic.vectors import Vector, add, cross, subtract
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def gravity_torque(pepper: PepperModel, *, payload: Mapping[str, float] | None =
     return symbols.function("gravity_torque", tau=rows)
 
 
-def full_gravity(state: State) -> list[Value]:
+def full_gravity(state: StateExpressions) -> list[Value]:
     """Return g of all coordinates of `pinocchio_model`, see `gravity_torque`."""
     moments, masses, _ = first_moments(state)
     pulls: list[Vector] = []
@@ -82,14 +82,14 @@ def full_gravity(state: State) -> list[Value]:
     return tau
 
 
-def body_wrenches(state: State) -> list[Wrench]:
+def body_wrenches(state: StateExpressions) -> list[Wrench]:
     """Return the net wrench on each body, in the body's axes about its origin."""
     moved = zip(motions(state), state.tree.bodies, strict=True)
     return [force_and_moment(motion, body.inertia) for motion, body in moved]
 
 
 def full_torques(
-    state: State, contact_frame: str | None = None, wrench: Sequence[Value] | None = None
+    state: StateExpressions, contact_frame: str | None = None, wrench: Sequence[Value] | None = None
 ) -> list[Value]:
     """Return the torques of all coordinates of `pinocchio_model`."""
     wrenches = body_wrenches(state)
@@ -98,13 +98,13 @@ def full_torques(
     return torques_of(state, collect(state, wrenches)[0])
 
 
-def torques_of(state: State, totals: Sequence[Wrench]) -> list[Value]:
+def torques_of(state: StateExpressions, totals: Sequence[Wrench]) -> list[Value]:
     """Return the torques of all coordinates, of the wrenches that each joint passes on, and of the rotors."""
     rotors = (j * a for j, a in zip(state.tree.armature, state.a, strict=True))
     return [t + rotor for t, rotor in zip(along_joints(state, totals), rotors, strict=True)]
 
 
-def add_contact(state: State, wrenches: list[Wrench], frame: str, wrench: Sequence[Value]) -> None:
+def add_contact(state: StateExpressions, wrenches: list[Wrench], frame: str, wrench: Sequence[Value]) -> None:
     """Subtract an external wrench (in world axes at a frame's origin) from a body's wrench."""
     body, _, place = state.tree.anchor(frame)
     if body < 0:

@@ -9,7 +9,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.poses import world_poses
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import StateExpressions, new_state
 from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Vector, add, cross, scale, times, transpose
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def frame_jacobian_rate(pepper: PepperModel, frame: str) -> casadi.Function:
     return symbols.function("frame_jacobian_rate", jacobian_rate=rows)
 
 
-def jacobian_columns(state: State, frame: str) -> tuple[Columns, Columns]:
+def jacobian_columns(state: StateExpressions, frame: str) -> tuple[Columns, Columns]:
     """Return the columns of J and of dJ/dt for all coordinates of `pinocchio_model`.
 
     A column is (z x (p - p_i), z), or (z, 0) where the joint slides, with z its axis and p_i its body's

@@ -12,7 +12,7 @@ from pepper_kin.symbolic.jacobians import Columns, reduced_rows
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.motion import collect
 from pepper_kin.symbolic.poses import world_poses
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import StateExpressions, new_state
 from pepper_kin.symbolic.vectors import (
     ZERO,
     Vector,
@@ -100,7 +100,7 @@ def centroidal_inertia(pepper: PepperModel, *, payload: Mapping[str, float] | No
     return symbols.function("centroidal_inertia", inertia=rows)
 
 
-def velocities(state: State) -> list[tuple[Vector, Vector]]:
+def velocities(state: StateExpressions) -> list[tuple[Vector, Vector]]:
     """Return the angular velocity of every body and the velocity of its origin, in the body's axes."""
     result: list[tuple[Vector, Vector]] = []
     parts = zip(state.tree.bodies, state.turns, state.translations, state.v, strict=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pepper_kin.symbolic.bodies import Inertia
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State
+from pepper_kin.symbolic.states import StateExpressions
 from pepper_kin.symbolic.vectors import ZERO, Matrix, Vector, add, cross, scale, times
 
 
@@ -44,7 +44,7 @@ def world_motion(gravity: Vector) -> Motion:
     return Motion(ZERO, ZERO, (-gravity[0], -gravity[1], -gravity[2]))
 
 
-def motions(state: State, gravity: Vector | None = None) -> list[Motion]:
+def motions(state: StateExpressions, gravity: Vector | None = None) -> list[Motion]:
     """Return the motion of every body (Luh, Walker and Paul, 1980, outward pass).
 
     Args:
@@ -86,7 +86,7 @@ def moment(motion: Motion, second: Matrix) -> Vector:
 
 
 def collect(
-    state: State, wrenches: Sequence[tuple[Vector, Vector]]
+    state: StateExpressions, wrenches: Sequence[tuple[Vector, Vector]]
 ) -> tuple[list[tuple[Vector, Vector]], tuple[Vector, Vector]]:
     """Sum wrenches from the tips to the world.
 
@@ -110,19 +110,19 @@ def collect(
     return totals, world
 
 
-def to_parent(state: State, i: int, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
+def to_parent(state: StateExpressions, i: int, force: Vector, torque: Vector) -> tuple[Vector, Vector]:
     """Return a wrench on body i in the axes of its parent and about the parent's origin."""
     turned = state.turns[i].outward(force)
     return turned, add(state.turns[i].outward(torque), cross(state.translations[i], turned))
 
 
-def along_joints(state: State, wrenches: Sequence[tuple[Vector, Vector]]) -> list[Value]:
+def along_joints(state: StateExpressions, wrenches: Sequence[tuple[Vector, Vector]]) -> list[Value]:
     """Return the component of each wrench along the body's joint."""
     bodies = state.tree.bodies
     return [f[2] if body.slides else n[2] for body, (f, n) in zip(bodies, wrenches, strict=True)]
 
 
-def turn_towards(state: State, body: int, u: Vector) -> Vector:
+def turn_towards(state: StateExpressions, body: int, u: Vector) -> Vector:
     """Return a world vector in the axes of a body."""
     for i in state.tree.path(body):
         u = state.turns[i].inward(u)

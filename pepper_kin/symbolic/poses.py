@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import StateExpressions, new_state
 from pepper_kin.symbolic.vectors import IDENTITY, ZERO, Matrix, Vector, add, product, times
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def _frame_poses(pepper: PepperModel, frames: tuple[str, ...], name: str, output
     return min(candidates, key=lambda function: int(function.n_instructions()))
 
 
-def world_poses(state: State) -> list[tuple[Matrix, Vector]]:
+def world_poses(state: StateExpressions) -> list[tuple[Matrix, Vector]]:
     """Return the orientation and the origin of every body in the world."""
     poses: list[tuple[Matrix, Vector]] = []
     for body, turn, r in zip(state.tree.bodies, state.turns, state.translations, strict=True):
@@ -73,7 +73,7 @@ def world_poses(state: State) -> list[tuple[Matrix, Vector]]:
     return poses
 
 
-def world_frames(state: State, frames: Sequence[str]) -> list[tuple[Matrix, Vector]]:
+def world_frames(state: StateExpressions, frames: Sequence[str]) -> list[tuple[Matrix, Vector]]:
     """Return the orientation and the origin of frames in the world."""
     poses = world_poses(state)
     result = []

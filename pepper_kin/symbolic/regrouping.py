@@ -16,10 +16,10 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.model.shapes import product
-from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
+from pepper_kin.symbolic.bodies import Inertia, SymbolicBody, clean, numbers
 
 
-def regroup(bodies: Sequence[Body], ground: Inertia) -> tuple[list[Body], Inertia]:
+def regroup(bodies: Sequence[SymbolicBody], ground: Inertia) -> tuple[list[SymbolicBody], Inertia]:
     """Move the inertia that a joint does not affect to the parent, from the tips to the world.
 
     Args:

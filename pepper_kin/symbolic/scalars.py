@@ -1,21 +1,21 @@
 """Scalars that fold constants, share equal operations and carry their sign for free.
 
 The algorithms of this package work on numbers that are either Python floats (constants of the model) or
-`Scalar`s (values that depend on the inputs).  Zeros and ones vanish, equal operations are one node however
-often they are written, and a minus sign costs nothing until it must be stored.  Nothing here depends on
-CasADi; the finished graph is converted to `SX` by `functions.py`, which is several times faster than building
-`SX` expressions operator by operator.
+`GraphScalar`s (values that depend on the inputs).  Zeros and ones vanish, equal operations are one node
+however often they are written, and a minus sign costs nothing until it must be stored.  Nothing here depends
+on CasADi; the finished graph is converted to `SX` by `functions.py`, which is several times faster than
+building `SX` expressions operator by operator.
 """
 
 from __future__ import annotations
 
 from typing import TypeAlias, Union
 
-Value: TypeAlias = Union["Scalar", float]
+Value: TypeAlias = Union["GraphScalar", float]
 """A number in an algorithm: a float is known when the expression is built."""
 
 
-class Graph:
+class ScalarGraph:
     """Operations in the order in which they were written, each once.
 
     Attributes:
@@ -36,13 +36,13 @@ class Graph:
             self.nodes.append(key)
         return place
 
-    def inputs(self, count: int) -> list[Scalar]:
+    def inputs(self, count: int) -> list[GraphScalar]:
         """Return `count` further input scalars."""
         first = sum(operation == "input" for operation, _, _ in self.nodes)
-        return [Scalar(self, self.node("input", first + k, 0), False) for k in range(count)]
+        return [GraphScalar(self, self.node("input", first + k, 0), False) for k in range(count)]
 
 
-class Scalar:
+class GraphScalar:
     """A node of a graph, or its negative.
 
     Attributes:
@@ -53,15 +53,15 @@ class Scalar:
 
     __slots__ = ("graph", "negative", "place")
 
-    def __init__(self, graph: Graph, place: int, negative: bool) -> None:
+    def __init__(self, graph: ScalarGraph, place: int, negative: bool) -> None:
         self.graph, self.place, self.negative = graph, place, negative
 
-    def __neg__(self) -> Scalar:
-        return Scalar(self.graph, self.place, not self.negative)
+    def __neg__(self) -> GraphScalar:
+        return GraphScalar(self.graph, self.place, not self.negative)
 
     def __add__(self, other: Value) -> Value:
         graph = self.graph
-        if isinstance(other, Scalar):
+        if isinstance(other, GraphScalar):
             place, negative = other.place, other.negative
         elif other == 0.0:
             return self
@@ -70,12 +70,12 @@ class Scalar:
         mine = self.place
         if self.negative == negative:
             first, second = (mine, place) if mine <= place else (place, mine)
-            return Scalar(graph, graph.node("add", first, second), negative)
+            return GraphScalar(graph, graph.node("add", first, second), negative)
         if mine == place:
             return 0.0
         if mine < place:
-            return Scalar(graph, graph.node("sub", mine, place), self.negative)
-        return Scalar(graph, graph.node("sub", place, mine), negative)
+            return GraphScalar(graph, graph.node("sub", mine, place), self.negative)
+        return GraphScalar(graph, graph.node("sub", place, mine), negative)
 
     __radd__ = __add__
 
@@ -87,7 +87,7 @@ class Scalar:
 
     def __mul__(self, other: Value) -> Value:
         graph = self.graph
-        if isinstance(other, Scalar):
+        if isinstance(other, GraphScalar):
             place, negative = other.place, self.negative != other.negative
         elif other == 0.0:
             return 0.0
@@ -97,7 +97,7 @@ class Scalar:
             place, negative = graph.node("const", abs(other), 0), self.negative != (other < 0)
         mine = self.place
         first, second = (mine, place) if mine <= place else (place, mine)
-        return Scalar(graph, graph.node("mul", first, second), negative)
+        return GraphScalar(graph, graph.node("mul", first, second), negative)
 
     __rmul__ = __mul__
 
@@ -110,16 +110,16 @@ class Scalar:
 
 def reciprocal(x: Value) -> Value:
     """Return 1 / x."""
-    if not isinstance(x, Scalar):
+    if not isinstance(x, GraphScalar):
         return 1.0 / x
-    return Scalar(x.graph, x.graph.node("inv", x.place, x.place), x.negative)
+    return GraphScalar(x.graph, x.graph.node("inv", x.place, x.place), x.negative)
 
 
-def cosine(x: Scalar) -> Scalar:
+def cosine(x: GraphScalar) -> GraphScalar:
     """Return cos(x); x and -x share one node."""
-    return Scalar(x.graph, x.graph.node("cos", x.place, x.place), False)
+    return GraphScalar(x.graph, x.graph.node("cos", x.place, x.place), False)
 
 
-def sine(x: Scalar) -> Scalar:
+def sine(x: GraphScalar) -> GraphScalar:
     """Return sin(x); x and -x share one node."""
-    return Scalar(x.graph, x.graph.node("sin", x.place, x.place), x.negative)
+    return GraphScalar(x.graph, x.graph.node("sin", x.place, x.place), x.negative)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from pepper_kin.arrays import Array
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.functions import Rows, make_function
-from pepper_kin.symbolic.scalars import Graph, Scalar, Value, cosine, sine
+from pepper_kin.symbolic.scalars import GraphScalar, ScalarGraph, Value, cosine, sine
 from pepper_kin.symbolic.tree import Tree, read_tree
 from pepper_kin.symbolic.turns import Turn
 from pepper_kin.symbolic.vectors import Vector
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class StateExpressions:
     """A tree with values of its coordinates.
 
     Attributes:
@@ -65,7 +65,7 @@ def make_state(
     q: Sequence[Value],
     v: Sequence[Value] | None = None,
     a: Sequence[Value] | None = None,
-) -> State:
+) -> StateExpressions:
     """Return the state of joint vectors of the robot (of length n: mimic joints follow by E and e).
 
     Args:
@@ -77,8 +77,8 @@ def make_state(
     still = [0.0] * len(q)
     full_q = follow(tree.full_map, q, tree.full_offset)
     full_v, full_a = follow(tree.full_map, v or still), follow(tree.full_map, a or still)
-    angles = [isinstance(x, Scalar) and not b.slides for x, b in zip(full_q, tree.bodies, strict=True)]
-    return State(
+    angles = [isinstance(x, GraphScalar) and not b.slides for x, b in zip(full_q, tree.bodies, strict=True)]
+    return StateExpressions(
         tree,
         cosines=[cosine(x) if angle else 1.0 for x, angle in zip(full_q, angles, strict=True)],  # type: ignore[arg-type]
         sines=[sine(x) if angle else 0.0 for x, angle in zip(full_q, angles, strict=True)],  # type: ignore[arg-type]
@@ -110,9 +110,9 @@ def gather(full_map: Array, x: Sequence[Value]) -> list[Value]:
     return follow(full_map.T, x)
 
 
-def new_inputs(tree: Tree, *names: str) -> tuple[Graph, dict[str, list[Scalar]]]:
+def new_inputs(tree: Tree, *names: str) -> tuple[ScalarGraph, dict[str, list[GraphScalar]]]:
     """Return a graph with joint vectors of the robot as inputs, by name."""
-    graph = Graph()
+    graph = ScalarGraph()
     return graph, {name: graph.inputs(tree.full_map.shape[1]) for name in names}
 
 
@@ -124,8 +124,8 @@ class Symbols(NamedTuple):
         inputs: Input name -> its scalars.
     """
 
-    graph: Graph
-    inputs: dict[str, list[Scalar]]
+    graph: ScalarGraph
+    inputs: dict[str, list[GraphScalar]]
 
     def function(self, name: str, **outputs: Rows) -> casadi.Function:
         """Return the function of the inputs with outputs by name, rows of values each."""
@@ -134,7 +134,7 @@ class Symbols(NamedTuple):
 
 def new_state(
     pepper: PepperModel, *names: str, compact: bool = True, wrench: bool = False
-) -> tuple[State, Symbols]:
+) -> tuple[StateExpressions, Symbols]:
     """Return the state of a robot at symbols, and these.
 
     Args:

@@ -27,7 +27,7 @@ from pepper_kin.symbolic.composite import composite_inertias, unit_wrench
 from pepper_kin.symbolic.inverse_dynamics import Wrench
 from pepper_kin.symbolic.motion import Motion, collect, force_and_moment, motions, to_parent
 from pepper_kin.symbolic.scalars import Value
-from pepper_kin.symbolic.states import State
+from pepper_kin.symbolic.states import StateExpressions
 from pepper_kin.symbolic.vectors import (
     ZERO,
     ZERO_MATRIX,
@@ -117,7 +117,7 @@ class _Composite:
         return f, n, add(gyroscopic, relative)
 
 
-def torque_derivatives(state: State) -> TorqueDerivatives:
+def torque_derivatives(state: StateExpressions) -> TorqueDerivatives:
     """Return torques and their derivatives at a state."""
     tree = state.tree
     moving = motions(state)
@@ -136,7 +136,7 @@ def torque_derivatives(state: State) -> TorqueDerivatives:
     return result
 
 
-def _composites(state: State, moving: list[Motion]) -> list[_Composite]:
+def _composites(state: StateExpressions, moving: list[Motion]) -> list[_Composite]:
     """Return all composite bodies with h' and Pi summed from the tips inward."""
     bodies = state.tree.bodies
     inertias, _ = composite_inertias(state)
@@ -161,7 +161,9 @@ def _composites(state: State, moving: list[Motion]) -> list[_Composite]:
     return [_Composite(b.slides, m, inertia, h_rate, pi) for b, m, inertia, h_rate, pi in parts]
 
 
-def _columns(state: State, j: int, composite: _Composite, wrench: Wrench, result: TorqueDerivatives) -> None:
+def _columns(
+    state: StateExpressions, j: int, composite: _Composite, wrench: Wrench, result: TorqueDerivatives
+) -> None:
     """Add the derivatives with respect to joint j of its torque and of those of its ancestors."""
     motion = composite.motion
     if composite.slides:
@@ -182,7 +184,7 @@ def _columns(state: State, j: int, composite: _Composite, wrench: Wrench, result
         i = state.tree.bodies[i].parent
 
 
-def _forms(state: State, i: int, composites: list[_Composite], result: TorqueDerivatives) -> None:
+def _forms(state: StateExpressions, i: int, composites: list[_Composite], result: TorqueDerivatives) -> None:
     """Add the derivatives of the torque of joint i with respect to its ancestors, and M."""
     f, n, d = composites[i].form()
     result.mass[i, i] = f[2] if composites[i].slides else n[2]
@@ -203,7 +205,7 @@ def _forms(state: State, i: int, composites: list[_Composite], result: TorqueDer
 
 
 def _carried(
-    state: State, child: int, omega: Vector, form: tuple[Vector, Vector, Vector]
+    state: StateExpressions, child: int, omega: Vector, form: tuple[Vector, Vector, Vector]
 ) -> tuple[Vector, Vector, Vector]:
     """Return a form in changes of the motion of a body as one in those of its parent, rotating at omega.
 

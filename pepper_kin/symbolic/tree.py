@@ -15,7 +15,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.moving_tree import moving_tree
 from pepper_kin.model.shapes import product
 from pepper_kin.symbolic.alignment import Alignment, align, snapped
-from pepper_kin.symbolic.bodies import Body, Inertia, clean, numbers
+from pepper_kin.symbolic.bodies import Inertia, SymbolicBody, clean, numbers
 from pepper_kin.symbolic.memory import remembered
 from pepper_kin.symbolic.regrouping import regroup
 from pepper_kin.symbolic.vectors import Matrix, Vector
@@ -37,7 +37,7 @@ class Tree:
         anchors: Frame name -> body that carries it (-1: the world), rotation and origin in its frame.
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[SymbolicBody, ...]
     ground: Inertia
     still: Inertia
     alignments: tuple[Alignment, ...]
@@ -128,7 +128,7 @@ def read_tree(pepper: PepperModel, *, compact: bool) -> Tree:
     """
     model, frames = pepper.inner_model, read_frames(pepper, compact=compact)
     bodies = [
-        Body(*frame, _inertia(inertia, alignment))
+        SymbolicBody(*frame, _inertia(inertia, alignment))
         for frame, alignment, inertia in zip(
             frames.bodies, frames.alignments, list(model.inertias)[1:], strict=True
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from pepper_kin.symbolic.scalars import Scalar, Value
+from pepper_kin.symbolic.scalars import GraphScalar, Value
 from pepper_kin.symbolic.vectors import (
     Matrix,
     Vector,
@@ -28,7 +28,7 @@ class Turn:
     def __init__(self, constant: Matrix, cosine: Value, sine: Value) -> None:
         self.constant, self.cosine, self.sine = constant, cosine, sine
         full = sum(value not in (0.0, 1.0, -1.0) for row in constant for value in row)
-        self._at_once = full > 6 and isinstance(cosine, Scalar)
+        self._at_once = full > 6 and isinstance(cosine, GraphScalar)
 
     @cached_property
     def matrix(self) -> Matrix:
@@ -63,7 +63,9 @@ class Turn:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = m
         k = s * (xx - yy) + c * (2.0 * xy)
         turned = symmetric(xx - s * k, yy + s * k, zz, c * k - xy, c * xz - s * yz, s * xz + c * yz)
-        return congruence(self.constant, turned) if isinstance(c, Scalar) else congruence(self.constant, m)
+        return (
+            congruence(self.constant, turned) if isinstance(c, GraphScalar) else congruence(self.constant, m)
+        )
 
     def outward_general(self, m: Matrix) -> Matrix:
         """Return R M R^T of any M."""

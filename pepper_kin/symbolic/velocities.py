@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.states import State, new_state
+from pepper_kin.symbolic.states import StateExpressions, new_state
 from pepper_kin.symbolic.vectors import ZERO, Vector, add, scale, z_cross
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def frame_acceleration(pepper: PepperModel, frame: str) -> casadi.Function:
     return symbols.function("frame_acceleration", acceleration=[[x] for x in _tip_motion(state, frame)[1]])
 
 
-def _tip_motion(state: State, frame: str) -> tuple[Vector, Vector]:
+def _tip_motion(state: StateExpressions, frame: str) -> tuple[Vector, Vector]:
     """Return velocity and acceleration of a frame, linear first.
 
     From the frame inward, rho, velocity, omega, acceleration and alpha are those of the frame relative to the

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
+from pepper_kin.exceptions import InfeasibleError, optional
 from pepper_kin.trajectory.sampling import State
 
 _SAME_TIME = 1e-12  # [s]
@@ -19,11 +19,7 @@ def load_ruckig() -> Any:
     Raises:
         MissingDependencyError: where it is not installed.
     """
-    try:
-        import ruckig
-    except ImportError as error:
-        raise MissingDependencyError("ruckig", "pip install 'ruckig>=0.14'", "online motion") from error
-    return ruckig
+    return optional("ruckig", command="pip install 'ruckig>=0.14'", need="online motion")
 
 
 def steer_with_jerk(now: State, target: State, limits: tuple[Array, ...]) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows
 from pepper_kin.core.timing.whole_timing import CHECK_STEP
-from pepper_kin.exceptions import InfeasibleError, MissingDependencyError
+from pepper_kin.exceptions import InfeasibleError, optional
 from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
@@ -188,15 +188,11 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
         Speed, shape (N + 1,), or None; and the grid point, or None.
     """
     with _silent():
-        try:
-            with not_counted():
-                from toppra.algorithm import TOPPRA
-                from toppra.constraint import DiscretizationType, LinearConstraint
-        except ImportError as error:
-            command = 'pip install "pepper_kin[reference]"'
-            raise MissingDependencyError("toppra", command, 'solver="toppra"') from error
+        with not_counted():
+            algorithm = optional("toppra.algorithm", extra="reference", need='solver="toppra"')
+            from toppra.constraint import DiscretizationType, LinearConstraint
 
-        class Limits(LinearConstraint):
+        class GivenLimits(LinearConstraint):
             """Coefficients that were evaluated beforehand."""
 
             def __init__(self, params: tuple[Any, ...]) -> None:
@@ -209,13 +205,13 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
             def compute_constraint_params(self, path: Any, gridpoints: Any, *args: Any) -> Any:
                 return self._params
 
-        class Line:
+        class GivenInterval:
             """toppra asks a path for nothing but its interval where coefficients are given."""
 
             path_interval = (s[0], s[-1])
 
-        rows = [Limits(params) for params in constraints]
-        solver = TOPPRA(rows, Line(), gridpoints=s, solver_wrapper="seidel")
+        rows = [GivenLimits(params) for params in constraints]
+        solver = algorithm.TOPPRA(rows, GivenInterval(), gridpoints=s, solver_wrapper="seidel")
         _, speed, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
     if speed is None:
         empty = np.flatnonzero(np.isnan(controllable).any(axis=1))

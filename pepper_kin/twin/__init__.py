@@ -6,13 +6,10 @@
     JointResponse, joint_response             how joints follow the targets of `setAngles`, as measured
     run_real_time, Timing                     steps against the wall clock
     Recorder, Recording, load_recording       everything on disk, resumable
-    replay, GestureReport, paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   the paper's gestures
     Integrator, DivergedError, WorldHook, SensorsHook     for your own worlds and sensors
 
 Its packages: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).
 """
-
-from typing import TYPE_CHECKING
 
 from pepper_kin.lazy_names import lazily
 from pepper_kin.twin.actuator_data import actuator_parameters
@@ -31,19 +28,12 @@ from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.state import DivergedError, TwinState
 from pepper_kin.twin.twin import Twin
 
-if TYPE_CHECKING:
-    from pepper_kin.paper.replay import GestureReport, replay
-    from pepper_kin.paper.table5 import GESTURES, PaperGesture, paper_gesture, paper_inconsistencies
-
 __all__ = [
-    "GESTURES",
     "ActuatorParameters",
     "BatchRun",
     "DivergedError",
-    "GestureReport",
     "Integrator",
     "JointResponse",
-    "PaperGesture",
     "Push",
     "Recorder",
     "Recording",
@@ -59,9 +49,6 @@ __all__ = [
     "joint_response",
     "load_recording",
     "load_run",
-    "paper_gesture",
-    "paper_inconsistencies",
-    "replay",
     "run_real_time",
 ]
 
@@ -71,7 +58,5 @@ __getattr__, __dir__ = lazily(
         "base": "base",
         "sensors": "sensors",
         "world": "world",
-        "pepper_kin.paper.replay": "GestureReport replay",
-        "pepper_kin.paper.table5": "GESTURES PaperGesture paper_gesture paper_inconsistencies",
     },
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import write_arrays
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
@@ -216,9 +216,7 @@ class Recorder:
         if sensor_series:
             arrays["readings"] = pack_together(sensor_series)
         arrays["message"], arrays["status"] = np.array(run.message), np.array(run.status.value)
-        content = io.BytesIO()
-        np.savez(content, **arrays)
-        atomic_file.write_bytes(chunk_path(self.folder, self._count), content.getvalue())
+        write_arrays(chunk_path(self.folder, self._count), arrays, compressed=False)
         self._count += 1
 
 

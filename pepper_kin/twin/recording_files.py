@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.file_access import atomic_file
 from pepper_kin.file_access.atomic_file import PathName
+from pepper_kin.file_access.numpy_archive import write_arrays
 from pepper_kin.plugins import plugins
 from pepper_kin.twin.run import SERIES
 
@@ -56,6 +55,4 @@ def _write_npz(recording: Recording, path: PathName) -> Path:
     arrays |= {"status": np.array(run.status.value), "message": np.array(run.message)}
     for name, series in run.readings.items():
         arrays |= {f"reading.{name}.{what}": getattr(series, what) for what in ("time", "value", "truth")}
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
-    return atomic_file.write_bytes(path, content.getvalue())
+    return write_arrays(path, arrays)

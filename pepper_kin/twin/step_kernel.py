@@ -29,7 +29,7 @@ from pepper_kin.symbolic.factorization import factorize
 from pepper_kin.symbolic.functions import make_function
 from pepper_kin.symbolic.inverse_dynamics import full_gravity, full_torques
 from pepper_kin.symbolic.memory import remembered
-from pepper_kin.symbolic.scalars import Graph, Scalar, Value
+from pepper_kin.symbolic.scalars import GraphScalar, ScalarGraph, Value
 from pepper_kin.symbolic.states import gather, make_state
 from pepper_kin.symbolic.tree import Tree, read_tree
 from pepper_kin.symbolic.vectors import (
@@ -266,7 +266,7 @@ def _terms(pepper: PepperModel, variant: Variant) -> casadi.Function:
     `mass_places`.  Further inputs are `scale` (n) and `loads`, where the variant has them.
     """
     tree, n = read_tree(pepper, compact=not variant.scaled), pepper.n
-    graph = Graph()
+    graph = ScalarGraph()
     inputs = {name: graph.inputs(n) for name in ("q", "v")}
     state = make_state(tree, inputs["q"], inputs["v"])
     nominal = gather(tree.full_map, full_gravity(state))
@@ -298,7 +298,7 @@ def solve_function(pepper: PepperModel) -> casadi.Function:
     Returns:
         Function of mass (the entries at `mass_places`), extra and right (n each); output a (n).
     """
-    places, graph = mass_places(pepper), Graph()
+    places, graph = mass_places(pepper), ScalarGraph()
     inputs = {
         "mass": graph.inputs(len(places)),
         "extra": graph.inputs(pepper.n),
@@ -313,7 +313,7 @@ def solve_function(pepper: PepperModel) -> casadi.Function:
 def mass_places(pepper: PepperModel) -> tuple[Place, ...]:
     """Return the places (row, column) of the lower half of M that are not always zero, in order."""
     tree = read_tree(pepper, compact=True)
-    state = make_state(tree, Graph().inputs(pepper.n))
+    state = make_state(tree, ScalarGraph().inputs(pepper.n))
     return tuple(sorted(coupled_entries(state, mass_entries(state))))
 
 
@@ -347,7 +347,7 @@ def _solve(
     return factorize(entries, names).solve(right)
 
 
-def _scaled(tree: Tree, factors: Sequence[Scalar]) -> Tree:
+def _scaled(tree: Tree, factors: Sequence[GraphScalar]) -> Tree:
     """Return the tree with every body's mass multiplied by the factor of the joint that moves it."""
     bodies = []
     for i, body in enumerate(tree.bodies):
@@ -361,7 +361,7 @@ def _scaled(tree: Tree, factors: Sequence[Scalar]) -> Tree:
     return replace(tree, bodies=tuple(bodies))
 
 
-def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[Scalar]) -> Tree:
+def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[GraphScalar]) -> Tree:
     """Return the tree with loads at frames, by their parameters: m, h and Sigma about the frames' origins.
 
     In the axes of the body, of which R turns those of the frame and p is its origin, Sigma about the body's

@@ -13,7 +13,7 @@ from pepper_kin.collision.solids import SceneGeometry
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.shapes import NO_COLOR, Mesh, Shape, Sphere
-from pepper_kin.viewer.surface import Surface, read_colored_surfaces
+from pepper_kin.viewer.surface import DrawnSurface, read_colored_surfaces
 
 Color: TypeAlias = tuple[float, float, float, float]
 
@@ -37,13 +37,13 @@ class Drawable(BriefRepr):
 
     name: str
     link: str | None
-    geometry: SceneGeometry | Surface
+    geometry: SceneGeometry | DrawnSurface
     transform_shape_to_link: NDArray[np.float64]
     color: Color
     through: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.geometry, SceneGeometry | Surface):
+        if not isinstance(self.geometry, SceneGeometry | DrawnSurface):
             raise InvalidValueError(
                 f"geometry of {self.name!r}",
                 type(self.geometry).__name__,
@@ -84,7 +84,7 @@ class Drawable(BriefRepr):
         )
 
 
-def colored_surfaces_of(shape: Shape) -> tuple[tuple[Surface, Color], ...] | None:
+def colored_surfaces_of(shape: Shape) -> tuple[tuple[DrawnSurface, Color], ...] | None:
     """Return surfaces [m], scaled, and colors of a shape's mesh file; None where these do not count."""
     mesh = shape.geometry
     if not isinstance(mesh, Mesh) or shape.color != NO_COLOR or mesh.path.suffix.lower() in (".stl", ".obj"):
@@ -92,7 +92,7 @@ def colored_surfaces_of(shape: Shape) -> tuple[tuple[Surface, Color], ...] | Non
     scale = np.broadcast_to(np.asarray(mesh.scale, dtype=float), 3)
     return tuple(
         (
-            Surface((part.vertices * scale).astype(np.float32), part.faces),
+            DrawnSurface((part.vertices * scale).astype(np.float32), part.faces),
             NO_COLOR if color is None else color,
         )
         for part, color in read_colored_surfaces(mesh.path)

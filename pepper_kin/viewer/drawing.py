@@ -19,7 +19,7 @@ from pepper_kin.model.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.surface import (
     CREASE_ANGLE,
-    Surface,
+    DrawnSurface,
     balls_surface,
     capsule_surface,
     read_surface,
@@ -71,7 +71,7 @@ def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> 
     Raises:
         FileFormatError: A mesh file cannot be read.
     """
-    surfaces: dict[Path, Surface] = {}
+    surfaces: dict[Path, DrawnSurface] = {}
     for index, drawable in enumerate(drawables):
         parts = (*root, *link_path(drawable.link), f"{index} {drawable.name}".replace("/", "_"))
         path = "/" + "/".join(parts)
@@ -96,7 +96,7 @@ def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> 
 
 
 def _geometry(
-    drawable: Drawable, surfaces: dict[Path, Surface]
+    drawable: Drawable, surfaces: dict[Path, DrawnSurface]
 ) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """Return a geometry of three.js and the transform (rotation or scale) from it to the drawable's shape."""
     shape = drawable.geometry
@@ -121,7 +121,7 @@ def _geometry(
             plate = np.eye(4)
             plate[2, 3] = shape.offset - PLATE[2] / 2
             return _box(PLATE), plate
-        case Surface():
+        case DrawnSurface():
             return _triangles(shape.vertices, shape.faces), np.eye(4)
         case ConvexMesh() | TriangleMesh():
             surface = split_at_creases(shape.vertices, shape.faces, CREASE_ANGLE)

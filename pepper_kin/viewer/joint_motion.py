@@ -19,7 +19,7 @@ from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.twin.base.tipping import TippingRun
 from pepper_kin.viewer.drawable import rigid_transforms
-from pepper_kin.viewer.motion_frames import Series, limited_series
+from pepper_kin.viewer.motion_frames import Curve, limited_series
 
 _TRAJECTORY_STEP = 0.005  # [s]
 
@@ -101,7 +101,7 @@ class JointMotion(FrozenArrays):
             object.__setattr__(self, "tilts", rigid_transforms("tilts", self.tilts, (times.size, 4, 4)))
 
     @property
-    def curves(self) -> dict[str, Series]:
+    def curves(self) -> dict[str, Curve]:
         """The curves by name, each with its limit and its other lines."""
         there = {} if self.ghost is None else self.ghost.series
         return {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pepper_kin.model import PepperModel, Shape
 from pepper_kin.model.shapes import Mesh, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable
-from pepper_kin.viewer.surface import Surface, read_surface
+from pepper_kin.viewer.surface import DrawnSurface, read_surface
 
 OFF: Color = (0.12, 0.12, 0.13, 1.0)
 """Color of a light that is off."""
@@ -67,7 +67,7 @@ def pepper_lights(pepper: PepperModel) -> dict[str, Drawable]:
     return lights
 
 
-def _segments(ring: Ring, shape: Shape, mesh: Mesh) -> Iterator[tuple[str, Surface]]:
+def _segments(ring: Ring, shape: Shape, mesh: Mesh) -> Iterator[tuple[str, DrawnSurface]]:
     """Yield the lights of both sides of a ring, and their surfaces, a little in front of the shell."""
     surface = read_surface(mesh.path)
     vertices = surface.vertices * np.broadcast_to(np.asarray(mesh.scale, dtype=float), 3)
@@ -97,7 +97,7 @@ def _sectors(middles: NDArray[np.float64], outward: NDArray[np.float64], count: 
     return np.minimum((angle * count / (2.0 * np.pi)).astype(np.intp), count - 1)
 
 
-def _part(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> Surface:
+def _part(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> DrawnSurface:
     """Return the triangles of a surface alone: vertices [m], shape (V, 3), and faces, shape (F, 3)."""
     used, numbered = np.unique(faces, return_inverse=True)
-    return Surface(vertices[used].astype(np.float32), numbered.reshape(-1, 3).astype(np.uint32))
+    return DrawnSurface(vertices[used].astype(np.float32), numbered.reshape(-1, 3).astype(np.uint32))

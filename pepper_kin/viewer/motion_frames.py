@@ -15,7 +15,7 @@ from pepper_kin.viewer.drawable import rigid_transforms
 
 
 @dataclass(frozen=True)
-class Series:
+class Curve:
     """A curve beside the motion.
 
     Attributes:
@@ -71,7 +71,7 @@ class MotionFrames:
     series: tuple[SampledSeries, ...]
 
 
-def limited_series(series: Mapping[str, ArrayLike], limits: Mapping[str, float]) -> dict[str, Series]:
+def limited_series(series: Mapping[str, ArrayLike], limits: Mapping[str, float]) -> dict[str, Curve]:
     """Return curves with their limits.
 
     Args:
@@ -88,7 +88,7 @@ def limited_series(series: Mapping[str, ArrayLike], limits: Mapping[str, float])
         if not (np.isfinite(limit) and limit > 0):
             raise InvalidValueError(f"limit of {name!r}", limit, "a finite number above 0")
     return {
-        name: Series(values, float(limits[name]) if name in limits else None)
+        name: Curve(values, float(limits[name]) if name in limits else None)
         for name, values in series.items()
     }
 
@@ -97,7 +97,7 @@ def motion_frames(
     times: ArrayLike,
     link_poses: ArrayLike,
     link_count: int,
-    series: Mapping[str, Series],
+    series: Mapping[str, Curve],
     fps: float,
 ) -> MotionFrames:
     """Check a motion and keep at most `fps` of its samples per second, the first and the last among them.
@@ -154,7 +154,7 @@ def frames_of_samples(
     kept: NDArray[np.intp],
     kept_poses: ArrayLike,
     link_count: int,
-    series: Mapping[str, Series],
+    series: Mapping[str, Curve],
 ) -> MotionFrames:
     """Assemble frames where poses are known at the kept samples only.
 
@@ -197,7 +197,7 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
     return sample_times
 
 
-def _sampled(name: str, series: Series, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
+def _sampled(name: str, series: Curve, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
     """Return a curve at the kept samples, whose indices have shape (F,), with its extremes around each."""
     curve = as_finite(series.values, f"series {name!r}", (samples,))
     borders = np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2])

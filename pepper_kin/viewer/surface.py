@@ -20,7 +20,7 @@ CREASE_ANGLE = np.deg2rad(35.0)
 
 
 @dataclass(frozen=True)
-class Surface:
+class DrawnSurface:
     """An indexed triangle surface; corners that meet at a sharp edge are separate vertices.
 
     Attributes:
@@ -39,7 +39,7 @@ class Surface:
         object.__setattr__(self, "faces", faces)
 
 
-def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surface:
+def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> DrawnSurface:
     """Read a mesh file, of any format that `collision.mesh_file` knows, as an indexed surface.
 
     Corners at the same place become one vertex unless a sharp edge runs between their triangles, so a viewer
@@ -61,7 +61,7 @@ def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> Surfac
     return _smooth_surface(path, vertices, faces, crease_angle)
 
 
-def read_colored_surfaces(path: str | Path) -> tuple[tuple[Surface, FaceColor | None], ...]:
+def read_colored_surfaces(path: str | Path) -> tuple[tuple[DrawnSurface, FaceColor | None], ...]:
     """Read a mesh file as one surface for each color that it names; see `read_surface`.
 
     Returns:
@@ -82,7 +82,7 @@ def read_colored_surfaces(path: str | Path) -> tuple[tuple[Surface, FaceColor | 
 
 def _smooth_surface(
     path: str | Path, vertices: NDArray[np.float64], faces: NDArray[np.int64], crease_angle: float
-) -> Surface:
+) -> DrawnSurface:
     """Return the surface of vertices [m before scaling], shape (V, 3), and faces, shape (F, 3)."""
     places, indices = unique_rows(vertices.astype(np.float32))
     faces = indices[faces]
@@ -92,7 +92,7 @@ def _smooth_surface(
     return split_at_creases(places, faces[~flat], crease_angle)
 
 
-def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: float) -> Surface:
+def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: float) -> DrawnSurface:
     """Give each vertex on a sharp edge one copy per smooth patch that meets there.
 
     Two corners at the same vertex belong together when their triangles share an edge at that vertex and bend
@@ -125,7 +125,7 @@ def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: 
     columns = np.concatenate([low[:-1][smooth], high[:-1][smooth]])
     firsts, patch = np.unique(_least_connected(faces.size, rows, columns), return_inverse=True)
     source = vertex[firsts]
-    return Surface(np.asarray(vertices)[source], patch.reshape(-1, 3).astype(np.uint32))
+    return DrawnSurface(np.asarray(vertices)[source], patch.reshape(-1, 3).astype(np.uint32))
 
 
 def _least_connected(count: int, first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
@@ -150,7 +150,7 @@ def _least_connected(count: int, first: NDArray[Any], second: NDArray[Any]) -> N
     return least
 
 
-def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> Surface:
+def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> DrawnSurface:
     """Make a capsule around the z axis, centered at the origin.
 
     Args:
@@ -184,10 +184,10 @@ def capsule_surface(radius: float, length: float, segments: int = 24, rings: int
         faces.append(np.stack([first + here, first + after, first + segments + after], axis=1))
         faces.append(np.stack([first + here, first + segments + after, first + segments + here], axis=1))
     faces.append(np.stack([np.full(segments, north), last + here, last + after], axis=1))
-    return Surface(np.concatenate([ring, poles]), np.concatenate(faces))
+    return DrawnSurface(np.concatenate([ring, poles]), np.concatenate(faces))
 
 
-def balls_surface(points: NDArray[Any], radius: float, most: int = 40_000) -> Surface:
+def balls_surface(points: NDArray[Any], radius: float, most: int = 40_000) -> DrawnSurface:
     """Make a little octahedron for each of many balls.
 
     Args:
@@ -199,10 +199,10 @@ def balls_surface(points: NDArray[Any], radius: float, most: int = 40_000) -> Su
         One surface; without balls, a single point that shows nothing.
     """
     if not len(points):
-        return Surface(np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint32))
+        return DrawnSurface(np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint32))
     centers = np.asarray(points)[:: -(-len(points) // most)]
     corners = radius * np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     vertices = (centers[:, None, :] + corners).reshape(-1, 3).astype(np.float32)
     indices = (np.arange(len(centers))[:, None, None] * 6 + faces).reshape(-1, 3).astype(np.uint32)
-    return Surface(vertices, indices)
+    return DrawnSurface(vertices, indices)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, UnknownNameError
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError, optional
 from pepper_kin.file_access import atomic_file
 from pepper_kin.viewer.browser_session import BrowserSession
 from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
@@ -105,11 +105,7 @@ def _pictures(
 
 
 def _av() -> Any:
-    try:
-        import av
-    except ImportError as error:
-        raise MissingDependencyError("av", 'pip install "pepper_kin[video]"', "an MP4 film") from error
-    return av
+    return optional("av", extra="video", need="an MP4 film")
 
 
 def _encode_mp4(pictures: Iterable[Image.Image], fps: float, size: tuple[int, int]) -> bytes:

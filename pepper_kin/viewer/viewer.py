@@ -34,7 +34,7 @@ from pepper_kin.viewer.video import check_video, save_video
 if TYPE_CHECKING:
     from pepper_kin.viewer.server import ViewerServer
     from pepper_kin.viewer.server.board import Board
-    from pepper_kin.viewer.server.session import Session
+    from pepper_kin.viewer.server.session import LiveSession
 
 GeometryType = Literal["visual", "collision", "spheres"]
 
@@ -262,7 +262,7 @@ class Viewer:
         scene = server.call(lambda session: session.scene)
         shown = show_motion(self._pepper, motion, scene, title)
 
-        def begin(session: Session) -> None:
+        def begin(session: LiveSession) -> None:
             session.load(shown, play=True)
             session.set_loop(loop)
 
@@ -463,7 +463,7 @@ class Viewer:
                 self._server = server
         return server
 
-    def _furnish(self, session: Session) -> None:
+    def _furnish(self, session: LiveSession) -> None:
         """Give a new session what the viewer shows already."""
         for layer in session.available:
             if layer == VISUAL or layer in self._layers:
@@ -472,7 +472,7 @@ class Viewer:
         session.set_markers(tuple(self._targets.values()))
         session.set_joints(self._motion.positions[0])
 
-    def _tell(self, do: Callable[[Session], None]) -> None:
+    def _tell(self, do: Callable[[LiveSession], None]) -> None:
         if (server := self._server) is not None:
             server.call(do)
 

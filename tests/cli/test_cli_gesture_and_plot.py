@@ -28,7 +28,7 @@ def test_gesture_of_the_library_and_its_plot(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("gesture", "tail"), "unknown gesture 'tail'; available: left-arm, right-arm, head, wave,"),
+        (("gesture", "tail"), "unknown gesture 'tail'; available: head, left-arm, right-arm, wave,"),
         (("gesture", "wave", "--side", "up"), "side: got 'up'"),
         (("gesture", "wave", "--tempo", "9"), "tempo: got 9.0"),
         (("plot", "none.csv", "-o", "a.png"), "none.csv: cannot be read"),

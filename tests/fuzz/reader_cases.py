@@ -81,7 +81,7 @@ from pepper_kin.files import (
     read_joint_states,
     read_naoqi_export,
 )
-from pepper_kin.files.choregraphe_boxes import Box, read_behavior
+from pepper_kin.files.choregraphe_boxes import ChoregrapheBox, read_behavior
 from pepper_kin.identification import read_log
 from pepper_kin.jobs import load_motion
 from pepper_kin.kinematics import ReachMap
@@ -264,7 +264,7 @@ READERS: dict[str, Reader] = {
     ),
     "Choregraphe boxes": Reader(
         "behavior.xar",
-        with_path(read_behavior, lambda found: require(isinstance(found, Box), "boxes")),
+        with_path(read_behavior, lambda found: require(isinstance(found, ChoregrapheBox), "boxes")),
         xml_damage(BEHAVIOR),
     ),
     "Choregraphe project": Reader(

@@ -16,7 +16,7 @@ from simulated_ros import SimulatedTransport
 import pepper_kin as pk
 from pepper_kin.exceptions import PepperKinError
 from pepper_kin.naoqi import Robot, RobotMotionResult, RobotMotionStatus
-from pepper_kin.naoqi.link import Link
+from pepper_kin.naoqi.link import RobotLink
 from pepper_kin.ros import RobotClient, RobotNode
 from pepper_kin.supervision import MotionState, Supervisor
 
@@ -185,7 +185,7 @@ class _Case:
 
         with (
             mock.patch("pepper_kin.naoqi.link.libqi", return_value=FakeQi(self.network)),
-            mock.patch.object(Link, "_look_for", return_value=None),
+            mock.patch.object(RobotLink, "_look_for", return_value=None),
             mock.patch("pepper_kin.naoqi.robot.Clock", return_value=self),
             mock.patch("pepper_kin.naoqi.robot.Supervisor", supervisor),
             mock.patch("pepper_kin.naoqi.robot.refuse_unsafe", self.certify),

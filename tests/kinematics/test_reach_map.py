@@ -1,5 +1,5 @@
-import builtins
 import inspect
+import sys
 
 import numpy as np
 import pytest
@@ -226,13 +226,6 @@ def test_a_map_draws_and_reports_itself(arm_map, tmp_path):
 
 
 def test_without_matplotlib_the_command_is_named(arm_map, tmp_path, monkeypatch):
-    true_import = builtins.__import__
-
-    def without(name, *args):
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return true_import(name, *args)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingDependencyError, match=r'pip install "pepper_kin\[plot\]"'):
         arm_map.plot(tmp_path / "reach.png")

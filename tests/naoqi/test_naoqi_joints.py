@@ -12,7 +12,7 @@ from pepper_kin.naoqi.joint_followers import JointFollowers
 from pepper_kin.naoqi.joint_names import ACTUATED, BODY, CHAINS
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.simulated_time import CYCLE
-from pepper_kin.naoqi.tasks import Task
+from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.twin import joint_response
 
 DOCUMENTED_HEAD = ["HeadYaw", "HeadPitch"]
@@ -230,7 +230,7 @@ def test_a_call_on_its_way_does_not_move_joints_that_are_stopped_meanwhile(broke
 def test_what_a_task_begins_while_a_stopped_call_waits_is_not_of_that_call(broker, motion):
     """Time passes in the thread that waits, which runs the cycles of all."""
 
-    class Begins(Task):
+    class Begins(BodyTask):
         def step(self, body):
             body.tasks.add(SpeedTask("setAngles", {"HeadYaw": 0.3}, 0.5))
             return False

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pepper_kin.cli import app
-from pepper_kin.jobs import PaperCheck, check_paper, save_paper_check
+from pepper_kin.paper import PaperCheck, check_paper, save_paper_check
 from pepper_kin.paper.check import ITERATIONS, TRACKING_LIMIT
 
 
@@ -39,7 +39,7 @@ def run_of_command(tmp_path_factory: pytest.TempPathFactory) -> Run:
         kept.append(check_paper(progress=tell, **options))
         return kept[-1]
 
-    with mock.patch("pepper_kin.jobs.check_paper", kept_check):
+    with mock.patch("pepper_kin.paper.check_paper", kept_check):
         ended = CliRunner().invoke(app, ["check", "paper", "--json", "-o", str(folder)])
     return Run(ended.exit_code, ended.stdout, folder, calls, *kept)
 

@@ -7,8 +7,9 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.paper.replay import passing_times
-from pepper_kin.twin import GESTURES, Twin, paper_gesture, paper_inconsistencies, replay
+from pepper_kin.paper import GESTURES, paper_gesture, paper_inconsistencies, replay
+from pepper_kin.paper.gesture_replay import passing_times
+from pepper_kin.twin import Twin
 
 
 @pytest.fixture(scope="module", params=GESTURES)

@@ -3,7 +3,7 @@ import json
 import pytest
 
 import pepper_kin as pk
-from pepper_kin.model import limits_table
+from pepper_kin.paper import limits_table
 
 
 def test_the_table_has_the_papers_17_rows():

@@ -6,7 +6,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin import symbolic
-from pepper_kin.symbolic.states import State, make_state, new_inputs
+from pepper_kin.symbolic.states import StateExpressions, make_state, new_inputs
 from pepper_kin.symbolic.tree import read_tree
 
 
@@ -39,7 +39,7 @@ def test_cosines_and_sines_may_be_given_instead_of_angles(states):
     pepper = pk.load_pepper()
     tree = read_tree(pepper, compact=True)
     graph, inputs = new_inputs(tree, "c", "s", "v", "a")
-    state = State(tree, inputs["c"], inputs["s"], [0.0] * 15, inputs["v"], inputs["a"])
+    state = StateExpressions(tree, inputs["c"], inputs["s"], [0.0] * 15, inputs["v"], inputs["a"])
     function = make_function("f", graph, inputs, {"tau": [[t] for t in full_torques(state)]})
     q, v, a = states(pepper)["random"]
     found = call(function, np.cos(q), np.sin(q), v, a)

@@ -13,7 +13,7 @@ import pepper_kin as pk
 from pepper_kin import symbolic
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.symbolic.functions import make_function
-from pepper_kin.symbolic.scalars import Graph, cosine, sine
+from pepper_kin.symbolic.scalars import ScalarGraph, cosine, sine
 
 NAMES = {code: name for name, code in vars(casadi).items() if name.startswith("OP_")}
 
@@ -148,7 +148,7 @@ def test_misuse_is_named():
 
 
 def test_scalars_fold_share_and_sign():
-    graph = Graph()
+    graph = ScalarGraph()
     x, y = graph.inputs(2)
     assert x * 0.0 == 0.0
     assert x - x == 0.0

@@ -6,13 +6,13 @@ from scipy.spatial.transform import Rotation
 
 import pepper_kin as pk
 from pepper_kin.viewer.server.body_poses import BodyPoses
-from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.targets import SharedTargets
 
 
 @pytest.mark.parametrize("kind", [{}, {"base": "planar", "hands": "mimic"}])
 def test_every_link_is_where_kinematics_puts_it(kind):
     pepper = pk.load_pepper(**kind)
-    targets, rest = Targets(pepper), np.zeros(pepper.n)
+    targets, rest = SharedTargets(pepper), np.zeros(pepper.n)
     packer = BodyPoses(pepper, pepper.link_names, targets)
     for q in np.random.default_rng(0).uniform(-4.0, 4.0, (20, pepper.n)):
         targets.keep_with(q)

@@ -15,7 +15,7 @@ from pepper_kin.viewer.joint_motion import joint_motion
 from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.alerts import STAYS, Alerts
 from pepper_kin.viewer.server.readings import balance_points, curves_of
-from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.session import LiveSession
 
 REST = np.zeros(15)
 HAND_ON_CHEST = {
@@ -35,7 +35,7 @@ class Nobody:
 
 @pytest.fixture
 def session(pepper):
-    return Session(pepper, lambda command: None, Nobody())
+    return LiveSession(pepper, lambda command: None, Nobody())
 
 
 def test_contact_names_the_bodies_that_touch(session, pepper):

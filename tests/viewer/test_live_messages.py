@@ -8,7 +8,7 @@ import pytest
 import pepper_kin as pk
 from pepper_kin.ik import HandPosition, LookAt
 from pepper_kin.viewer.server.explaining import at_target, what_would_touch, why_no_closer
-from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.session import LiveSession
 from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.words import body_words, joint_words, length_words
 
@@ -39,7 +39,7 @@ def worker():
 
 @pytest.fixture
 def session(pepper, worker):
-    session = Session(pepper, lambda command: None, LongTasks(pepper, worker))
+    session = LiveSession(pepper, lambda command: None, LongTasks(pepper, worker))
     session.set_scene(TABLE)
     session.servo_ready()
     return session

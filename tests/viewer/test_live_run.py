@@ -11,7 +11,7 @@ import pepper_kin as pk
 import pepper_kin.viewer.server.live_run
 from pepper_kin.collision import checker_for
 from pepper_kin.motion import LiveMotion
-from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.session import LiveSession
 from pepper_kin.viewer.server.tasks import LongTasks
 
 BELOW = {"LShoulderPitch": 1.0, "LShoulderRoll": 0.3, "LElbowRoll": -0.8, "RShoulderRoll": -0.3}
@@ -33,7 +33,7 @@ def ends(pepper):
 @pytest.fixture
 def session(pepper, ends):
     """A session with the left arm low, and its target above."""
-    session = Session(pepper, lambda command: None, LongTasks(pepper, None))
+    session = LiveSession(pepper, lambda command: None, LongTasks(pepper, None))
     session.set_follow(False)
     session.set_joints(pepper.joint_vector(BELOW))
     session.move_target("left hand", ends[2])

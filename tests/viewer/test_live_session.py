@@ -15,8 +15,8 @@ from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.layers import INERTIA, VISUAL, layers_of
 from pepper_kin.viewer.server.planning import show_motion
 from pepper_kin.viewer.server.playback import Playback
-from pepper_kin.viewer.server.session import Session
-from pepper_kin.viewer.server.targets import GAZE_DISTANCE, Targets
+from pepper_kin.viewer.server.session import LiveSession
+from pepper_kin.viewer.server.targets import GAZE_DISTANCE, SharedTargets
 from pepper_kin.viewer.target_listener import TargetListener
 
 
@@ -36,7 +36,7 @@ class Tasks:
 @pytest.fixture
 def session(pepper):
     sent = []
-    session = Session(pepper, sent.append, Tasks())
+    session = LiveSession(pepper, sent.append, Tasks())
     session.sent = sent
     return session
 
@@ -156,7 +156,7 @@ def test_what_the_robot_holds_moves_with_its_frame(session, pepper):
 
 def test_inertia_ellipsoids_have_the_mass_distribution_of_their_links(pepper):
     """Of a solid ellipsoid with semi-axes a: I_x = m (a_y^2 + a_z^2) / 5."""
-    drawn = {d.name: d for d in layers_of(pepper, Targets(pepper))[INERTIA]}
+    drawn = {d.name: d for d in layers_of(pepper, SharedTargets(pepper))[INERTIA]}
     model = pepper.pinocchio_model
     for name in ("LElbowRoll", "HipRoll", "HeadPitch"):
         drawable = drawn[f"ellipsoid {name}"]
@@ -177,7 +177,7 @@ def test_inertia_ellipsoids_have_the_mass_distribution_of_their_links(pepper):
 def test_merged_visuals_fill_the_bounds_of_their_parts(pepper):
     from pepper_kin.viewer.surface import read_surface
 
-    drawn = layers_of(pepper, Targets(pepper))[VISUAL]
+    drawn = layers_of(pepper, SharedTargets(pepper))[VISUAL]
     q = pepper.posture("Stand")
 
     def corners(link, vertices, pose):

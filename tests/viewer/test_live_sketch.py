@@ -11,7 +11,7 @@ import pepper_kin as pk
 from pepper_kin.viewer.server.coarsening import coarsened
 from pepper_kin.viewer.server.layers import INERTIA, SPHERES, VISUAL, layers_of
 from pepper_kin.viewer.server.sketches import sketches_of
-from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.targets import SharedTargets
 
 # Keep the picture a sketch, drawn when the test says so.
 HOLD = """() => {
@@ -32,7 +32,7 @@ LOOSE = """() => {
 
 @pytest.fixture(scope="module")
 def layers(pepper):
-    return layers_of(pepper, Targets(pepper))
+    return layers_of(pepper, SharedTargets(pepper))
 
 
 def box_of(drawables, link):
@@ -81,7 +81,7 @@ def test_coarsened_corners_stay_where_planes_meet(layers):
     """The corners of a box lie on three planes each: coarsening must not round them off."""
     from dataclasses import replace
 
-    from pepper_kin.viewer.surface import Surface
+    from pepper_kin.viewer.surface import DrawnSurface
 
     side = np.linspace(0.003, 0.997, 21)
     u, v = (grid.ravel() for grid in np.meshgrid(side, side))
@@ -94,7 +94,7 @@ def test_coarsened_corners_stay_where_planes_meet(layers):
         for end in (0.003, 0.997)
     ]
     faces = np.concatenate([quads + k * len(u) for k in range(6)])
-    box = replace(layers[VISUAL][0], geometry=Surface(np.concatenate(sides), faces))
+    box = replace(layers[VISUAL][0], geometry=DrawnSurface(np.concatenate(sides), faces))
     (coarse,) = coarsened((box,), 100)
     assert len(coarse.geometry.faces) <= 100
     corners = np.array([[x, y, z] for x in (0.003, 0.997) for y in (0.003, 0.997) for z in (0.003, 0.997)])

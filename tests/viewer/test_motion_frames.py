@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
-from pepper_kin.viewer.motion_frames import Series, kept_samples, limited_series, motion_frames
+from pepper_kin.viewer.motion_frames import Curve, kept_samples, limited_series, motion_frames
 
 
 def poses_about(axis, angles):
@@ -52,7 +52,7 @@ def test_a_peak_between_two_frames_stays_visible():
     times = np.linspace(0.0, 1.0, 1001)
     torque = np.zeros(1001)
     torque[513], torque[518] = 7.0, -3.0
-    frames = motion_frames(times, poses_about([0, 0, 1], times), 1, {"torque": Series(torque)}, 10.0)
+    frames = motion_frames(times, poses_about([0, 0, 1], times), 1, {"torque": Curve(torque)}, 10.0)
     (curve,) = frames.series
     assert curve.value.size == frames.times.size == 11
     assert (curve.high.max(), curve.low.min()) == (7.0, -3.0)
@@ -72,8 +72,8 @@ def test_bad_input_is_refused_by_name():
             {"link_poses": np.zeros((3, 1, 4, 4))},
             r"link_poses: got a matrix that is not rigid at index \(0, 0\)",
         ),
-        ({"series": {"torque": Series([1.0])}}, r"series 'torque': got shape \(1,\), expected shape \(3,\)"),
-        ({"series": {"torque": Series([1.0, np.nan, 0.0])}}, "series 'torque': got nan"),
+        ({"series": {"torque": Curve([1.0])}}, r"series 'torque': got shape \(1,\), expected shape \(3,\)"),
+        ({"series": {"torque": Curve([1.0, np.nan, 0.0])}}, "series 'torque': got nan"),
         ({"fps": 0.0}, "fps: got 0.0, expected a positive number"),
         ({"fps": float("nan")}, "fps: got nan"),
     ]:
@@ -87,8 +87,8 @@ def test_bad_input_is_refused_by_name():
 
 def test_a_limit_belongs_to_a_curve_and_is_above_zero():
     assert limited_series({"a": [0.0], "b": [1.0]}, {"b": 2.0}) == {
-        "a": Series([0.0]),
-        "b": Series([1.0], 2.0),
+        "a": Curve([0.0]),
+        "b": Curve([1.0], 2.0),
     }
     with pytest.raises(UnknownNameError, match="unknown curve 'c'; available: a"):
         limited_series({"a": [0.0]}, {"c": 2.0})

@@ -14,7 +14,7 @@ from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.layers import VISUAL, layers_of
 from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.server.sketches import TRIANGLES, sketches_of
-from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.targets import SharedTargets
 
 SHARE = Path(importlib.metadata.distribution("example-robot-data").locate_file("cmeel.prefix/share"))
 ROBOTS = SHARE / "example-robot-data" / "robots"
@@ -30,7 +30,7 @@ def panda():
 @pytest.mark.thorough
 def test_visuals_of_collada_files_hold_the_collision_shapes(panda):
     """The maker's hulls for collisions are drawn around the same bodies: both fill the same room."""
-    layers = layers_of(panda, Targets(panda))
+    layers = layers_of(panda, SharedTargets(panda))
     visuals, sketch = layers[VISUAL], sketches_of(panda, layers)[VISUAL]
     hulls: dict[str, list] = {}
     for shape in panda.collision_shapes:

@@ -17,7 +17,7 @@ from pepper_kin.core.clock import CLOCK
 from pepper_kin.core.inverse_kinematics.search import EXTRA, SearchOptions, TaskTables
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.problem import SearchBudget, joints_used, scale_of
-from pepper_kin.ik.tasks.structure import Structure, known_structures, target_of
+from pepper_kin.ik.tasks.structure import TaskStructure, known_structures, target_of
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.kernels.interrupts import STOPPED, interrupt_table, raise_interrupt
@@ -242,7 +242,7 @@ SOURCES = tuple(
 )  # fmt: skip
 """Packages and modules on which the kernels depend; joints of a center of mass are found by numbers."""
 
-_kept: RobotMemory[tuple[Structure, ...], CompiledTasks] = RobotMemory()
+_kept: RobotMemory[tuple[TaskStructure, ...], CompiledTasks] = RobotMemory()
 _lock = threading.Lock()
 
 
@@ -265,7 +265,7 @@ def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
     return found
 
 
-def _with_machine_code(pepper: PepperModel, tasks: tuple[Structure, ...]) -> CompiledTasks:
+def _with_machine_code(pepper: PepperModel, tasks: tuple[TaskStructure, ...]) -> CompiledTasks:
     index = used_joints(pepper, tasks)
 
     def step() -> Any:
@@ -346,7 +346,7 @@ def squared_tolerance(allowed: float) -> float:
     return least * least
 
 
-def used_joints(pepper: PepperModel, tasks: Sequence[Structure]) -> np.ndarray:
+def used_joints(pepper: PepperModel, tasks: Sequence[TaskStructure]) -> np.ndarray:
     """Return the places of the joints that move any task, ascending."""
     used = np.any([task.kind.moved_by(pepper, task) for task in tasks], axis=0)
     return np.flatnonzero(used).astype(np.int64)

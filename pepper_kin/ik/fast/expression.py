@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_kin.ik.tasks.structure import Motion, Structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables
 from pepper_kin.ik.tasks.task import HARD_WEIGHT
 from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.functions import make_function
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import casadi
 
 
-def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.ndarray) -> casadi.Function:
+def task_function(pepper: PepperModel, tasks: Sequence[TaskStructure], index: np.ndarray) -> casadi.Function:
     """Return the function (q, weights, targets) -> what one step of a local search needs.
 
     With r_i the residual of task i, J_i its derivative by the joints of `index`, and s_i^2 its weight w_i^2,
@@ -61,7 +61,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[Structure], index: np.nda
     return casadi.Function("ik_step", [q, weights, targets], [casadi.cse(step)])
 
 
-def rows_function(pepper: PepperModel, tasks: Sequence[Structure]) -> casadi.Function:
+def rows_function(pepper: PepperModel, tasks: Sequence[TaskStructure]) -> casadi.Function:
     """Return the function (q, targets) -> residuals of all tasks (m), and their Jacobian by q (m, n)."""
     import casadi
 
@@ -72,7 +72,9 @@ def rows_function(pepper: PepperModel, tasks: Sequence[Structure]) -> casadi.Fun
     return casadi.Function("ik_rows", [q, targets], casadi.cse(outputs))
 
 
-def residuals(pepper: PepperModel, tasks: Sequence[Structure], q: Any, targets: Any) -> list[tuple[Any, Any]]:
+def residuals(
+    pepper: PepperModel, tasks: Sequence[TaskStructure], q: Any, targets: Any
+) -> list[tuple[Any, Any]]:
     """Return the residual of each task and its Jacobian by q as expressions.
 
     Args:
@@ -89,13 +91,13 @@ def residuals(pepper: PepperModel, tasks: Sequence[Structure], q: Any, targets: 
     return found
 
 
-def _motion(pepper: PepperModel, tasks: Sequence[Structure], q: Any) -> Motion:
+def _motion(pepper: PepperModel, tasks: Sequence[TaskStructure], q: Any) -> TaskVariables:
     """Return all that the tasks' residuals are written in."""
     named = [name for task in tasks for name in (task.frame, task.reference) if name]
     frames = tuple(dict.fromkeys(named))
     outputs = _frames_function(pepper, frames)(q) if frames else ()
     known = {frame: (outputs[2 * k], outputs[2 * k + 1]) for k, frame in enumerate(frames)}
-    return Motion(pepper, q, known)
+    return TaskVariables(pepper, q, known)
 
 
 def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Function:

@@ -23,7 +23,7 @@ from pepper_kin.core.inverse_kinematics.search import (
 )
 from pepper_kin.ik.collisions import NO_TESTS, Collisions
 from pepper_kin.ik.fast.compiled_tasks import compiled_tasks, squared_tolerance, unit_points
-from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.problem import SearchBudget, TaskProblem
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solver import TaskSolver
 from pepper_kin.ik.tasks.task import Task
@@ -107,7 +107,7 @@ class FastSolver(TaskSolver):
         problem: The problem.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: TaskProblem) -> None:
         self._problem = problem
 
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:

@@ -9,12 +9,12 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.ik.fast.compiled_tasks import SOURCES
 from pepper_kin.ik.fast.expression import rows_function
-from pepper_kin.ik.tasks.structure import Structure, known_structures
+from pepper_kin.ik.tasks.structure import TaskStructure, known_structures
 from pepper_kin.ik.tasks.task import Task
 from pepper_kin.kernels import Kernel, compile_function, source_digest
 from pepper_kin.model import PepperModel, RobotMemory, robot_digest
 
-_kept: RobotMemory[tuple[Structure, ...], Kernel] = RobotMemory()
+_kept: RobotMemory[tuple[TaskStructure, ...], Kernel] = RobotMemory()
 
 
 class TaskRows:
@@ -83,7 +83,7 @@ class TaskRows:
         return np.array(residuals) - self._allowed, np.array(jacobians)
 
 
-def _kernel_of(pepper: PepperModel, structures: tuple[Structure, ...]) -> Kernel:
+def _kernel_of(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> Kernel:
     known = _kept.of(pepper)
     found = known.get(structures)
     if found is None:

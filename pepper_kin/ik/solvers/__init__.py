@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 
 from pepper_kin.ik.fast.search import FastSolver
-from pepper_kin.ik.problem import Problem
+from pepper_kin.ik.problem import TaskProblem
 from pepper_kin.ik.solver import TaskSolver
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
@@ -31,7 +31,7 @@ def chosen_solver(pepper: PepperModel, solver: str) -> str:
     return "placo" if find_spec("placo") and not pepper.full_offset.any() else "proxsuite"
 
 
-def make_solver(name: str, problem: Problem) -> TaskSolver:
+def make_solver(name: str, problem: TaskProblem) -> TaskSolver:
     """Return the solver of a name, made for a problem.
 
     Args:

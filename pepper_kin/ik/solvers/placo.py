@@ -10,8 +10,8 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError, ModelError
-from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
+from pepper_kin.exceptions import InvalidValueError, ModelError, optional
+from pepper_kin.ik.problem import POSTURE_WEIGHT, TaskProblem
 from pepper_kin.ik.solver import HalfSpaces, StepSolver
 from pepper_kin.ik.tasks.center_of_mass import CenterOfMass
 from pepper_kin.ik.tasks.frame_orientation import FrameOrientation
@@ -53,7 +53,7 @@ class PlacoSolver(StepSolver):
         MissingDependencyError: where placo is not installed.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: TaskProblem) -> None:
         placo = _placo()
         self._problem = problem
         pepper = problem.pepper
@@ -198,13 +198,8 @@ def _placo() -> Any:
     Raises:
         MissingDependencyError: where it is not installed.
     """
-    try:
-        with not_counted():
-            import placo
-    except ImportError as error:
-        command = 'pip install "pepper_kin[reference]"'
-        raise MissingDependencyError("placo", command, 'solver="placo"') from error
-    return placo
+    with not_counted():
+        return optional("placo", extra="reference", need='solver="placo"')
 
 
 def robot_of(pepper: PepperModel) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.inverse_kinematics.local_solver import STEP_BOUND
-from pepper_kin.ik.problem import POSTURE_WEIGHT, Problem
+from pepper_kin.ik.problem import POSTURE_WEIGHT, TaskProblem
 from pepper_kin.ik.solver import HalfSpaces, StepSolver
 from pepper_kin.proxsuite_library import proxqp
 
@@ -29,7 +29,7 @@ class ProxsuiteSolver(StepSolver):
         MissingDependencyError: where proxsuite cannot be loaded.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: TaskProblem) -> None:
         self._library = proxqp()
         self._problem = problem
         self._index = np.flatnonzero(problem.movable)

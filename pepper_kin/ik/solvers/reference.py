@@ -13,7 +13,7 @@ from pepper_kin.core.inverse_kinematics.local_solver import SMALL_STEP
 from pepper_kin.core.inverse_kinematics.search import REACH
 from pepper_kin.ik.collisions import Collisions, torque_ratios
 from pepper_kin.ik.fast.compiled_tasks import unit_points
-from pepper_kin.ik.problem import Problem, SearchBudget
+from pepper_kin.ik.problem import SearchBudget, TaskProblem
 from pepper_kin.ik.result import IKStatus, SearchResult
 from pepper_kin.ik.solver import HalfSpaces, StepSolver, TaskSolver
 from pepper_kin.ik.solvers.placo import PlacoSolver
@@ -56,7 +56,7 @@ class ReferenceSolver(TaskSolver):
         problem: The problem.
     """
 
-    def __init__(self, name: str, problem: Problem) -> None:
+    def __init__(self, name: str, problem: TaskProblem) -> None:
         self._name, self._problem, self._steps = name, problem, 0
         self._stepper = make_step_solver(name, problem)
 
@@ -139,7 +139,7 @@ class ReferenceSolver(TaskSolver):
         return IKStatus.TIMED_OUT if timed_out else IKStatus.CLOSEST_UNREACHABLE
 
 
-def make_step_solver(name: str, problem: Problem) -> StepSolver:
+def make_step_solver(name: str, problem: TaskProblem) -> StepSolver:
     """Return what proposes the steps for a problem; the name is one of `SOLVERS`.
 
     Raises:
@@ -150,7 +150,7 @@ def make_step_solver(name: str, problem: Problem) -> StepSolver:
     return ProxsuiteSolver(problem)
 
 
-def starts(problem: Problem, seed: int, count: int) -> Iterator[Array]:
+def starts(problem: TaskProblem, seed: int, count: int) -> Iterator[Array]:
     """Yield q0 and then `count` points of the joint box, the first ones nearer to q0, shape (n,) [rad or m].
 
     The points are those of the compiled search; a joint without bounds starts within pi of q0.

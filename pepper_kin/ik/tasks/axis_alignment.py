@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks import symbolic_angles
 from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis, unit_vector
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     TargetTask,
@@ -94,11 +94,11 @@ class AxisAlignment(TargetTask):
         residual, slope = direction_residual(self.axis, self.basis, rotation.T @ self.direction)
         return residual, slope, rotation
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(AxisAlignment, self.frame, self.hard, axis=self.axis.tobytes())
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return the turn still to make and dr/dd R^T [u]x J_w."""
         pose, jacobian = motion.frames[task.frame]
         axis, turn = np.array(task.axis), pose[:, :3].T

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.structure import Motion, Structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
@@ -86,11 +86,11 @@ class BasePosition(BaseTask, PointTask):
         """Return (BaseX, BaseY) [m], shape (2,)."""
         return np.asarray(q[self.indices(pepper)])
 
-    def _structure(self) -> Structure:
-        return Structure(BasePosition, joints=self.joints, target_size=2, hard=self.hard)
+    def _structure(self) -> TaskStructure:
+        return TaskStructure(BasePosition, joints=self.joints, target_size=2, hard=self.hard)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return (BaseX, BaseY) - p and the rows of the identity."""
         positions, selection = motion.joints(task.joints)
         return positions - target, selection
@@ -136,11 +136,11 @@ class BaseYaw(BaseTask):
         """Return the base's yaw in words, at joint positions q, shape (n,) [rad or m]."""
         return f"a yaw of {math.degrees(q[self.indices(pepper)[0]]):.1f} deg"
 
-    def _structure(self) -> Structure:
-        return Structure(BaseYaw, joints=self.joints, target_size=1, hard=self.hard)
+    def _structure(self) -> TaskStructure:
+        return TaskStructure(BaseYaw, joints=self.joints, target_size=1, hard=self.hard)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return the turn from the yaw wanted, the short way round, and the row of the identity."""
         import casadi
 

@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.loads import center_of_mass_jacobian_with, center_of_mass_with
 from pepper_kin.dynamics import center_of_mass, center_of_mass_jacobian
 from pepper_kin.dynamics.load import Loads
-from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, joints_that_change
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.model import PepperModel
 
@@ -68,16 +68,16 @@ class CenterOfMass(PointTask):
         """Return the rows of x and y of J_c, shape (2, n)."""
         return center_jacobian_of(pepper, self.loads, q)[:2]
 
-    def _structure(self) -> Structure | None:
-        return None if self.loads else Structure(CenterOfMass, target_size=2, hard=self.hard)
+    def _structure(self) -> TaskStructure | None:
+        return None if self.loads else TaskStructure(CenterOfMass, target_size=2, hard=self.hard)
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints move the center of mass over the floor, shape (n,)."""
         return joints_that_change(pepper, lambda q: center_of_mass_jacobian(pepper, q)[:2])
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return c_xy - p and the rows of x and y of J_c."""
         center, jacobian = motion.center
         return center[:2] - target, jacobian[:2, :]

@@ -20,7 +20,7 @@ from pepper_kin.dynamics.support_polygon import (
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.center_of_mass import LABEL, center_jacobian_of, center_of
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, joints_that_change
 from pepper_kin.ik.tasks.symbolic_angles import skew
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, as_targets, words_for_length
 from pepper_kin.kinematics import frame_jacobian, frame_pose
@@ -131,22 +131,22 @@ class CenterOfMassOverWheels(TargetTask):
             return f"{words_for_length(-distance)} outside the wheels"
         return f"{words_for_length(distance)} inside the wheels"
 
-    def _structure(self) -> Structure | None:
+    def _structure(self) -> TaskStructure | None:
         if self.loads or self.contacts is None:
             return None
         corners = tuple(self.contacts.ravel().tolist())
-        return Structure(
+        return TaskStructure(
             CenterOfMassOverWheels, target_size=1, reference=self.base_frame, corners=corners, hard=self.hard
         )
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints move the center of mass as the base sees it, shape (n,)."""
         wheels = _of_structure(task)
         return joints_that_change(pepper, lambda q: wheels.dependence(pepper, q))
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return r_k and dr_k/dq."""
         import casadi
 
@@ -164,7 +164,7 @@ class CenterOfMassOverWheels(TargetTask):
         return casadi.fmax(lack, 0.0), casadi.vertcat(*rows)
 
 
-def _of_structure(task: Structure) -> CenterOfMassOverWheels:
+def _of_structure(task: TaskStructure) -> CenterOfMassOverWheels:
     """Return a task of a structure, with a margin that any contacts allow."""
     return CenterOfMassOverWheels(-1.0, contacts=np.reshape(task.corners, (-1, 2)), base_frame=task.reference)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.structure import Motion, Structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, TargetTask, words_for
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers
@@ -147,12 +147,12 @@ class Expression(TargetTask):
         """Return the values in words, at joint positions q, shape (n,) [rad or m]."""
         return f"value {', '.join(f'{value:.4g}' for value in self.values(q))} {self.quantity}".rstrip()
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         joints, size = self.joints, self.target.size
-        return Structure(Expression, joints=joints, target_size=size, hard=self.hard, source=self.source)
+        return TaskStructure(Expression, joints=joints, target_size=size, hard=self.hard, source=self.source)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return max(f - upper, 0) + min(f - lower, 0), and df/dq in the rows where a bound is reached."""
         import casadi
 

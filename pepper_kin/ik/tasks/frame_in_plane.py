@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.tasks.direction import unit_vector
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.task import (
     POSITION_TOLERANCE,
     PointTask,
@@ -74,11 +74,11 @@ class FrameInPlane(PointTask):
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} is {distance} off the plane through {words_for_vector(self.target)}"
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(FrameInPlane, self.frame, self.hard, axis=self.normal.tobytes())
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return n . (o(q) - p) and n^T J_v."""
         pose, jacobian = motion.frames[task.frame]
         normal = np.array([task.axis])

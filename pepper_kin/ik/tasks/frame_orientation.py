@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.symbolic_angles import rotation_residual
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, TargetTask, as_targets, words_for_angle, words_for_turn
 from pepper_kin.kinematics import frame_jacobian, frame_pose
@@ -110,11 +110,11 @@ class FrameOrientation(OrientationTask):
         """Return J_w of the frame, shape (3, n)."""
         return frame_jacobian(pepper, q, self.frame)[3:]
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(FrameOrientation, self.frame, self.hard, 9)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return log(R R_t^T) and L(r)^-1 J_w."""
         import casadi
 

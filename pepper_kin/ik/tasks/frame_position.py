@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
@@ -49,11 +49,11 @@ class FramePosition(PointTask):
         """Return J_v, shape (3, n)."""
         return frame_jacobian(pepper, q, self.frame)[:3]
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(FramePosition, self.frame, self.hard)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return o(q) - p and J_v."""
         pose, jacobian = motion.frames[task.frame]
         return pose[:, 3] - target, jacobian[:3, :]

@@ -14,7 +14,7 @@ from pepper_kin.collision.loads import carrying
 from pepper_kin.dynamics import gravity_torque
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.structure import Motion, Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, joints_that_change
 from pepper_kin.ik.tasks.task import TargetTask, as_targets
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
@@ -114,18 +114,18 @@ class HoldingTorque(TargetTask):
         joint = pepper.joint_names[_places(pepper, self.joints)[int(np.argmax(use))]]
         return f"{joint} holds with {100 * float(use.max()):.3g} % of its effort limit"
 
-    def _structure(self) -> Structure | None:
+    def _structure(self) -> TaskStructure | None:
         if self.loads:
             return None
-        return Structure(HoldingTorque, joints=self.joints, target_size=1, hard=self.hard)
+        return TaskStructure(HoldingTorque, joints=self.joints, target_size=1, hard=self.hard)
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints change the torques that hold the robot still, shape (n,)."""
         return joints_that_change(pepper, lambda q: _slopes(pepper, q, task.joints))
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return r_i and dr_i/dq."""
         import casadi
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.structure import Motion, Structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, TargetTask, as_targets
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -105,12 +105,12 @@ class JointPosture(TargetTask):
         """Return "m" where all its joints slide, else "rad"."""
         return "m" if all(pepper.joint_units[i] == "m" for i in self.indices(pepper)) else "rad"
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         joints, size = self.joints or (), self.target.shape[-1]
-        return Structure(JointPosture, joints=joints, target_size=size, hard=self.hard)
+        return TaskStructure(JointPosture, joints=joints, target_size=size, hard=self.hard)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return S q - target and S."""
         positions, selection = motion.joints(task.joints)
         return positions - target, selection

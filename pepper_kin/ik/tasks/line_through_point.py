@@ -12,7 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks import symbolic_angles
 from pepper_kin.ik.tasks.direction import NEAREST, turn_between, unit_and_length
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     TargetTask,
@@ -112,18 +112,18 @@ class LineThroughPoint(TargetTask):
         second = frame_pose(pepper, q, self.frame)[:3, 3]
         return unit_and_length(second - first), unit_and_length(self.target - second)
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(LineThroughPoint, self.frame, self.hard, reference=self.start)
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints carry one of the frames, shape (n,)."""
         used = np.zeros(pepper.n, dtype=bool)
         used[pepper.joints_above(task.frame) + pepper.joints_above(task.reference)] = True
         return used
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return the turn still to make and dr/dw dw/dq + dr/du du/dq."""
         pose, jacobian = motion.frames[task.frame]
         start, other = motion.frames[task.reference]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.tasks import symbolic_angles
 from pepper_kin.ik.tasks.direction import cross_matrix, direction_residual, sideways_basis, unit_and_length
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.task import (
     ANGLE_TOLERANCE,
     TargetTask,
@@ -92,11 +92,11 @@ class LookAt(TargetTask):
         axis = frame_pose(pepper, q, self.frame)[:3, :3] @ self.axis
         return f"direction {words_for_vector(axis)}"
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(LookAt, self.frame, self.hard, axis=self.axis.tobytes())
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return the turn still to make and dr/dd dd/dq."""
         pose, jacobian = motion.frames[task.frame]
         axis, turn = np.array(task.axis), pose[:, :3].T

@@ -7,7 +7,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.ik.tasks.direction import cross_matrix
-from pepper_kin.ik.tasks.structure import Structure, joints_that_change
+from pepper_kin.ik.tasks.structure import TaskStructure, joints_that_change
 from pepper_kin.ik.tasks.task import TargetTask
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
@@ -25,7 +25,7 @@ class RelativeTask(TargetTask):
         pepper.frame_id(self.reference)
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints move one frame as seen from the other, shape (n,)."""
         return joints_that_change(pepper, lambda q: relative_jacobian(pepper, q, task.frame, task.reference))
 

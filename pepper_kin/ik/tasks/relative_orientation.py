@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.ik.tasks.frame_orientation import OrientationTask, checked_rotation
 from pepper_kin.ik.tasks.relative_motion import RelativeTask, relative_jacobian, relative_pose, words_for_pair
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.symbolic_angles import rotation_residual
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE
 from pepper_kin.model import PepperModel
@@ -66,11 +66,11 @@ class RelativeOrientation(RelativeTask, OrientationTask):
     def _axes(self) -> str:
         return f"the axes of {self.reference}"
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(RelativeOrientation, self.frame, self.hard, 9, reference=self.reference)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return log(R_b^T R_a R_t^T) and its derivative."""
         import casadi
 

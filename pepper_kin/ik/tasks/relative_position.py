@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.ik.tasks.relative_motion import RelativeTask, relative_jacobian, relative_pose, words_for_pair
-from pepper_kin.ik.tasks.structure import Motion, Structure, frame_structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables, frame_structure
 from pepper_kin.ik.tasks.symbolic_angles import skew
 from pepper_kin.ik.tasks.task import POSITION_TOLERANCE, PointTask, as_targets
 from pepper_kin.model import PepperModel
@@ -59,11 +59,11 @@ class RelativePosition(RelativeTask, PointTask):
         """Return dr/dq in the axes of b, shape (3, n)."""
         return relative_jacobian(pepper, q, self.frame, self.reference)[:3]
 
-    def _structure(self) -> Structure:
+    def _structure(self) -> TaskStructure:
         return frame_structure(RelativePosition, self.frame, self.hard, reference=self.reference)
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return R_b^T (o_a - o_b) - p and its derivative."""
         pose, jacobian = motion.frames[task.frame]
         relative_to, other = motion.frames[task.reference]

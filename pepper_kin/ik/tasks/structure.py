@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pepper_kin.ik.tasks.task import Task
 
 
-class Structure(NamedTuple):
+class TaskStructure(NamedTuple):
     """The part of a task that code is compiled for; tasks alike share one.
 
     Attributes:
@@ -48,12 +48,14 @@ class Structure(NamedTuple):
 @lru_cache(maxsize=4096)
 def frame_structure(
     kind: type[Task], frame: str, hard: bool, target_size: int = 3, axis: bytes = b"", reference: str = ""
-) -> Structure:
+) -> TaskStructure:
     """Return the structure of a task on a frame; to make it again takes as long as some steps."""
-    return Structure(kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard)
+    return TaskStructure(
+        kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard
+    )
 
 
-def known_structures(tasks: Sequence[Task]) -> tuple[Structure, ...] | None:
+def known_structures(tasks: Sequence[Task]) -> tuple[TaskStructure, ...] | None:
     """Return the structure of each task; None where there is no machine code for one of them."""
     found = []
     for task in tasks:
@@ -71,7 +73,7 @@ def target_of(task: Task) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class TaskVariables:
     """What expressions of tasks are written in.
 
     Attributes:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.ik.tasks.structure import Motion, Structure
+from pepper_kin.ik.tasks.structure import TaskStructure, TaskVariables
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_real, shown
 
@@ -154,16 +154,16 @@ class Task(FrozenArrays, ABC):
     def attained(self, pepper: PepperModel, q: Array) -> str:
         """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
 
-    def structure(self) -> Structure | None:
+    def structure(self) -> TaskStructure | None:
         """Return what machine code is compiled for; None where the task is evaluated in Python."""
         return self._structure() if self.has_machine_code else None
 
-    def _structure(self) -> Structure | None:
+    def _structure(self) -> TaskStructure | None:
         """Return the structure of a task of a class with an `expression`."""
         raise NotImplementedError(f"{type(self).__name__} has an expression and no structure")
 
     @staticmethod
-    def expression(task: Structure, motion: Motion, target: Any) -> tuple[Any, Any]:
+    def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
         """Return r and dr/dq as CasADi expressions, the same as `residual` and `jacobian` compute.
 
         Args:
@@ -174,7 +174,7 @@ class Task(FrozenArrays, ABC):
         raise NotImplementedError("a task without machine code")
 
     @staticmethod
-    def moved_by(pepper: PepperModel, task: Structure) -> np.ndarray:
+    def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
         """Return which joints the expression depends on, shape (n,): those on the way to the frame, or named.
 
         Whether a column vanishes by some symmetry is left to the search, which leaves the joint where it is.

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pepper_kin.exceptions import UnknownNameError
-from pepper_kin.naoqi.memory import Signal, Subscriber
+from pepper_kin.naoqi.memory import MemorySignal, Subscriber
 from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.shims.futures import Future, current_broker, in_strand, run_async
 
@@ -28,7 +28,7 @@ class Proxy:
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._module, name) if isinstance(self._module, Module) else self._bound(name)
-        if isinstance(value, Signal | Subscriber) or not callable(value):
+        if isinstance(value, MemorySignal | Subscriber) or not callable(value):
             return value
 
         @functools.wraps(value)

@@ -92,7 +92,7 @@ def isinstance(value: Any, kind: Type) -> bool:
     return typeof(value) == kind
 
 
-class Signal(memory.Signal):
+class Signal(memory.MemorySignal):
     """A signal whose functions wait for others of their object, where that is `singleThreaded`."""
 
     def connect(self, callback: Callable[..., Any], *arguments: Any, **named: Any) -> int:

@@ -13,12 +13,13 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from pepper_kin.exceptions import MissingDependencyError
+from pepper_kin.exceptions import optional
 from pepper_kin.ros.errors import NotCarriedError, TransportError
 from pepper_kin.ros.qos import LATCHED, RELIABLE, QoS
-from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
+from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.cyclonedds_types import announced_type, topic_name
 from pepper_kin.ros.transports.dds_domain import LOCALHOST, discovery_range, domain_number
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
 
@@ -45,7 +46,7 @@ _domains: dict[int, tuple[Any, int]] = {}
 _domains_lock = threading.Lock()
 
 
-class CycloneTransport(Transport):
+class CycloneTransport(GraphTransport):
     """Topics of a node of Cyclone DDS; services and actions are refused.
 
     Args:
@@ -62,44 +63,44 @@ class CycloneTransport(Transport):
     def __init__(
         self, node_name: str = "pepper_kin", *, domain_id: int | None = None, local: bool | None = None
     ) -> None:
-        try:
-            from cyclonedds.domain import DomainParticipant
-            from cyclonedds.qos import Policy, Qos
-        except ImportError as error:
-            command = 'pip install "pepper_kin[cyclonedds]"'
-            raise MissingDependencyError(
-                "cyclonedds", command, "the transport through Cyclone DDS"
-            ) from error
+        need = "the transport through Cyclone DDS"
+        domain = optional("cyclonedds.domain", extra="cyclonedds", need=need)
+        from cyclonedds.qos import Policy, Qos
+
+        super().__init__()
         self.node_name, self._domain_id = node_name, domain_number(domain_id)
         if local is None:
             local = discovery_range() == LOCALHOST
         _open_domain(self._domain_id, local)
-        self._lock, self._closed = threading.RLock(), False
-        self._parts: list[_Part] = []
         self._topics: dict[str, Any] = {}
         enclave = Qos(Policy.Userdata(b"enclave=/;"))
-        self.participant = DomainParticipant(self._domain_id, enclave)
+        self.participant = domain.DomainParticipant(self._domain_id, enclave)
         graph = self._topic(DISCOVERY, _GRAPH_TYPE)
         self._graph = _writer(self.participant, graph, LATCHED, _GRAPH_TYPE)
-        self._announce()
+        self._listed()
 
     def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
         """Return a publisher; see `Transport.advertise`."""
         kind = message_type(type_name)
-        with self._lock:
+
+        def make() -> CyclonePublisher:
             made = self._topic(topic_name(topic), kind.type_name)
-            writer = _writer(self.participant, made, qos, kind.type_name)
-            return self._kept(CyclonePublisher(self, topic, kind, writer))
+            return CyclonePublisher(self, topic, kind, _writer(self.participant, made, qos, kind.type_name))
+
+        return self.keep(topic, make)
 
     def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
         """Call back with every message; see `Transport.subscribe`."""
         from cyclonedds.sub import DataReader
 
         kind = message_type(type_name)
-        with self._lock:
+
+        def make() -> CycloneSubscription:
             made = self._topic(topic_name(topic), kind.type_name)
             reader = DataReader(self.participant, made, _quality(qos, kind.type_name))
-            return self._kept(CycloneSubscription(self, topic, kind, reader, callback))
+            return CycloneSubscription(self, topic, kind, reader, callback)
+
+        return self.keep(topic, make)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
         """Refuse: see the module."""
@@ -124,30 +125,13 @@ class CycloneTransport(Transport):
         """Refuse: see the module."""
         raise _not_carried(name)
 
-    def close(self) -> None:
-        """Close everything and leave the graph."""
-        with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            parts, self._parts = self._parts, []
-        for part in parts:
-            part.close()
+    def _leave(self) -> None:
         del self._graph, self._topics, self.participant
         _close_domain(self._domain_id)
-
-    def discard(self, part: _Part) -> None:
-        """Forget a part that was closed."""
-        with self._lock:
-            if not self._closed:
-                self._parts = [other for other in self._parts if other is not part]
-                self._announce()
 
     def _topic(self, name: str, type_name: str) -> Any:
         from cyclonedds.topic import Topic
 
-        if self._closed:
-            raise TransportError(name, "the transport is closed; make a new one")
         if name not in self._topics:
             self._topics[name] = type_name, Topic(self.participant, name, announced_type(type_name))
         known, topic = self._topics[name]
@@ -155,16 +139,12 @@ class CycloneTransport(Transport):
             raise TransportError(name, f"its type is {known}, not {type_name}")
         return topic
 
-    def _kept(self, part: Any) -> Any:
-        self._parts.append(part)
-        self._announce()
-        return part
-
-    def _announce(self) -> None:
+    def _listed(self) -> None:
         """Publish which readers and writers are the node's, for the tools that list nodes."""
         gid, node, graph = (message_type(f"rmw_dds_common/msg/{name}") for name in _GRAPH_NAMES)
         ends: dict[bool, list[Any]] = {True: [], False: []}
         for part in self._parts:
+            assert isinstance(part, _CyclonePart)
             ends[isinstance(part, CyclonePublisher)].append(gid(data=part.entity.get_guid().bytes))
         listed = node(
             node_namespace="/",
@@ -179,25 +159,18 @@ class CycloneTransport(Transport):
 _GRAPH_NAMES = ("Gid", "NodeEntitiesInfo", "ParticipantEntitiesInfo")
 
 
-class _Part(Closable):
+class _CyclonePart(OpenPart):
     """A reader or a writer that is open."""
 
     def __init__(self, transport: CycloneTransport, entity: Any) -> None:
-        self._transport, self.entity, self.closed = transport, entity, False
-
-    def close(self) -> None:
-        """End it."""
-        if not self.closed:
-            self.closed = True
-            self._end()
-            self._transport.discard(self)
-            self.entity = None  # which deletes it
+        super().__init__(transport, self._end)
+        self.entity = entity
 
     def _end(self) -> None:
-        pass
+        self.entity = None  # which deletes it
 
 
-class CyclonePublisher(_Part, Publisher):
+class CyclonePublisher(_CyclonePart, Publisher):
     """See `Publisher`."""
 
     def __init__(self, transport: CycloneTransport, topic: str, kind: type[Any], writer: Any) -> None:
@@ -220,7 +193,7 @@ class CyclonePublisher(_Part, Publisher):
         return 0 if entity is None else len(entity.get_matched_subscriptions())
 
 
-class CycloneSubscription(_Part):
+class CycloneSubscription(_CyclonePart):
     """Calls back on a thread."""
 
     def __init__(
@@ -277,6 +250,7 @@ class CycloneSubscription(_Part):
         if threading.current_thread() is not self._thread:
             self._thread.join(SERVER_WAIT)
         del self._waiting, self._condition, self._guard
+        super()._end()
 
 
 def _writer(participant: Any, topic: Any, qos: QoS, type_name: str) -> Any:

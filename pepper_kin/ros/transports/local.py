@@ -16,8 +16,8 @@ from pepper_kin.ros.transport import (
     ActionServer,
     Closable,
     Publisher,
-    Transport,
 )
+from pepper_kin.ros.transports.graph import GraphTransport
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
 from pepper_kin.ros_messages import message_type
 
@@ -26,29 +26,25 @@ logger = logging.getLogger(__name__)
 Callback = Callable[[Any], None]
 
 
-class LocalTransport(Transport):
+class LocalTransport(GraphTransport):
     """Topics, services and actions within this program.
 
     Others may look on: a rosbridge server lends it to clients elsewhere.
 
     Attributes:
-        lock: Held while tables change.
         written: The last message that was written for others, and its text.
     """
 
     def __init__(self) -> None:
-        self.lock = threading.RLock()
+        super().__init__()
         self.written: tuple[Any, str] = (None, "")
         self._topics: dict[str, Topic] = {}
         self._second: dict[tuple[str, str], str] = {}  # topic and its second type -> name within
         self._services: dict[str, Service] = {}
         self._actions: dict[str, Action] = {}
-        self._closed = False
 
-    def close(self) -> None:
-        """End all that is open."""
+    def _leave(self) -> None:
         with self.lock:
-            self._closed = True
             entries: list[Closable] = [*self._services.values(), *self._actions.values()]
             entries += [entry for topic in self._topics.values() for entry in topic.subscriptions]
         for entry in entries:
@@ -98,7 +94,7 @@ class LocalTransport(Transport):
             TransportError: for a topic of another type, or an unknown one without a type.
         """
         with self.lock:
-            self._check_open(name)
+            self.check_open(name)
             name = self._second.get((name, str(type_name)), name)
             found = self._topics.get(name)
             if found is None and type_name is None:
@@ -140,7 +136,7 @@ class LocalTransport(Transport):
 
     def _offer(self, table: dict[str, Any], entry: Any) -> Any:
         with self.lock:
-            self._check_open(entry.name)
+            self.check_open(entry.name)
             if entry.name in table:
                 raise TransportError(entry.name, "it is offered already; close that first")
             table[entry.name] = entry
@@ -188,10 +184,6 @@ class LocalTransport(Transport):
     ) -> LocalGoal:
         """Send a goal; see `Transport.send_goal`."""
         return self.action(name).send(goal, feedback_callback)
-
-    def _check_open(self, name: str) -> None:
-        if self._closed:
-            raise TransportError(name, "the transport is closed; make a new one")
 
 
 class Topic:

@@ -248,9 +248,9 @@ class Client:
         self.name, self.types = name, _Types(type_name)
         group = transport.group()
         self._made = rclpy.action.ActionClient(transport.node, self.types.ros, name, callback_group=group)
-        self._goals: list[SentGoal] = []
+        self._goals: list[RclpyGoal] = []
 
-    def send(self, goal: Any, feedback_callback: Callable[[Any], None] | None, timeout: float) -> SentGoal:
+    def send(self, goal: Any, feedback_callback: Callable[[Any], None] | None, timeout: float) -> RclpyGoal:
         """Send a goal; see `Transport.send_goal`."""
         check_message(goal, self.types.goal.kind)
         message = self.types.goal.to_ros(goal)
@@ -273,7 +273,7 @@ class Client:
         if not answered:
             future.add_done_callback(_cancel_late)
             raise TransportError(self.name, f"no answer within {timeout:g} s; it is canceled if one comes")
-        sent = SentGoal(self, future.result())
+        sent = RclpyGoal(self, future.result())
         self._goals = [*(other for other in self._goals if not other.done), sent]
         return sent
 
@@ -291,7 +291,7 @@ def _cancel_late(future: Any) -> None:
         handle.cancel_goal_async()
 
 
-class SentGoal(GoalHandle):
+class RclpyGoal(GoalHandle):
     """A goal of a `Client`."""
 
     def __init__(self, client: Client, handle: Any) -> None:

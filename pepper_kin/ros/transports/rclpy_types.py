@@ -7,14 +7,13 @@ their defaults.
 
 from __future__ import annotations
 
-import importlib
 import re
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from pepper_kin.exceptions import MissingDependencyError
+from pepper_kin.exceptions import optional
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros_messages import Message, decode, encode, message_type
 from pepper_kin.ros_messages.definitions import (
@@ -44,12 +43,8 @@ def ros_class(type_name: str) -> Any:
         TransportError: where the installed package does not have it.
     """
     package, kind, name = type_name.split("/")
-    try:
-        module = importlib.import_module(f"{package}.{kind}")
-    except ImportError as error:
-        dashes = package.replace("_", "-")
-        command = f"sudo apt install ros-$ROS_DISTRO-{dashes}"
-        raise MissingDependencyError(package, command, f"the ROS type {type_name}") from error
+    command = f"sudo apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
+    module = optional(f"{package}.{kind}", command=command, need=f"the ROS type {type_name}")
     outer, _, part = name.partition("_")
     found = getattr(module, outer, None)
     found = getattr(found, part, None) if part else found

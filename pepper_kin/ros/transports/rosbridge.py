@@ -16,7 +16,7 @@ from pepper_kin.servers.access import Access, is_loopback
 from pepper_kin.servers.connection_gate import listening_sockets
 
 if TYPE_CHECKING:
-    from pepper_kin.ros.transports.rosbridge_session import Session
+    from pepper_kin.ros.transports.rosbridge_session import RosbridgeSession
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class RosbridgeServer(LocalTransport):
         self.access = Access.of(host, allow_remote, token, risk=RISK)
         self._sockets = listening_sockets("rosbridge", host, port)
         self.port = int(self._sockets[0].getsockname()[1])
-        self.sessions: set[Session] = set()
+        self.sessions: set[RosbridgeSession] = set()
         self.executor = ThreadPoolExecutor(16, thread_name_prefix=f"{OWN_THREADS}-rosbridge")
         self._loop = asyncio.SelectorEventLoop()
         self._started = threading.Event()

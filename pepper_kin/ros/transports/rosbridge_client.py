@@ -22,8 +22,8 @@ from pepper_kin.ros.transport import (
     GoalResult,
     GoalStatus,
     Publisher,
-    Transport,
 )
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
 from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT, Fragments, parse, text_of
@@ -36,7 +36,7 @@ PING_SECONDS, PONG_SECONDS = 2.0, 2.0
 """The server is asked for a sign of life this often, and is gone without one after this time [s]."""
 
 
-class RosbridgeClient(Transport):
+class RosbridgeClient(GraphTransport):
     """A connection to a rosbridge server, ours or rosbridge_suite's.
 
     Args:
@@ -48,9 +48,9 @@ class RosbridgeClient(Transport):
     """
 
     def __init__(self, url: str, timeout: float = SERVER_WAIT) -> None:
+        super().__init__()
         self.url = url
         self._numbers = itertools.count(1)
-        self._lock = threading.RLock()
         self._heard: dict[str, list[_Heard]] = {}
         self._answers: dict[str, PendingAnswer] = {}
         self._goals: dict[str, RosbridgeGoal] = {}
@@ -59,27 +59,24 @@ class RosbridgeClient(Transport):
         self._fragments = Fragments()
         self._executor = ThreadPoolExecutor(8, thread_name_prefix=f"{OWN_THREADS}-rosbridge-client")
         self._socket: Any = None
-        self._closed = False
         self._loop = asyncio.new_event_loop()
         self._connected, self._error = threading.Event(), ""
         self._thread = threading.Thread(target=self._run, name="rosbridge-client", daemon=True)
         self._thread.start()
         if not self._connected.wait(timeout) or self._error:
-            self._closed = True
+            self.closed = True
             raise TransportError(url, self._error or f"no answer within {timeout:g} s; is a server there?")
 
     @property
     def connected(self) -> bool:
         """Whether the connection stands."""
-        return self._socket is not None and not self._closed
+        return self._socket is not None and not self.closed
 
     def on_lost(self, callback: Callable[[], object]) -> None:
         """Call back when the connection is lost."""
         self._on_lost.append(callback)
 
-    def close(self) -> None:
-        """End the connection."""
-        self._closed = True
+    def _leave(self) -> None:
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._loop.call_soon_threadsafe(self._end)
             self._thread.join(5.0)
@@ -115,8 +112,8 @@ class RosbridgeClient(Transport):
 
     def _lost(self) -> None:
         """Release all who wait."""
-        was_open, self._socket = self._socket is not None and not self._closed, None
-        with self._lock:
+        was_open, self._socket = self._socket is not None and not self.closed, None
+        with self.lock:
             answers, goals = list(self._answers.values()), list(self._goals.values())
         for answer in answers:
             answer.fail("the connection was lost")
@@ -127,15 +124,19 @@ class RosbridgeClient(Transport):
             for callback in self._on_lost:
                 callback()
 
+    def check_open(self, name: str) -> None:
+        """Refuse what is asked where the connection is lost or closed; see `GraphTransport.check_open`."""
+        if not self.connected:
+            raise TransportError(self.url, "the connection is closed; connect again")
+
     def send(self, message: dict[str, Any]) -> None:
         """Send a message of the protocol; from any thread.
 
         Raises:
             TransportError: where the connection is lost or closed.
         """
-        socket, text = self._socket, text_of(message)
-        if socket is None or self._closed:
-            raise TransportError(self.url, "the connection is closed; connect again")
+        text = text_of(message)
+        self.check_open(self.url)
         try:
             self._loop.call_soon_threadsafe(self._write, text)
         except RuntimeError as error:
@@ -169,7 +170,7 @@ class RosbridgeClient(Transport):
     # What arrives.
 
     def _on_publish(self, message: dict[str, Any]) -> None:
-        with self._lock:
+        with self.lock:
             heard = list(self._heard.get(message["topic"], ()))
         made: dict[Any, Any] = {}
         for one in heard:
@@ -227,12 +228,14 @@ class RosbridgeClient(Transport):
 
     def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
         """Return a publisher; see `Transport.advertise`."""
-        return _RosbridgePublisher(self, topic, message_type(type_name), qos)
+        kind = message_type(type_name)
+        return self.keep(topic, lambda: _RosbridgePublisher(self, topic, kind, qos))
 
     def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
         """Call back with every message; see `Transport.subscribe`."""
-        heard = _Heard(self, topic, message_type(type_name), qos, callback)
-        with self._lock:
+        kind = message_type(type_name)
+        heard: _Heard = self.keep(topic, lambda: _Heard(self, topic, kind, qos, callback))
+        with self.lock:
             self._heard.setdefault(topic, []).append(heard)
         subscribe = {"op": "subscribe", "id": heard.identifier, "topic": topic, "queue_length": qos.depth}
         self.send({**subscribe, "type": heard.kind.type_name})
@@ -240,7 +243,7 @@ class RosbridgeClient(Transport):
 
     def forget(self, heard: _Heard) -> None:
         """End a subscription."""
-        with self._lock:
+        with self.lock:
             if heard not in self._heard.get(heard.topic, ()):
                 return
             self._heard[heard.topic].remove(heard)
@@ -266,14 +269,16 @@ class RosbridgeClient(Transport):
     def _offer(
         self, kind: str, name: str, type_name: str, answer: Callable[[dict[str, Any]], None]
     ) -> Closable:
-        self._offered[f"{kind} {name}"] = answer
-        self.send({"op": f"advertise_{kind}", kind: name, "type": type_name})
-
         def end() -> None:
             if self._offered.pop(f"{kind} {name}", None) is not None and self.connected:
                 self.send({"op": f"unadvertise_{kind}", kind: name})
 
-        return _Ending(end)
+        def make() -> OpenPart:
+            self._offered[f"{kind} {name}"] = answer
+            self.send({"op": f"advertise_{kind}", kind: name, "type": type_name})
+            return OpenPart(self, end)
+
+        return self.keep(name, make)
 
     def call_service(self, name: str, type_name: str, request: Any, timeout: float = SERVER_WAIT) -> Any:
         """Call a service; see `Transport.call_service`."""
@@ -328,7 +333,7 @@ class RosbridgeClient(Transport):
             offered.close()
             action.close()
 
-        return _Ending(close)
+        return self.keep(name, lambda: OpenPart(self, close))
 
     def send_goal(
         self,
@@ -340,7 +345,7 @@ class RosbridgeClient(Transport):
     ) -> GoalHandle:
         """Send a goal; the protocol does not say when it is accepted, so `accepted` is True until refused."""
         made = RosbridgeGoal(self, name, type_name, feedback_callback)
-        with self._lock:
+        with self.lock:
             self._goals[made.identifier] = made
         message: dict[str, Any] = {"op": "send_action_goal", "action": name, "action_type": type_name}
         message |= {"id": made.identifier, "feedback": feedback_callback is not None}
@@ -348,9 +353,10 @@ class RosbridgeClient(Transport):
         return made
 
 
-class _RosbridgePublisher(Publisher):
+class _RosbridgePublisher(OpenPart, Publisher):
     def __init__(self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS) -> None:
-        self._client, self._topic, self._kind, self._open = client, topic, kind, True
+        super().__init__(client, self._end)
+        self._client, self._topic = client, topic
         latch = {"latch": qos.latched, "queue_size": qos.depth}
         client.send({"op": "advertise", "topic": topic, "type": kind.type_name, **latch})
 
@@ -361,42 +367,31 @@ class _RosbridgePublisher(Publisher):
 
     def publish(self, message: Any) -> None:
         """Send a message."""
-        if not self._open:
+        if self.closed:
             raise TransportError(self._topic, "the publisher is closed; advertise the topic again")
         self._client.send({"op": "publish", "topic": self._topic, "msg": message.to_dict()})
 
-    def close(self) -> None:
-        """Publish nothing more."""
-        if self._open and self._client.connected:
+    def _end(self) -> None:
+        if self._client.connected:
             self._client.send({"op": "unadvertise", "topic": self._topic})
-        self._open = False
 
 
-class _Heard(Closable):
+class _Heard(OpenPart):
     """A subscription: messages are called back on a separate thread."""
 
     def __init__(
         self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS, callback: Callable[[Any], None]
     ) -> None:
+        super().__init__(client, self._end)
         self._client, self.topic, self.kind = client, topic, kind
         self.identifier = f"subscribe:{next(client._numbers)}"
         self._local = LocalTransport()
         self.publisher = self._local.advertise(topic, kind.type_name)
         self._local.subscribe(topic, kind.type_name, qos, callback)
 
-    def close(self) -> None:
-        """Take nothing more."""
+    def _end(self) -> None:
         self._client.forget(self)
         self._local.close()
-
-
-class _Ending(Closable):
-    def __init__(self, end: Callable[[], None]) -> None:
-        self._end = end
-
-    def close(self) -> None:
-        """End it."""
-        self._end()
 
 
 def _logged(call: Callable[[Any], object], value: Any) -> None:

@@ -21,7 +21,7 @@ from pepper_kin.ros_messages import action_type
 
 if TYPE_CHECKING:
     from pepper_kin.ros.transports.rosbridge_client import RosbridgeClient
-    from pepper_kin.ros.transports.rosbridge_session import Session
+    from pepper_kin.ros.transports.rosbridge_session import RosbridgeSession
 
 
 class PendingAnswer:
@@ -108,7 +108,7 @@ class RosbridgeGoal(GoalHandle):
 class RemoteAction(ActionServer):
     """An action that a client offers."""
 
-    def __init__(self, session: Session, name: str, type_name: str) -> None:
+    def __init__(self, session: RosbridgeSession, name: str, type_name: str) -> None:
         self._session, self._name = session, name
         self._kind, self._type_name = action_type(type_name), type_name
         self._goals: dict[str, tuple[ServerGoal, threading.Event]] = {}

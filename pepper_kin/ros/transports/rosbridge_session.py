@@ -58,7 +58,7 @@ def entry(message: dict[str, Any], name: str, kind: type, default: Any = ...) ->
     return value
 
 
-class Session:
+class RosbridgeSession:
     """What one client has open.
 
     Args:
@@ -419,8 +419,8 @@ def _cut(text: object) -> str:
     return str(text)[:500]
 
 
-_OPERATIONS: dict[str, Callable[[Session, dict[str, Any]], None]] = {
-    name.lstrip("_"): getattr(Session, name)
+_OPERATIONS: dict[str, Callable[[RosbridgeSession, dict[str, Any]], None]] = {
+    name.lstrip("_"): getattr(RosbridgeSession, name)
     for name in (
         "_advertise", "_unadvertise", "_publish", "_subscribe", "_unsubscribe", "_call_service",
         "_advertise_service", "_unadvertise_service", "_service_response", "_send_action_goal",

@@ -12,7 +12,7 @@ import tornado.websocket
 
 from pepper_kin.ros.transports.rosbridge_json import LARGEST_TEXT
 from pepper_kin.ros.transports.rosbridge_outbox import Outbox
-from pepper_kin.ros.transports.rosbridge_session import Session
+from pepper_kin.ros.transports.rosbridge_session import RosbridgeSession
 
 if TYPE_CHECKING:
     from pepper_kin.ros.transports.rosbridge import RosbridgeServer
@@ -43,7 +43,7 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
     def initialize(self, server: RosbridgeServer) -> None:
         """Take what the application hands to every handler."""
         self._server = server
-        self._session: Session | None = None
+        self._session: RosbridgeSession | None = None
         self._allowance = Allowance()
         self._sending: asyncio.Task[None] | None = None
 
@@ -56,7 +56,7 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
         self.set_nodelay(True)
         outbox = Outbox(self._send, self._overflow)
         loop = asyncio.get_running_loop()
-        self._session = Session(self._server, outbox, loop, self._server.executor)
+        self._session = RosbridgeSession(self._server, outbox, loop, self._server.executor)
         self._server.sessions.add(self._session)
         self._sending = asyncio.ensure_future(self._send_all(outbox))
 

@@ -19,16 +19,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
-from pepper_kin.lazy_names import lazy_module
+from pepper_kin.exceptions import InvalidValueError, optional
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
-from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher, Transport
+from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, Publisher
 from pepper_kin.ros.transports.dds_domain import domain_number
+from pepper_kin.ros.transports.graph import GraphTransport, OpenPart
+from pepper_kin.ros.transports.zenoh_actions import OfferedAction, ZenohGoal
 from pepper_kin.ros_messages import decode, encode, message_type, type_hash
 from pepper_kin.ros_messages.messages import check_message
-
-actions = lazy_module("pepper_kin.ros.transports.zenoh_actions")
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +40,7 @@ _ATTACHED = struct.Struct("<qqB16s")  # number, time [ns], length of the identif
 _AGAIN = 0.1  # time between two looks for a server [s]
 
 
-class ZenohTransport(Transport):
+class ZenohTransport(GraphTransport):
     """Topics, services and actions of a node of rmw_zenoh's graph.
 
     Args:
@@ -58,14 +57,10 @@ class ZenohTransport(Transport):
     def __init__(
         self, node_name: str = "pepper_kin", *, domain_id: int | None = None, router: str = ROUTER
     ) -> None:
-        try:
-            import zenoh
-        except ImportError as error:
-            command = 'pip install "pepper_kin[zenoh]"'
-            raise MissingDependencyError("eclipse-zenoh", command, "the transport through Zenoh") from error
+        need = "the transport through Zenoh"
+        zenoh = optional("zenoh", package="eclipse-zenoh", extra="zenoh", need=need)
+        super().__init__()
         self.node_name, self.domain_id = node_name, domain_number(domain_id)
-        self._lock, self._closed = threading.RLock(), False
-        self._parts: list[_Part] = []
         self._numbers = itertools.count(1)
         self._zenoh = zenoh
         try:
@@ -78,14 +73,12 @@ class ZenohTransport(Transport):
     def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
         """Return a publisher; see `Transport.advertise`."""
         kind = message_type(type_name)
-        with self._lock:
-            return self._kept(topic, lambda: ZenohPublisher(self, topic, kind, qos))
+        return self.keep(topic, lambda: ZenohPublisher(self, topic, kind, qos))
 
     def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
         """Call back with every message; see `Transport.subscribe`."""
         kind = message_type(type_name)
-        with self._lock:
-            return self._kept(topic, lambda: ZenohSubscription(self, topic, kind, qos, callback))
+        return self.keep(topic, lambda: ZenohSubscription(self, topic, kind, qos, callback))
 
     def second_type(self, topic: str, type_name: str) -> str:
         """Return the topic: types are apart."""
@@ -94,8 +87,7 @@ class ZenohTransport(Transport):
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
         """Answer calls, each on a thread; see `Transport.offer_service`."""
         message_type(f"{type_name}_Request")
-        with self._lock:
-            return self._kept(name, lambda: ZenohService(self, name, type_name, callback))
+        return self.keep(name, lambda: ZenohService(self, name, type_name, callback))
 
     def call_service(self, name: str, type_name: str, request: Any, timeout: float = SERVER_WAIT) -> Any:
         """Call a service; see `Transport.call_service`."""
@@ -110,8 +102,7 @@ class ZenohTransport(Transport):
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
         """Offer an action; see `Transport.offer_action`."""
-        with self._lock:
-            return self._kept(name, lambda: actions.OfferedAction(self, name, type_name, server))
+        return self.keep(name, lambda: OfferedAction(self, name, type_name, server))
 
     def send_goal(
         self,
@@ -122,31 +113,13 @@ class ZenohTransport(Transport):
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
         """Send a goal; see `Transport.send_goal`."""
-        sent: GoalHandle = actions.SentGoal(self, name, type_name, feedback_callback).send(goal, timeout)
-        return sent
+        return ZenohGoal(self, name, type_name, feedback_callback).send(goal, timeout)
 
-    def close(self) -> None:
-        """Close everything and leave the graph."""
-        with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            parts, self._parts = self._parts, []
-        for part in reversed(parts):  # actions before their services
-            part.close()
+    def _leave(self) -> None:
         self._node_token.undeclare()
         self.session.close()
 
     # For the parts.
-
-    def check_open(self, name: str) -> None:
-        """Refuse what is asked of a closed transport.
-
-        Raises:
-            TransportError: after `close`.
-        """
-        if self._closed:
-            raise TransportError(name, "the transport is closed; make a new one")
 
     def ask(self, name: str, type_name: str, request: Any, timeout: float) -> Any:
         """Call a service once; return its response, or None where no server is there or it has gone.
@@ -207,22 +180,11 @@ class ZenohTransport(Transport):
             reply.ok is not None for reply in self.session.liveliness().get(pattern, timeout=SERVER_WAIT)
         )
 
-    def discard(self, part: _Part) -> None:
-        """Forget a part that was closed."""
-        with self._lock:
-            self._parts = [other for other in self._parts if other is not part]
-
     def _prefix(self, entity: int) -> str:
         return f"@ros2_lv/{self.domain_id}/{self._id}/0/{entity}"
 
-    def _kept(self, name: str, make: Callable[[], Any]) -> Any:
-        self.check_open(name)
-        part = make()
-        self._parts.append(part)
-        return part
 
-
-class _Part(Closable):
+class _ZenohPart(OpenPart):
     """Something on the graph that is open.
 
     Args:
@@ -234,7 +196,8 @@ class _Part(Closable):
     """
 
     def __init__(self, transport: ZenohTransport, kind: str, name: str, type_name: str, qos: QoS) -> None:
-        self.transport, self.name, self.closed = transport, name, False
+        super().__init__(transport, self._end)
+        self.transport, self.name = transport, name
         self.key = transport.key(name, type_name)
         self._busy = threading.Lock()  # what is used cannot be ended
         self._entity = self._declared(qos)
@@ -244,19 +207,13 @@ class _Part(Closable):
         """Return Zenoh's publisher, subscriber or queryable."""
         raise NotImplementedError
 
-    def close(self) -> None:
-        """End it."""
-        with self._busy:
-            if self.closed:
-                return
-            self.closed = True
-            with contextlib.suppress(self.transport._zenoh.ZError):  # where the session has ended before
-                self._token.undeclare()
-                self._entity.undeclare()
-        self.transport.discard(self)
+    def _end(self) -> None:
+        with self._busy, contextlib.suppress(self.transport._zenoh.ZError):  # the session may have ended
+            self._token.undeclare()
+            self._entity.undeclare()
 
 
-class ZenohPublisher(_Part, Publisher):
+class ZenohPublisher(_ZenohPart, Publisher):
     """See `Publisher`."""
 
     def __init__(self, transport: ZenohTransport, topic: str, kind: type[Any], qos: QoS) -> None:
@@ -298,7 +255,7 @@ class ZenohPublisher(_Part, Publisher):
             return 0 if self.closed else int(self._entity.matching_status.matching)
 
 
-class ZenohSubscription(_Part):
+class ZenohSubscription(_ZenohPart):
     """Calls back on a thread of Zenoh."""
 
     def __init__(
@@ -327,7 +284,7 @@ class ZenohSubscription(_Part):
             logger.exception("%s: a message could not be handled", self.name)
 
 
-class ZenohService(_Part):
+class ZenohService(_ZenohPart):
     """Answers the queries of clients, each on a thread."""
 
     def __init__(

@@ -8,15 +8,18 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pepper_kin.ros.errors import TransportError
 from pepper_kin.ros.qos import RELIABLE, QoS
 from pepper_kin.ros.transport import SERVER_WAIT, ActionServer, Closable, GoalHandle, GoalResult, GoalStatus
+from pepper_kin.ros.transports.graph import OpenPart
 from pepper_kin.ros.transports.local_actions import Action, LocalGoal
-from pepper_kin.ros.transports.zenoh import ZenohTransport
 from pepper_kin.ros_messages import message_type
 from pepper_kin.ros_messages.messages import check_message
+
+if TYPE_CHECKING:
+    from pepper_kin.ros.transports.zenoh import ZenohTransport
 
 logger = logging.getLogger(__name__)
 
@@ -29,7 +32,7 @@ _LAST_ANSWERS = 0.2  # time for results to leave before the services end [s]
 _LONGEST = 1e6  # time for which a result is waited for, where no other is set [s]
 
 
-class OfferedAction(Closable):
+class OfferedAction(OpenPart):
     """An action on the graph; its goals are those of `Action`.
 
     Goals are canceled where no client is left on the graph, which Zenoh notices as soon as one has ended.
@@ -42,7 +45,8 @@ class OfferedAction(Closable):
     """
 
     def __init__(self, transport: ZenohTransport, name: str, type_name: str, server: ActionServer) -> None:
-        self._transport, self._type, self._lock = transport, type_name, threading.Lock()
+        super().__init__(transport, self._end)
+        self._node, self._type, self._lock = transport, type_name, threading.Lock()
         self._goals: dict[bytes, LocalGoal] = {}
         self._action = Action(lambda _: None, name, type_name, server)
         self._statuses = transport.advertise(f"{name}/_action/status", _STATUS, QoS(depth=1, latched=True))
@@ -55,17 +59,15 @@ class OfferedAction(Closable):
         self._closed = threading.Event()
         threading.Thread(target=self._look_for_clients, name=f"ros {name} clients", daemon=True).start()
 
-    def close(self) -> None:
+    def _end(self) -> None:
         """Abort goals under way and offer the action no more."""
-        if not self._closed.is_set():
-            self._closed.set()
-            under_way = bool(self._action.goals)
-            self._action.close()
-            if under_way:
-                time.sleep(_LAST_ANSWERS)
-            for part in (*self._services, self._statuses, self._feedback):
-                part.close()
-            self._transport.discard(self)  # type: ignore[arg-type]
+        self._closed.set()
+        under_way = bool(self._action.goals)
+        self._action.close()
+        if under_way:
+            time.sleep(_LAST_ANSWERS)
+        for part in (*self._services, self._statuses, self._feedback):
+            part.close()
 
     def _accept(self, request: Any) -> Any:
         identifier = bytes(request.goal_id.uuid)
@@ -135,7 +137,7 @@ class OfferedAction(Closable):
         while not self._closed.wait(_LOOK_EVERY):
             goals = [goal for goal in tuple(self._goals.values()) if not goal.done]
             try:
-                missed = 0 if not goals or self._transport.subscribers(topic) else missed + 1
+                missed = 0 if not goals or self._node.subscribers(topic) else missed + 1
             except Exception:
                 if not self._closed.is_set():
                     logger.exception("%s: the graph cannot be asked", topic)
@@ -146,7 +148,7 @@ class OfferedAction(Closable):
                     goal.request_cancel()
 
 
-class SentGoal(GoalHandle):
+class ZenohGoal(GoalHandle):
     """A goal that was sent.
 
     Args:
@@ -165,7 +167,7 @@ class SentGoal(GoalHandle):
         self._ended, self._result = threading.Event(), GoalResult(GoalStatus.UNKNOWN, None)
         self._listening: Closable | None = None
 
-    def send(self, goal: Any, timeout: float) -> SentGoal:
+    def send(self, goal: Any, timeout: float) -> ZenohGoal:
         """Send it; see `Transport.send_goal`."""
         check_message(goal, message_type(f"{self._type}_Goal"))
         end = time.monotonic() + timeout

@@ -43,7 +43,7 @@ _RANGES = {"sonar": Sonar, "laser": Laser}
 _PICTURES = {"color_camera": ColorCamera, "depth_camera": DepthCamera}
 
 
-class State(Protocol):
+class ShownState(Protocol):
     """What a twin shows of itself."""
 
     time: float
@@ -181,7 +181,7 @@ class SensorSuite:
         found = {name: reading for pairs in readings for name, reading in pairs}
         return {name: found[name] for name in self.sensors if name in found}
 
-    def observe(self, state: State) -> None:
+    def observe(self, state: ShownState) -> None:
         """Read what is due in a twin's state, and record it; a state not later than the last starts again.
 
         A twin calls it for its sensors: `Twin(pepper, sensors=suite)`.  The state,

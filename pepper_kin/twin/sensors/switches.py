@@ -26,7 +26,7 @@ ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class SolidShape:
     """A shape of a scene as coal knows it.
 
     Attributes:
@@ -61,7 +61,7 @@ class Pads:
         self._by_link: dict[str, list[int]] = {}
         self._scene: Scene | None = None
         self._state: SensedState | None = None
-        self._solids: dict[str, Solid] = {}
+        self._solids: dict[str, SolidShape] = {}
         self._boxes = Boxes(np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
     def add(self, frame: str, size: tuple[float, float, float]) -> int:
@@ -114,7 +114,7 @@ class Pads:
                     pressed[number] = self._reaches(number, poses[number], solids[row], self._boxes.pose[row])
         return pressed
 
-    def _reaches(self, number: int, pad: Array, solid: Solid, pose: Array) -> bool:
+    def _reaches(self, number: int, pad: Array, solid: SolidShape, pose: Array) -> bool:
         """Return whether a solid reaches into a pad; poses are transforms to the world, shape (4, 4)."""
         import coal
 
@@ -149,14 +149,14 @@ class Pads:
         self._scene, self._solids = scene, solids
 
 
-def _solid(geometry: SceneGeometry) -> Solid:
+def _solid(geometry: SceneGeometry) -> SolidShape:
     extra, shape = padding(geometry), coal_geometry(geometry)
     if isinstance(geometry, HalfSpace):
-        return Solid(geometry, shape, extra, np.zeros(3), np.full(3, np.inf))
+        return SolidShape(geometry, shape, extra, np.zeros(3), np.full(3, np.inf))
     shape.computeLocalAABB()
     box = shape.aabb_local
     low, high = np.array(box.min_), np.array(box.max_)
-    return Solid(geometry, shape, extra, (low + high) / 2, (high - low) / 2)
+    return SolidShape(geometry, shape, extra, (low + high) / 2, (high - low) / 2)
 
 
 def _placement(pose: Array) -> Any:

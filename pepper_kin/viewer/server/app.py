@@ -17,7 +17,7 @@ from pepper_kin.exceptions import PepperKinError
 from pepper_kin.viewer.server.body_poses import drawing_message
 from pepper_kin.viewer.server.document import Document
 from pepper_kin.viewer.server.page_text import content_policy, page_text
-from pepper_kin.viewer.server.protocol import LONGEST_TEXT, Command, parse
+from pepper_kin.viewer.server.protocol import LONGEST_TEXT, PageCommand, parse
 
 if TYPE_CHECKING:
     from pepper_kin.viewer.server.hub import Hub
@@ -107,7 +107,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         if not self._may_ask():
             return
         try:
-            command: Command = parse(message)
+            command: PageCommand = parse(message)
             self._hub.handle(command)
         except PepperKinError as error:
             self._refuse(str(error))

@@ -13,7 +13,7 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.layers import MASS, MASS_BODY, ZMP, ZMP_BODY, target_body
 from pepper_kin.viewer.server.readings import balance_points
-from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.targets import SharedTargets
 
 pinocchio = lazy_module("pinocchio")
 
@@ -35,7 +35,7 @@ class BodyPoses:
         targets: The targets.
     """
 
-    def __init__(self, pepper: PepperModel, links: tuple[str, ...], targets: Targets) -> None:
+    def __init__(self, pepper: PepperModel, links: tuple[str, ...], targets: SharedTargets) -> None:
         self._pepper, self._targets = pepper, targets
         self._frames = [pepper.frame_id(link) for link in links]
         self._balance = np.zeros((2, 3))

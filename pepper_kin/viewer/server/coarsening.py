@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.collision.mesh_file import unique_rows
 from pepper_kin.viewer.drawable import Drawable
-from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, split_at_creases
+from pepper_kin.viewer.surface import CREASE_ANGLE, DrawnSurface, split_at_creases
 
 _PATIENCE = 3.0
 """The power by which errors may grow from round to round; in the k-th, an edge goes whose squared error is
@@ -34,8 +34,8 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
     Returns:
         The drawables in the same order, without those that vanish.
     """
-    kept = [drawable for drawable in drawables if isinstance(drawable.geometry, Surface)]
-    parts = [_welded(drawable.geometry) for drawable in kept if isinstance(drawable.geometry, Surface)]
+    kept = [drawable for drawable in drawables if isinstance(drawable.geometry, DrawnSurface)]
+    parts = [_welded(drawable.geometry) for drawable in kept if isinstance(drawable.geometry, DrawnSurface)]
     if sum(len(faces) for _, faces in parts) <= triangles:
         return tuple(kept)
     sizes = [len(places) for places, _ in parts]
@@ -58,7 +58,7 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
     )
 
 
-def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+def _welded(surface: DrawnSurface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return one corner for each cube of a fine grid that has any, and the triangles that are left by them.
 
     Edges that run beside each other a hair apart would tear, and nothing there could collapse.
@@ -70,7 +70,7 @@ def _welded(surface: Surface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     return surface.vertices[first], faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
 
-def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> Surface:
+def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> DrawnSurface:
     """Return the surface of the faces, shape (F, 3), without the points [m], shape (V, 3), that none uses."""
     used, index = np.unique(faces, return_inverse=True)
     return split_at_creases(points[used], index.reshape(-1, 3), CREASE_ANGLE)

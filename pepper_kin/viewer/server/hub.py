@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.follower import RATE
-from pepper_kin.viewer.server.protocol import Command
-from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.protocol import PageCommand
+from pepper_kin.viewer.server.session import LiveSession
 from pepper_kin.viewer.server.tasks import LongTasks
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Hub:
 
     def __init__(self, pepper: PepperModel, tasks: LongTasks) -> None:
         self._pages: set[PageSocket] = set()
-        self.session = Session(pepper, self._draw, tasks)
+        self.session = LiveSession(pepper, self._draw, tasks)
         self._name = secrets.token_hex(4)
         self._wake = asyncio.Event()
         self._sent_poses = b""
@@ -59,7 +59,7 @@ class Hub:
             "clear": session.clear,
         }
 
-    def handle(self, command: Command) -> None:
+    def handle(self, command: PageCommand) -> None:
         """Do what a page asks for.
 
         Raises:

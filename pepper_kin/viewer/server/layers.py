@@ -13,7 +13,7 @@ from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import Box, Cylinder, PepperModel, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable
 from pepper_kin.viewer.server.merging import merged
-from pepper_kin.viewer.server.targets import COLORS, RADIUS, Targets
+from pepper_kin.viewer.server.targets import COLORS, RADIUS, SharedTargets
 
 pinocchio = lazy_module("pinocchio")
 
@@ -50,7 +50,7 @@ def target_body(name: str) -> str:
     return f"@{name}"
 
 
-def layers_of(pepper: PepperModel, targets: Targets) -> dict[str, tuple[Drawable, ...]]:
+def layers_of(pepper: PepperModel, targets: SharedTargets) -> dict[str, tuple[Drawable, ...]]:
     """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
     return {
         VISUAL: merged(pepper, pepper.visual_shapes),

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, PepperModel, Shape, Sphere
 from pepper_kin.viewer.drawable import Color, Drawable, colored_surfaces_of
-from pepper_kin.viewer.surface import CREASE_ANGLE, Surface, capsule_surface, read_surface, split_at_creases
+from pepper_kin.viewer.surface import (
+    CREASE_ANGLE,
+    DrawnSurface,
+    capsule_surface,
+    read_surface,
+    split_at_creases,
+)
 
 SEGMENTS, RINGS = 12, 3
 """Corners around a round shape and steps from its pole to its equator: enough for glass."""
@@ -41,7 +47,7 @@ def merged(
         rings: Steps from its pole to its equator.
     """
     carriers = carriers_of(pepper)
-    surfaces: dict[Path, Surface] = {}
+    surfaces: dict[Path, DrawnSurface] = {}
     groups: dict[tuple[str, Color], list[tuple[NDArray[np.float64], NDArray[np.int64]]]] = {}
     for shape in shapes:
         carrier, transform_link_to_carrier = carriers[shape.link]
@@ -49,7 +55,9 @@ def merged(
         parts = colored_surfaces_of(shape)
         if parts is None:
             surface, scale = _surface(shape, surfaces, segments, rings)
-            parts = ((Surface((surface.vertices * scale).astype(np.float32), surface.faces), shape.color),)
+            parts = (
+                (DrawnSurface((surface.vertices * scale).astype(np.float32), surface.faces), shape.color),
+            )
         for part, own in parts:
             vertices = part.vertices @ pose[:3, :3].T + pose[:3, 3]
             groups.setdefault((carrier, color or own), []).append((vertices, np.asarray(part.faces)))
@@ -71,8 +79,8 @@ def carriers_of(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]
 
 
 def _surface(
-    shape: Shape, surfaces: dict[Path, Surface], segments: int, rings: int
-) -> tuple[Surface, NDArray[np.float64]]:
+    shape: Shape, surfaces: dict[Path, DrawnSurface], segments: int, rings: int
+) -> tuple[DrawnSurface, NDArray[np.float64]]:
     geometry, ones = shape.geometry, np.ones(3)
     match geometry:
         case Box():
@@ -92,7 +100,7 @@ def _surface(
     raise AssertionError("links have no other geometry")
 
 
-def _cylinder(cylinder: Cylinder, segments: int) -> Surface:
+def _cylinder(cylinder: Cylinder, segments: int) -> DrawnSurface:
     angle = np.arange(segments) * (2 * np.pi / segments)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * cylinder.radius
     ends = [np.column_stack([ring, np.full(segments, z * cylinder.length)]) for z in (-0.5, 0.5)]
@@ -106,12 +114,12 @@ def _cylinder(cylinder: Cylinder, segments: int) -> Surface:
     return split_at_creases(np.concatenate(ends), np.concatenate([sides, bottom, top]), CREASE_ANGLE)
 
 
-def _as_surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:
+def _as_surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> DrawnSurface:
     """Return the surface of vertices [m], shape (V, 3), and faces, shape (F, 3)."""
-    return Surface(vertices.astype(np.float32), faces.astype(np.uint32))
+    return DrawnSurface(vertices.astype(np.float32), faces.astype(np.uint32))
 
 
-def _joined(parts: list[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> Surface:
+def _joined(parts: list[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> DrawnSurface:
     """Return parts, each of vertices [m], shape (V, 3), and faces, shape (F, 3), as one surface."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = [faces.astype(np.int64) + start for (_, faces), start in zip(parts, starts, strict=True)]

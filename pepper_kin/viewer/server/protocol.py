@@ -34,7 +34,7 @@ FARTHEST = 10.0
 
 
 @dataclass(frozen=True)
-class Command:
+class PageCommand:
     """One command of a page.
 
     Attributes:
@@ -110,7 +110,7 @@ _FIELDS: dict[str, dict[str, Reader]] = {
 NAMES = tuple(_FIELDS)
 
 
-def parse(text: str | bytes) -> Command:
+def parse(text: str | bytes) -> PageCommand:
     """Read a command.
 
     Args:
@@ -146,4 +146,4 @@ def parse(text: str | bytes) -> Command:
         raise InvalidValueError(
             f"command {name!r}", f"a field {next(iter(content))!r}", "only its own fields"
         )
-    return Command(name, fields)
+    return PageCommand(name, fields)

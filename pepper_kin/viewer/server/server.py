@@ -13,7 +13,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.servers.access import Access
 from pepper_kin.servers.connection_gate import listening_sockets
 from pepper_kin.viewer.server.hub import Hub
-from pepper_kin.viewer.server.session import Session
+from pepper_kin.viewer.server.session import LiveSession
 from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.worker import Worker
 
@@ -69,7 +69,7 @@ class ViewerServer:
         token = "" if self.access.token is None else f"?token={self.access.token}"
         return f"http://{self.access.shown_host}:{self.port}/{token}"
 
-    def call(self, do: Callable[[Session], T]) -> T:
+    def call(self, do: Callable[[LiveSession], T]) -> T:
         """Do something with the session in the thread that owns it; return what it returns.
 
         Raises:

@@ -31,9 +31,9 @@ from pepper_kin.viewer.server.playback import Playback
 from pepper_kin.viewer.server.readings import Readings
 from pepper_kin.viewer.server.robot_facts import robot_facts
 from pepper_kin.viewer.server.sketches import SKETCHES, sketches_of
-from pepper_kin.viewer.server.targets import Targets
+from pepper_kin.viewer.server.targets import SharedTargets
 from pepper_kin.viewer.server.tasks import LongTasks
-from pepper_kin.viewer.server.world import World
+from pepper_kin.viewer.server.world import DrawnScene
 
 FREE, FOLLOWING, MOTION, LIVE = "free", "follow", "motion", "live"
 READING_STEP = 0.05  # [s] between two samples of the plots
@@ -42,7 +42,7 @@ SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is d
 ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
 
 
-class Session:
+class LiveSession:
     """What all pages see and change.
 
     Args:
@@ -55,10 +55,10 @@ class Session:
         self.pepper = pepper
         self.document = blank_document()
         self.board = Board(send)
-        self.targets = Targets(pepper)
+        self.targets = SharedTargets(pepper)
         self.readings = Readings(pepper)
         self.alerts = Alerts(pepper)
-        self._world = World(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
+        self._world = DrawnScene(pepper, self.board, OBSTACLE_ROOT, (*ROBOT_ROOT, "held"))
         self.mode = FREE
         self.stamp = 0
         self.target_revision = 0

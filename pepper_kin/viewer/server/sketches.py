@@ -22,7 +22,7 @@ from pepper_kin.viewer.server.layers import (
     VISUAL,
 )
 from pepper_kin.viewer.server.merging import merged
-from pepper_kin.viewer.surface import Surface, capsule_surface
+from pepper_kin.viewer.surface import DrawnSurface, capsule_surface
 
 SKETCHES = "sketches"
 """The group that holds them; it is never drawn itself."""
@@ -48,7 +48,7 @@ def sketches_of(
     }
 
 
-def _rounded(drawable: Drawable, unit: Surface) -> Drawable:
+def _rounded(drawable: Drawable, unit: DrawnSurface) -> Drawable:
     """Return a ball or an ellipsoid along its own axes as a surface."""
     geometry = drawable.geometry
     if isinstance(geometry, Sphere):
@@ -57,4 +57,4 @@ def _rounded(drawable: Drawable, unit: Surface) -> Drawable:
         semi = np.abs(geometry.vertices).max(axis=0)
     else:
         return drawable
-    return replace(drawable, geometry=Surface(unit.vertices * semi, unit.faces))
+    return replace(drawable, geometry=DrawnSurface(unit.vertices * semi, unit.faces))

@@ -31,7 +31,7 @@ RADIUS = 0.03
 
 
 @dataclass
-class Target:
+class SharedTarget:
     """One target.
 
     Attributes:
@@ -43,7 +43,7 @@ class Target:
     on: bool = False
 
 
-class Targets:
+class SharedTargets:
     """The targets that a robot can have, by name: "left hand", "right hand" and "gaze".
 
     Args:
@@ -53,7 +53,9 @@ class Targets:
     def __init__(self, pepper: PepperModel) -> None:
         self._pepper = pepper
         frames = set(pepper.frame_names)
-        self._targets = {name: Target(np.zeros(3)) for name, frame in _FRAMES.items() if frame in frames}
+        self._targets = {
+            name: SharedTarget(np.zeros(3)) for name, frame in _FRAMES.items() if frame in frames
+        }
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -65,7 +67,7 @@ class Targets:
         """Whether the body is to reach any."""
         return any(target.on for target in self._targets.values())
 
-    def __getitem__(self, name: str) -> Target:
+    def __getitem__(self, name: str) -> SharedTarget:
         if name not in self._targets:
             raise UnknownNameError("target", name, self.names)
         return self._targets[name]
@@ -99,7 +101,7 @@ class Targets:
         }
 
 
-def _task(name: str, target: Target) -> Task:
+def _task(name: str, target: SharedTarget) -> Task:
     if name in _HANDS:
         return HandPosition(_HANDS[name], target.position)
     return LookAt(target.position, camera=CAMERA, weight=GAZE_WEIGHT)

@@ -10,7 +10,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.worker import Worker
 
 if TYPE_CHECKING:
-    from pepper_kin.viewer.server.session import Session
+    from pepper_kin.viewer.server.session import LiveSession
 
 _LOADING = (
     "Loading what moves the body. Where it has to be compiled first, this takes some ten seconds; sliders, "
@@ -30,7 +30,7 @@ class LongTasks:
         self._pepper, self._worker = pepper, worker
         self._begun = False
 
-    def warm_up(self, session: Session) -> None:
+    def warm_up(self, session: LiveSession) -> None:
         """Load what following needs, then what planning needs; once."""
         if self._begun:
             return
@@ -54,7 +54,7 @@ class LongTasks:
         self._worker.do(lambda: follower.compile_servo(self._pepper), servo_is_there)
         self._worker.do(lambda: planning.compile_planning(self._pepper), planner_is_there)
 
-    def plan(self, session: Session, tasks: list[Task]) -> None:
+    def plan(self, session: LiveSession, tasks: list[Task]) -> None:
         """Plan from where the session's body is to tasks, and load the motion into it.
 
         What comes of it is dropped where the targets were let go or the body was moved meanwhile.
@@ -84,7 +84,7 @@ class LongTasks:
         session.document.set("busy", f"Planning{waits} ...")
         self._worker.do(lambda: plan_motion(self._pepper, q, tasks, scene), done)
 
-    def explain(self, session: Session, tasks: list[Task]) -> None:
+    def explain(self, session: LiveSession, tasks: list[Task]) -> None:
         """Say why the body came to rest before its targets; see `why_no_closer`."""
         from pepper_kin.viewer.server.explaining import why_no_closer
 

@@ -8,7 +8,7 @@ from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.server.board import Board, Root
 
 
-class World:
+class DrawnScene:
     """A scene that is drawn: of a new one only what changed is drawn again.
 
     Args:
