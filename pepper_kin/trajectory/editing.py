@@ -12,8 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.splines import cut_out, shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
-from pepper_kin.trajectory.samples import known
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.samples import TIME_TOLERANCE, known
 
 if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory

@@ -36,8 +36,8 @@ from pepper_kin.model.joint_vectors import as_joint_vector, check_choice, check_
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.trajectory.active_limits import measure_use
 from pepper_kin.trajectory.editing import joined
-from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import (
     JerkLike,
     Limits,
@@ -49,9 +49,8 @@ from pepper_kin.trajectory.limits import (
     wheel_speeds,
 )
 from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path, as_tangent_path
-from pepper_kin.trajectory.sampling import sample_times
-from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
-from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.samples import sample_times
+from pepper_kin.trajectory.time_optimal import TimingProblem, TooLongError, fastest_motion
 from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
