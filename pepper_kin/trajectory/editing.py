@@ -86,9 +86,10 @@ def _check_meeting(first: Trajectory, second: Trajectory) -> None:
         raise InvalidValueError(
             "joints of the second trajectory", ", ".join(second.joint_names), ", ".join(first.joint_names)
         )
+    last = first(first.duration)
     for what, ours, theirs in (
-        ("position", first.end, second.start),
-        ("velocity", first(first.duration).velocity, second(0.0).velocity),
+        ("position", last.position, second.start),
+        ("velocity", last.velocity, second(0.0).velocity),
     ):
         gap = np.abs(ours - theirs)
         if gap.max() > _MEET:

@@ -428,10 +428,9 @@ class Trajectory(FrozenArrays):
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
         """Return value and derivatives at times, shape (count, ..., n); see `_within`."""
-        time = self._within(t)
-        state = np.empty((count, *time.shape, self.n))
-        flat = time.reshape(-1)
-        evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, self.n))
+        time, n = self._within(t), self.coefficients.shape[2]
+        state, flat = np.empty((count, *time.shape, n)), time.reshape(-1)
+        evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, n))
         return state
 
     def _within(self, t: ArrayLike) -> Array:
